@@ -1,0 +1,27 @@
+"""Errors that a user can act on; the exit code of each is part of the command line's contract."""
+
+from __future__ import annotations
+
+
+class BrvHypoError(Exception):
+    """Base of every deliberate refusal: what was got, what was expected, the likely cause and the remedy."""
+
+    exit_code = 70
+
+
+class UsageError(BrvHypoError):
+    """Wrong usage: unknown mechanism, bad configuration, an output that already exists."""
+
+    exit_code = 2
+
+
+class FlightRecordError(BrvHypoError):
+    """The flight record cannot be read or is invalid."""
+
+    exit_code = 3
+
+
+class UnanswerableError(BrvHypoError):
+    """The data are valid but cannot answer the question; the message says what is missing."""
+
+    exit_code = 1
