@@ -1,0 +1,127 @@
+"""What a mechanism is: one vectorised definition, from the motion to the moment-coefficient columns.
+
+Regression uses the columns as they are; the likelihood adds them up, times their coefficients, as the moment in
+the equations of motion; the simulator evaluates them at the running state; the residual loop tries them
+against what is left over. A record effect is the other kind of hypothesis: a perturbation of the record.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.motion import Motion
+
+TimeVariation = Literal["constant", "jump", "ramp"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`."""
+
+    name: str
+    units: str
+    grid: tuple[float, ...]
+    bounds: tuple[float, float]
+    meaning: str
+    is_delay: bool = False
+
+
+@dataclass(frozen=True)
+class Term:
+    """One column: C_N' and C_Z' per unit of its coefficient, on the motion's shape.
+
+    `units` are those of the coefficient; the columns times the coefficient are dimensionless.
+    """
+
+    name: str
+    in_plane: FloatArray
+    out_of_plane: FloatArray
+    units: str = "1"
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A quantity that follows from the coefficients, such as phi_b, with its standard error."""
+
+    name: str
+    value: float
+    std_error: float
+    units: str
+
+
+class Mechanism(BaseModel, ABC):
+    """A hypothesis about the moments. Subclass it, set the class variables, write `terms`.
+
+    Instance fields are the mechanism's options: pydantic checks what a configuration sets.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    claims: ClassVar[str]
+    source: ClassVar[str]
+    kind: ClassVar[Literal["mechanism", "aerodynamic"]] = "mechanism"
+    time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant", "jump")
+    """How a coefficient may change in time (Eq. 3.6): constant, jumps at knots, ramps from knots."""
+    terms_enter_together: ClassVar[bool] = False
+    """True where the terms of one region are components of one vector: they enter and leave together."""
+    several_parameters_at_once: ClassVar[bool] = False
+    """True where terms of several theta may stand side by side, as the delays of Eq. 5.1 do."""
+    wind_fixed: ClassVar[bool] = False
+    """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The nonlinear parameters with their grids; none by default."""
+        return ()
+
+    @abstractmethod
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The columns at this motion; pure, elementwise, and the same in number and order for every theta."""
+
+    def knots(self, motion: Motion) -> FloatArray | None:
+        """Times (s) at which coefficients may change; None leaves them to the engine."""
+        return None
+
+    def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
+        """Quantities derived from one region's coefficients (in the order of `terms`); none by default."""
+        return ()
+
+    def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
+        """Log-likelihood of whitened innovations (n,) of standard deviation `std_error`: Gaussian by default."""
+        n = innovations.size
+        return float(
+            -0.5 * np.sum((innovations / std_error) ** 2) - n * np.log(std_error) - 0.5 * n * np.log(2 * np.pi)
+        )
+
+
+class RecordEffect(BaseModel, ABC):
+    """An instrument or environment effect: a perturbation of the record, linear for small values.
+
+    `perturb(flight, value)` returns the record as it would read had the effect the given value more.
+    Its columns are the derivative of the reconstructed moments with respect to the value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    claims: ClassVar[str]
+    source: ClassVar[str]
+    kind: ClassVar[Literal["instrument", "environment"]]
+
+    @abstractmethod
+    def components(self) -> tuple[tuple[str, str, float], ...]:
+        """(name, units, typical size in those units, SI) of each value that the effect has."""
+
+    @abstractmethod
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with `value` (SI) of that component added."""

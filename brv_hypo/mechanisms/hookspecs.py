@@ -1,0 +1,51 @@
+"""The plugin border: all that a mechanism package needs to know.
+
+A plugin is a module that is named by an entry point of the group `brv_hypo.mechanisms` and implements one hook:
+
+    # my_package/ablation.py
+    from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+
+    class Ablation(Mechanism):
+        name, title = "ablation", "moment from uneven ablation"
+        claims, source = "out-of-plane moment proportional to alpha", "my report, Eq. 1"
+
+        def terms(self, motion, theta):
+            return (Term("C_Zalpha", 0.0 * motion.alpha, motion.alpha, "1/rad"),)
+
+    @hookimpl
+    def brv_hypo_mechanisms():
+        return [Ablation()]
+
+    # pyproject.toml
+    [project.entry-points."brv_hypo.mechanisms"]
+    ablation = "my_package.ablation"
+
+The built-in mechanisms are registered in this way and in no other. `brv-hypo mechanisms new NAME` writes such
+a package, `brv-hypo mechanisms check NAME` tests one against the contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pluggy
+
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+
+PROJECT = "brv_hypo"
+ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
+
+hookspec = pluggy.HookspecMarker(PROJECT)
+hookimpl = pluggy.HookimplMarker(PROJECT)
+
+
+@hookspec
+def brv_hypo_mechanisms() -> Sequence[Mechanism]:
+    """Moments of the vehicle: each is a function of the motion. Return one instance of each, default options."""
+    raise NotImplementedError
+
+
+@hookspec
+def brv_hypo_record_effects() -> Sequence[RecordEffect]:
+    """Effects on the record, of instruments or environment: each is a perturbation of the flight record."""
+    raise NotImplementedError

@@ -1,0 +1,62 @@
+"""`Motion`: all that a mechanism may know of a vehicle's flight, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of the vehicle; every array has one shape, (n,) over time for a record.
+
+    The simulator evaluates the same mechanisms at the running state: there the shape is (flights,), all at
+    one instant. A mechanism therefore works elementwise and asks `delayed` for the past.
+
+    time s; alpha, windward_meridian rad (unwrapped over a record); their rates rad/s; p, q, r rad/s;
+    velocity m/s; dynamic_pressure Pa; mach, reynolds (NaN where the record cannot tell);
+    in_plane_moment: the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1; reference_length m.
+    """
+
+    time: FloatArray
+    alpha: FloatArray
+    alpha_rate: FloatArray
+    windward_meridian: FloatArray
+    windward_meridian_rate: FloatArray
+    p: FloatArray
+    q: FloatArray
+    r: FloatArray
+    velocity: FloatArray
+    dynamic_pressure: FloatArray
+    mach: FloatArray
+    reynolds: FloatArray
+    in_plane_moment: FloatArray
+    reference_length: float
+    history: Callable[[float], Motion] | None = None
+
+    def delayed(self, tau: float) -> Motion:
+        """The whole motion tau seconds earlier, on the same shape; tau >= 0.
+
+        Before its first instant a motion is taken as steady: constant alpha and constant meridian rate.
+        """
+        if tau == 0.0:
+            return self
+        if self.history is None:
+            raise ValueError(
+                f"a motion without history was asked for its past, {tau} s earlier; build it with "
+                "brv_hypo.motion.history.recorded, or let the simulator supply it"
+            )
+        return self.history(tau)
+
+    def region(self, start: float, stop: float) -> FloatArray:
+        """1 where start <= time < stop (s), else 0, on the motion's shape."""
+        return ((self.time >= start) & (self.time < stop)).astype(float)
+
+    @property
+    def rate_factor(self) -> FloatArray:
+        """d / 2V in s: makes an angular rate dimensionless."""
+        return np.asarray(self.reference_length / (2.0 * self.velocity), dtype=float)

@@ -1,0 +1,70 @@
+"""The result of a reconstruction: motion, moments and how well each is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.motion import Motion
+
+Method = Literal["joint", "velocity", "rates", "polar"]
+
+
+@dataclass(frozen=True)
+class MomentEstimate:
+    """Moment coefficients from differentiated gyros, with the noise that differentiation gives them.
+
+    `body` (n,) is C_m + i C_n; `sigma` (n,) the standard deviation of each of its two components;
+    `filter_half_width` samples and `noise_correlation` (2 half_width + 1,) describe the colour: the
+    correlation of the error at lag 0, 1, ... samples. `usable` (n,) is False where no estimate is made.
+    """
+
+    body: ComplexArray
+    sigma: FloatArray
+    usable: BoolArray
+    filter_half_width: int
+    noise_correlation: FloatArray
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Wind-relative motion and moments of one flight.
+
+    Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body axes
+    at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force; `gyro_sigma` rad/s and
+    `accel_sigma` m/s^2 are the white-noise levels estimated from the record. `status` is "ok" or "degraded";
+    `warnings` say what limits the result and what would help.
+    """
+
+    flight: Flight
+    method: Method
+    motion: Motion
+    moments: MomentEstimate
+    alpha_sigma: FloatArray
+    phi_w_sigma: FloatArray
+    gravity_body: FloatArray
+    normal_force_slope: FloatArray
+    gyro_sigma: float
+    accel_sigma: float
+    status: Literal["ok", "degraded"]
+    warnings: tuple[str, ...]
+
+    @property
+    def plane_moments(self) -> ComplexArray:
+        """C_N' + i C_Z' (n,)."""
+        return plane_from_body(self.moments.body, self.motion.windward_meridian)
+
+    @property
+    def alpha_rms_sigma(self) -> float:
+        """Root mean square of the standard deviation of alpha, rad."""
+        return float(np.sqrt(np.mean(self.alpha_sigma**2)))
+
+    @property
+    def phi_w_rms_sigma(self) -> float:
+        """Root mean square of the standard deviation of the windward meridian, rad."""
+        return float(np.sqrt(np.mean(np.minimum(self.phi_w_sigma, np.pi) ** 2)))

@@ -1,0 +1,35 @@
+"""Asymmetric in-plane flow: jumps and ramps in C_N0 and C_Nalpha, nothing out of plane (Table 2.1, b)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+from brv_hypo.motion.motion import Motion
+
+
+class InPlane(Mechanism):
+    """C_N' += jump or ramp in C_N0 and in C_Nalpha at the knots of Eq. 3.6."""
+
+    name = "inplane"
+    title = "asymmetric in-plane flow"
+    claims = "sudden or ramping changes of the in-plane moment, at alpha = 0 and per alpha; nothing out of plane"
+    source = "report, Table 2.1 (b) and Table 5.5"
+    time_variation = ("jump", "ramp")
+    wind_fixed = True
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """Two terms: C_N0 and C_Nalpha."""
+        nothing = np.zeros_like(motion.alpha)
+        return (
+            Term("C_N0", np.ones_like(motion.alpha), nothing, "1"),
+            Term("C_Nalpha", motion.alpha, nothing, "1/rad"),
+        )
+
+
+@hookimpl
+def brv_hypo_mechanisms() -> Sequence[Mechanism]:
+    """The mechanisms of this module."""
+    return [InPlane()]
