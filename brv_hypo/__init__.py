@@ -1,0 +1,44 @@
+"""Hypothesis testing for spinning entry bodies: which mechanism explains the moments that were flown?
+
+load_flight(path)              flight record -> Flight                     brv_hypo.flight
+reconstruct(flight)            wind-relative motion and moments            brv_hypo.motion
+compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
+trace(flight, config)          what is left over, traced to its effect     brv_hypo.trace
+simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulate
+best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, brv_hypo.likelihood
+Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
+brv-hypo --help                the command line                            brv_hypo.cli
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from brv_hypo.flight import load_flight as load_flight
+    from brv_hypo.motion import reconstruct as reconstruct
+    from brv_hypo.ranking import compare as compare
+    from brv_hypo.simulate import simulate as simulate
+    from brv_hypo.trace import trace as trace
+
+__all__ = ["compare", "load_flight", "reconstruct", "simulate", "trace"]
+
+_HOME = {
+    "load_flight": "brv_hypo.flight",
+    "reconstruct": "brv_hypo.motion",
+    "compare": "brv_hypo.ranking",
+    "trace": "brv_hypo.trace",
+    "simulate": "brv_hypo.simulate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """The public functions, imported at first use (PEP 562): the package itself costs nothing to import."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__]

@@ -1,0 +1,50 @@
+"""Exit codes: whatever goes wrong inside a command becomes one readable message and the code of the contract."""
+
+from __future__ import annotations
+
+import functools
+import traceback
+from collections.abc import Callable
+from typing import ParamSpec
+
+import typer
+
+from brv_hypo.errors import BrvHypoError
+
+PROGRAM_FAULT = 70
+INTERRUPTED = 130
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, None]) -> Callable[P, None]:
+    """The command, with its refusals and faults turned into messages on standard error and exit codes.
+
+    Wrong usage of options never gets here: typer itself ends it with code 2.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except (typer.Exit, BrokenPipeError):
+            raise
+        except BrvHypoError as refusal:
+            _end(f"brv-hypo: {refusal}", refusal.exit_code)
+        except KeyboardInterrupt:
+            _end("brv-hypo: interrupted; no output was written", INTERRUPTED)
+        except Exception as fault:
+            if kwargs.get("verbose"):
+                traceback.print_exc()
+            _end(
+                f"brv-hypo: a fault of the program, not of your data: {type(fault).__name__}: {fault}. "
+                "Run again with -v for the traceback, and report it.",
+                PROGRAM_FAULT,
+            )
+
+    return run
+
+
+def _end(message: str, code: int) -> None:
+    typer.echo(message, err=True)
+    raise typer.Exit(code) from None

@@ -1,0 +1,46 @@
+"""The console script: which commands there are.
+
+Commands import what they need when they run, so that `brv-hypo --help` is quick.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from brv_hypo.cli import mechanisms
+
+app = typer.Typer(
+    name="brv-hypo",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"brv-hypo {version('brv-hypo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Which mechanism explains the moments that a spinning entry body flew through?"""
+
+
+app.add_typer(mechanisms.app, name="mechanisms")
+
+
+def run() -> None:
+    """Run the command line; the process ends with the contract's exit code."""
+    app(prog_name="brv-hypo")

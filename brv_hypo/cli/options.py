@@ -1,0 +1,32 @@
+"""The options that commands share, declared once.
+
+The aliases are evaluated by typer at start-up, so this module imports nothing heavy.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
+FlightFiles = Annotated[
+    list[Path], typer.Argument(metavar="FLIGHT.h5...", help="Flight records; several are fitted jointly.")
+]
+Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
+Config = Annotated[
+    Path | None, typer.Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")
+]
+Json = Annotated[
+    str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; '-' is standard output.")
+]
+Report = Annotated[
+    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report that a browser opens offline.")
+]
+Start = Annotated[float | None, typer.Option("--start", metavar="T", help="Use the record from this time, s.")]
+Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="Use the record up to this time, s.")]
+Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print the conclusion alone.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print every detail; tracebacks too.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite output files that exist.")]

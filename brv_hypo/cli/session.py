@@ -1,0 +1,137 @@
+"""Where a command's results go: the terminal, JSON, an HTML report, files.
+
+Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written whole or
+not at all. With `--json -` standard output holds JSON and nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from brv_hypo.errors import UsageError
+
+STANDARD_OUTPUT = "-"
+
+
+@dataclass(frozen=True)
+class Session:
+    """How one command talks: what was asked of the common options."""
+
+    json: str | None = None
+    report: Path | None = None
+    force: bool = False
+    quiet: bool = False
+    verbose: bool = False
+
+    @property
+    def json_only(self) -> bool:
+        """True where standard output belongs to JSON."""
+        return self.json == STANDARD_OUTPUT
+
+    def claim(self, *files: Path | None) -> None:
+        """Refuse now what could not be written later: `files`, the report and the JSON file.
+
+        Raises UsageError where a file exists and `--force` was not given, or cannot be written.
+        """
+        json_file = None if self.json is None or self.json_only else Path(self.json)
+        wanted = [file for file in (*files, self.report, json_file) if file is not None]
+        resolved = [file.resolve() for file in wanted]
+        for file in wanted:
+            if resolved.count(file.resolve()) > 1:
+                raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
+            self._claim_one(file)
+
+    def _claim_one(self, file: Path) -> None:
+        if file.is_dir():
+            raise UsageError(f"{file} is a directory, and a file is to be written. Give the name of a file in it.")
+        if file.exists() and not self.force:
+            raise UsageError(f"{file} exists already and is left as it is. Choose another name, or give --force.")
+        folder = file.resolve().parent
+        if not folder.is_dir():
+            raise UsageError(f"{file} cannot be written: there is no directory {folder}. Create it, or choose another.")
+        if not os.access(folder, os.W_OK):
+            raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another directory.")
+
+    def show(self, *renderables: Any) -> None:
+        """Print for a human reader; silent with -q or where standard output belongs to JSON."""
+        if not self.quiet:
+            self.conclude(*renderables)
+
+    def conclude(self, *renderables: Any) -> None:
+        """Print what even -q lets through: the conclusion."""
+        if self.json_only:
+            return
+        from rich.console import Console
+
+        console = Console(highlight=False)
+        for renderable in renderables:
+            console.print(renderable)
+
+    def warn(self, message: str) -> None:
+        """One line on standard error."""
+        print(f"brv-hypo: {message}", file=sys.stderr)
+
+    def write_json(self, result: Any) -> None:
+        """The result as JSON, where it was asked for; what is not finite becomes null."""
+        if self.json is None:
+            return
+        text = as_json(result)
+        if self.json_only:
+            sys.stdout.write(text)
+        else:
+            write_whole(Path(self.json), text)
+
+    def write_report(self, page: Callable[[], str]) -> None:
+        """The HTML report, where it was asked for; `page` is called only then."""
+        if self.report is not None:
+            write_whole(self.report, page())
+
+    @contextmanager
+    def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
+        """A bar on standard error for `callback(stage, fraction done)`; drawn only on a terminal, never with -q."""
+        if self.quiet or not sys.stderr.isatty():
+            yield lambda stage, fraction: None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(title, total=1.0)
+            yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)
+
+
+def as_json(result: Any) -> str:
+    """JSON text of a result: models and dataclasses by their fields, arrays as lists, NaN and infinity as null."""
+    from pydantic_core import to_json
+
+    text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=_plain)
+    return text.decode() + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy array or scalar as Python numbers."""
+    return value.tolist()
+
+
+def write_whole(file: Path, text: str) -> None:
+    """Write the file whole or not at all: beside it first, then renamed."""
+    descriptor, partial = tempfile.mkstemp(prefix=f".{file.name}.", suffix=".partial", dir=file.resolve().parent)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(partial, 0o666 & ~mask)
+        os.replace(partial, file)
+    except OSError as error:
+        raise UsageError(f"{file} cannot be written: {error}. Free the disk, or choose another place.") from error
+    finally:
+        Path(partial).unlink(missing_ok=True)

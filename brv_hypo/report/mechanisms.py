@@ -1,0 +1,40 @@
+"""The installed mechanisms, as a table and as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.table import Table
+
+from brv_hypo.mechanisms.registry import Installed
+from brv_hypo.report.style import plain_table
+
+
+def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
+    """One row for each mechanism or effect: name, kind, package, claim; `verbose` adds the source."""
+    table = plain_table("Installed mechanisms and effects")
+    table.add_column("name", no_wrap=True, style="bold")
+    table.add_column("kind", no_wrap=True)
+    table.add_column("package", no_wrap=True)
+    table.add_column("claims")
+    if verbose:
+        table.add_column("source")
+    for name, entry in found.items():
+        row = [name, entry.item.kind, f"{entry.package} {entry.version}", entry.item.claims]
+        table.add_row(*row, *([entry.item.source] if verbose else []))
+    return table
+
+
+def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
+    """The same as data for JSON."""
+    return {
+        "schema": "brv-hypo/mechanisms/1",
+        "mechanisms": [
+            {
+                "name": name, "kind": entry.item.kind, "title": entry.item.title, "claims": entry.item.claims,
+                "source": entry.item.source, "package": entry.package, "version": entry.version,
+            }
+            for name, entry in found.items()
+        ],
+    }

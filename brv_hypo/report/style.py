@@ -1,0 +1,35 @@
+"""The one look of tables, and how numbers are written."""
+
+from __future__ import annotations
+
+import math
+
+from rich import box
+from rich.table import Table
+
+NOT_A_NUMBER = "–"
+
+
+def plain_table(title: str | None = None) -> Table:
+    """An empty table in the house style: rules above and below the heading, no other lines."""
+    return Table(
+        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+    )
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number at `digits` significant digits; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return NOT_A_NUMBER
+    return f"{value:.{digits}g}"
+
+
+def percent(value: float | None) -> str:
+    """A share as whole percent, never rounded to certainty."""
+    if value is None or not math.isfinite(value):
+        return NOT_A_NUMBER
+    if 0.995 <= value < 1.0:
+        return ">99 %"
+    if 0.0 < value < 0.005:
+        return "<1 %"
+    return f"{100.0 * value:.0f} %"
