@@ -5,7 +5,7 @@ reconstruct(flight)            wind-relative motion and moments            brv_h
 compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
 trace(flight, config)          what is left over, traced to its effect     brv_hypo.trace
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulate
-best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, brv_hypo.likelihood
+best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
 brv-hypo --help                the command line                            brv_hypo.cli
 """

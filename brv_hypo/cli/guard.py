@@ -1,4 +1,4 @@
-"""Exit codes: whatever goes wrong inside a command becomes one readable message and the code of the contract."""
+"""Exit codes: what goes wrong inside a command becomes one readable message and the contract's code."""
 
 from __future__ import annotations
 

@@ -9,7 +9,9 @@ from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.session import Session
 
 app = typer.Typer(
-    help="List the installed mechanisms; write or check a plugin.", invoke_without_command=True, add_completion=False
+    help="List the installed mechanisms; write or check a plugin.",
+    invoke_without_command=True,
+    add_completion=False,
 )
 
 

@@ -19,13 +19,15 @@ Config = Annotated[
     Path | None, typer.Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")
 ]
 Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; '-' is standard output.")
+    str | None,
+    typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output."),
 ]
 Report = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report that a browser opens offline.")
+    Path | None,
+    typer.Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline."),
 ]
-Start = Annotated[float | None, typer.Option("--start", metavar="T", help="Use the record from this time, s.")]
-Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="Use the record up to this time, s.")]
+Start = Annotated[float | None, typer.Option("--start", metavar="T", help="Use the record from T (s).")]
+Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="Use the record up to T (s).")]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print the conclusion alone.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print every detail; tracebacks too.")]

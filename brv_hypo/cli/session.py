@@ -1,7 +1,7 @@
 """Where a command's results go: the terminal, JSON, an HTML report, files.
 
-Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written whole or
-not at all. With `--json -` standard output holds JSON and nothing else.
+Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written
+whole or not at all. With `--json -` standard output holds JSON and nothing else.
 """
 
 from __future__ import annotations
@@ -50,14 +50,16 @@ class Session:
 
     def _claim_one(self, file: Path) -> None:
         if file.is_dir():
-            raise UsageError(f"{file} is a directory, and a file is to be written. Give the name of a file in it.")
+            raise UsageError(f"{file} is a directory, where a file is to be written. Name a file in it.")
         if file.exists() and not self.force:
-            raise UsageError(f"{file} exists already and is left as it is. Choose another name, or give --force.")
+            raise UsageError(f"{file} exists and is left as it is. Choose another name, or give --force.")
         folder = file.resolve().parent
         if not folder.is_dir():
-            raise UsageError(f"{file} cannot be written: there is no directory {folder}. Create it, or choose another.")
+            raise UsageError(
+                f"{file} cannot be written: {folder} does not exist. Create it, or choose another."
+            )
         if not os.access(folder, os.W_OK):
-            raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another directory.")
+            raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
 
     def show(self, *renderables: Any) -> None:
         """Print for a human reader; silent with -q or where standard output belongs to JSON."""
@@ -95,7 +97,7 @@ class Session:
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
-        """A bar on standard error for `callback(stage, fraction done)`; drawn only on a terminal, never with -q."""
+        """A bar on standard error for `callback(stage, fraction done)`; only on a terminal, never with -q."""
         if self.quiet or not sys.stderr.isatty():
             yield lambda stage, fraction: None
             return
@@ -109,7 +111,7 @@ class Session:
 
 
 def as_json(result: Any) -> str:
-    """JSON text of a result: models and dataclasses by their fields, arrays as lists, NaN and infinity as null."""
+    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null."""
     from pydantic_core import to_json
 
     text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=_plain)
@@ -123,7 +125,8 @@ def _plain(value: Any) -> Any:
 
 def write_whole(file: Path, text: str) -> None:
     """Write the file whole or not at all: beside it first, then renamed."""
-    descriptor, partial = tempfile.mkstemp(prefix=f".{file.name}.", suffix=".partial", dir=file.resolve().parent)
+    folder = file.resolve().parent
+    descriptor, partial = tempfile.mkstemp(prefix=f".{file.name}.", suffix=".partial", dir=folder)
     try:
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
             stream.write(text)
@@ -132,6 +135,6 @@ def write_whole(file: Path, text: str) -> None:
         os.chmod(partial, 0o666 & ~mask)
         os.replace(partial, file)
     except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error}. Free the disk, or choose another place.") from error
+        raise UsageError(f"{file} cannot be written: {error}. Choose another place.") from error
     finally:
         Path(partial).unlink(missing_ok=True)

@@ -32,8 +32,13 @@ def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
         "schema": "brv-hypo/mechanisms/1",
         "mechanisms": [
             {
-                "name": name, "kind": entry.item.kind, "title": entry.item.title, "claims": entry.item.claims,
-                "source": entry.item.source, "package": entry.package, "version": entry.version,
+                "name": name,
+                "kind": entry.item.kind,
+                "title": entry.item.title,
+                "claims": entry.item.claims,
+                "source": entry.item.source,
+                "package": entry.package,
+                "version": entry.version,
             }
             for name, entry in found.items()
         ],

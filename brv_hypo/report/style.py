@@ -13,7 +13,12 @@ NOT_A_NUMBER = "–"
 def plain_table(title: str | None = None) -> Table:
     """An empty table in the house style: rules above and below the heading, no other lines."""
     return Table(
-        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
     )
 
 
