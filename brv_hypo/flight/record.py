@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Vehicle:
 
     @property
     def moment_scale(self) -> float:
-        """S d / I in 1/kg: angular acceleration per unit moment coefficient and dynamic pressure (Eq. 2.3)."""
+        """S d / I in 1/kg: angular acceleration per unit coefficient and dynamic pressure (Eq. 2.3)."""
         return self.reference_area * self.reference_length / self.iyy
 
 
@@ -103,7 +104,7 @@ class Flight:
                 f"{last:.3f} s. Give --start and --stop inside it."
             )
         a, b = int(chosen[0]), int(chosen[-1]) + 1
-        arrays = {
+        arrays: dict[str, Any] = {
             name: None if (value := getattr(self, name)) is None else value[a:b]
             for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)
         }

@@ -1,0 +1,147 @@
+"""From a `Record`, as flown, to a `Flight`, ready to analyse, and back.
+
+The order is fixed: spikes are replaced; time is made uniform; short gaps are bridged; missing
+channels are derived; what is still missing cuts the flight into segments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.flight.derive import derive
+from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
+from brv_hypo.flight.refusal import refusal
+from brv_hypo.flight.resample import BRIDGED_SECONDS, bridge, joined, longest_gap, regularise, runs
+from brv_hypo.flight.schema import INERTIAL_CHANNELS, MINIMUM_SAMPLES, Record, VehicleRecord, validated
+from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
+
+Channels = dict[str, FloatArray]
+Segments = tuple[tuple[int, int], ...]
+
+
+def assemble(record: Record) -> Flight:
+    """The flight of a record; its notes say, in order, all that was changed, derived or left out.
+
+    Raises FlightRecordError where no stretch of 16 samples has every channel that is needed.
+    """
+    spikes = {name: find_spikes(values) for name, values in record.channels.items()}
+    notes = [*record.notes]
+    notes += [spike_note(name, found, record.time) for name, found in spikes.items() if np.any(found)]
+    despiked = {
+        name: without_spikes(record.time, values, spikes[name]) for name, values in record.channels.items()
+    }
+    time, recorded, resampled = regularise(record.time, despiked)
+    bridged, gap_notes = _bridged(time, _without_empty(recorded))
+    channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
+    segments, cut_notes = _segments(time, channels)
+    first, last = segments[0][0], segments[-1][1]
+    whole, filled = _filled(channels, segments)
+    return Flight(
+        time=time[first:last],
+        **{name: values[first:last] for name, values in whole.items()},
+        vehicle=record.vehicle.vehicle(),
+        segments=tuple((start - first, stop - first) for start, stop in segments),
+        planet=record.planet,
+        title=record.title,
+        source=record.source,
+        path=record.path,
+        notes=(*notes, *resampled, *gap_notes, *derived, *cut_notes, *filled),
+    )
+
+
+def unassemble(flight: Flight) -> Record:
+    """The record of a flight: NaN outside its segments, so that a cut outlives a round trip.
+
+    Raises UsageError where the flight could not be read back: built by hand, of wrong shapes or values.
+    """
+    usable = np.zeros(flight.time.size, dtype=np.bool_)
+    for start, stop in flight.segments:
+        usable[start:stop] = True
+    present = {name: getattr(flight, name) for name in (*CHANNELS, *OPTIONAL_CHANNELS)}
+    vehicle = {name: getattr(flight.vehicle, name) for name in VehicleRecord.model_fields}
+    return validated(
+        Record,
+        {
+            "time": flight.time,
+            "channels": {
+                name: np.where(usable, values, np.nan)
+                for name, values in present.items()
+                if values is not None
+            },
+            "vehicle": validated(VehicleRecord, vehicle, group="vehicle"),
+            "planet": flight.planet,
+            "title": flight.title,
+            "source": flight.source,
+            "path": flight.path,
+            "notes": flight.notes,
+        },
+    )
+
+
+def _without_empty(channels: Mapping[str, FloatArray]) -> Channels:
+    """The channels that hold any sample at all."""
+    return {name: values for name, values in channels.items() if np.any(np.isfinite(values))}
+
+
+def _bridged(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Channels, list[str]]:
+    """Short gaps filled, by the rules of `resample`."""
+    step = float((time[-1] - time[0]) / (time.size - 1))
+    fast, slow = longest_gap(step, channels["q"], channels["r"]), max(1, round(BRIDGED_SECONDS / step))
+    filled: Channels = {}
+    notes = []
+    for name, values in channels.items():
+        longest = fast if name in INERTIAL_CHANNELS else slow
+        filled[name] = bridge(time, values, longest)
+        count = int(np.count_nonzero(np.isnan(values) & np.isfinite(filled[name])))
+        if count:
+            notes.append(f"{name}: {count} missing samples bridged by a cubic spline (gaps up to {longest})")
+    return filled, notes
+
+
+def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Segments, list[str]]:
+    """The stretches, long enough to use, with every needed channel known; notes on what is left out."""
+    known = {name: np.isfinite(channels[name]) for name in CHANNELS if name in channels}
+    for name in CHANNELS:
+        if name not in known:
+            raise _nothing_usable(name)
+    usable = np.logical_and.reduce(list(known.values()))
+    segments = tuple((start, stop) for start, stop in runs(usable) if stop - start >= MINIMUM_SAMPLES)
+    if not segments:
+        raise _nothing_usable(min(known, key=lambda name: int(np.count_nonzero(known[name]))))
+    kept = np.zeros_like(usable)
+    for start, stop in segments:
+        kept[start:stop] = True
+    return segments, [_cut_note(time, start, stop, known) for start, stop in runs(~kept)]
+
+
+def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolArray]) -> str:
+    lacking = [name for name, finite in known.items() if not np.all(finite[start:stop])]
+    return (
+        f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({stop - start} samples) left out: a gap too long to "
+        f"bridge in {', '.join(lacking) or 'the neighbourhood, which leaves too few samples'}"
+    )
+
+
+def _filled(channels: Mapping[str, FloatArray], segments: Segments) -> tuple[Channels, list[str]]:
+    """Channels without NaN, by placeholders; a note where an optional one needs them inside a segment."""
+    whole: Channels = {}
+    notes = []
+    for name, values in channels.items():
+        inside = sum(int(np.count_nonzero(np.isnan(values[start:stop]))) for start, stop in segments)
+        if inside:
+            notes.append(f"{name}: {inside} samples in long gaps are interpolated along straight lines")
+        whole[name] = joined(values)
+    return whole, notes
+
+
+def _nothing_usable(name: str) -> Exception:
+    return refusal(
+        name,
+        "too many missing samples",
+        f"a stretch of at least {MINIMUM_SAMPLES} samples in which every needed channel is known",
+        "a channel recorded at a much lower rate than the others, or a dropout throughout",
+        "interpolate slow channels to the samples of 'time' before import, or give a longer record",
+    )

@@ -1,0 +1,120 @@
+"""Channels that the record lacks, where they follow from those that it has.
+
+Definitions (any planet): q_inf = rho V^2 / 2; Re = rho V d / mu with d the reference length.
+Standard atmosphere (Earth alone, ICAO through `ambiance`): density from altitude, altitude from density,
+speed of sound and viscosity from altitude. It ends at 81 km: above, density is never extrapolated, and the
+temperature of its end stands in for Mach and Reynolds numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+
+LOWEST_ALTITUDE = -5000.0
+HIGHEST_ALTITUDE = 81000.0
+CONSISTENT_WITHIN = 0.05
+
+Channels = dict[str, FloatArray]
+
+
+def derive(
+    channels: Mapping[str, FloatArray], planet: str, reference_length: float
+) -> tuple[Channels, list[str]]:
+    """The channels (n,) with those derived added, NaN where a source is NaN, and a note for each.
+
+    `reference_length` in m. What cannot be derived stays absent; a note says why.
+    """
+    known = dict(channels)
+    notes = list(_inconsistent(known))
+    earth = planet == "earth"
+    if "density" not in known and "dynamic_pressure" in known:
+        known["density"] = _density(known["dynamic_pressure"], known["velocity"])
+        notes.append("density derived from dynamic pressure and velocity")
+    if earth and "density" not in known and "altitude" in known:
+        known["density"] = _atmosphere(known["altitude"], "density")
+        notes.append(
+            f"density derived from altitude by the Earth standard atmosphere{_beyond(known['altitude'])}"
+        )
+    if "dynamic_pressure" not in known and "density" in known:
+        known["dynamic_pressure"] = 0.5 * known["density"] * known["velocity"] ** 2
+        notes.append("dynamic pressure derived from density and velocity")
+    wanted = [name for name in ("altitude", "mach", "reynolds") if name not in known]
+    if wanted and not earth:
+        notes.append(
+            f"{', '.join(wanted)} missing and not derived: the planet is {planet}, and the only atmosphere "
+            "model is Earth's"
+        )
+    if wanted and earth and "density" in known:
+        notes += _derive_from_atmosphere(known, wanted, reference_length)
+    return known, notes
+
+
+def _derive_from_atmosphere(known: Channels, wanted: list[str], reference_length: float) -> list[str]:
+    """Fill `wanted` in `known`; the notes on how."""
+    notes = []
+    if "altitude" in wanted:
+        known["altitude"] = _altitude_of_density(known["density"])
+        beyond = _beyond(known["altitude"])
+        notes.append(f"altitude derived as that of the density in the Earth standard atmosphere{beyond}")
+    end = np.clip(known["altitude"], LOWEST_ALTITUDE, HIGHEST_ALTITUDE)
+    outside = _beyond(known["altitude"]) and ", with the temperature of its end where the flight is beyond it"
+    if "mach" in wanted:
+        known["mach"] = known["velocity"] / _atmosphere(end, "speed_of_sound")
+        notes.append(f"Mach number derived with the speed of sound of the Earth standard atmosphere{outside}")
+    if "reynolds" in wanted:
+        viscosity = _atmosphere(end, "dynamic_viscosity")
+        known["reynolds"] = known["density"] * known["velocity"] * reference_length / viscosity
+        notes.append(f"Reynolds number derived with the viscosity of the Earth standard atmosphere{outside}")
+    return notes
+
+
+def _density(dynamic_pressure: FloatArray, velocity: FloatArray) -> FloatArray:
+    """2 q_inf / V^2, NaN where the vehicle is at rest."""
+    moving = np.where(velocity > 0.0, velocity, np.nan)
+    return np.asarray(2.0 * dynamic_pressure / moving**2)
+
+
+def _atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
+    """An attribute of the standard atmosphere at `altitude` (n,) m; NaN beyond its ends."""
+    from ambiance import Atmosphere
+
+    result = np.full(altitude.shape, np.nan)
+    inside = (altitude >= LOWEST_ALTITUDE) & (altitude <= HIGHEST_ALTITUDE)
+    if np.any(inside):
+        result[inside] = getattr(Atmosphere(altitude[inside]), quantity)
+    return result
+
+
+def _altitude_of_density(density: FloatArray) -> FloatArray:
+    """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
+
+    Log-linear on a 50 m grid, within 0.1 m of the exact inverse.
+    """
+    grid = np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0)
+    fall = -np.log(_atmosphere(grid, "density"))
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.interp(-np.log(density), fall, grid))
+
+
+def _beyond(altitude: FloatArray) -> str:
+    """What to say of samples beyond the ends of the standard atmosphere; empty where there are none."""
+    outside = int(np.count_nonzero((altitude <= LOWEST_ALTITUDE) | (altitude >= HIGHEST_ALTITUDE)))
+    return f" ({outside} samples lie beyond its range of -5 to 81 km)" if outside else ""
+
+
+def _inconsistent(known: Mapping[str, FloatArray]) -> list[str]:
+    """A note where the recorded dynamic pressure is not rho V^2 / 2: units, or different sources."""
+    if not {"dynamic_pressure", "density", "velocity"} <= set(known):
+        return []
+    computed = 0.5 * known["density"] * known["velocity"] ** 2
+    usable = computed > 0.0
+    if not np.any(usable):
+        return []
+    ratio = float(np.nanmedian(known["dynamic_pressure"][usable] / computed[usable]))
+    if abs(ratio - 1.0) <= CONSISTENT_WITHIN:
+        return []
+    return [f"recorded dynamic pressure is {ratio:.4g} times density * velocity^2 / 2: check their units"]

@@ -1,0 +1,133 @@
+"""Uniform time without gaps: the rules by which a record is resampled, bridged or cut.
+
+Uniform: every stamp lies within 1 % of the step from the grid that fits them best; such a record keeps its
+stamps. Missing rows in an otherwise uniform record become missing samples. Any other record is resampled to
+its median step by a cubic spline through the samples that it has; a grid point between two samples further
+apart than 1.5 steps, or beside a missing sample, is missing.
+
+Bridged (cubic spline): a gap of at most `longest_gap`, that is 5 samples and an eighth of the dominant
+transverse oscillation, where a cubic is within 0.5 % of the amplitude; 1 s in the slowly varying air data.
+Longer gaps cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.flight.refusal import refusal
+
+UNIFORM_WITHIN = 0.01
+MISSING_BEYOND_STEPS = 1.5
+LARGEST_GROWTH = 50
+BRIDGED_SAMPLES = 5
+BRIDGED_CYCLES = 1.0 / 8.0
+BRIDGED_SECONDS = 1.0
+
+Channels = dict[str, FloatArray]
+
+
+def regularise(
+    time: FloatArray, channels: Mapping[str, FloatArray]
+) -> tuple[FloatArray, Channels, tuple[str, ...]]:
+    """Uniform time (m,), the channels (m,) on it with NaN where missing, and a note on what was done.
+
+    Raises FlightRecordError where `time` jumps so far that a uniform grid would be mostly empty.
+    """
+    step = float(np.median(np.diff(time)))
+    index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
+    if max(index[-1] + 1, (time[-1] - time[0]) / step) > LARGEST_GROWTH * time.size:
+        raise refusal(
+            "time",
+            f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart",
+            "a record without jumps that dwarf it",
+            "a wrong stamp, a clock reset, or two flights in one record",
+            "correct the stamps, or split the record",
+        )
+    slope, offset = np.polyfit(index, time - time[0], 1)
+    deviation = float(np.max(np.abs(time - time[0] - offset - slope * index)) / slope)
+    if deviation > UNIFORM_WITHIN:
+        return _resampled(time, channels, step, deviation)
+    if index[-1] + 1 == time.size:
+        return time, dict(channels), ()
+    grid = time[0] + offset + slope * np.arange(index[-1] + 1)
+    note = f"{grid.size - time.size} rows are missing from the uniform time axis and count as missing samples"
+    return grid, {name: _placed(values, index, grid.size) for name, values in channels.items()}, (note,)
+
+
+def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
+    """`values` (n,) at `time` (n,), gaps of at most `longest` samples filled by a cubic spline."""
+    from scipy.interpolate import CubicSpline
+
+    missing = np.isnan(values)
+    known = np.flatnonzero(~missing)
+    if known.size == values.size or known.size < 4:
+        return values
+    short = np.zeros_like(missing)
+    for start, stop in runs(missing):
+        short[start:stop] = start > 0 and stop < values.size and stop - start <= longest
+    filled = values.copy()
+    filled[short] = CubicSpline(time[known], values[known])(time[short])
+    return filled
+
+
+def longest_gap(step: float, q: FloatArray, r: FloatArray) -> int:
+    """The longest gap, in samples and at least 1, that may be bridged in the gyros and accelerometers."""
+    frequency = max(_dominant_frequency(q, step), _dominant_frequency(r, step))
+    cycle = np.inf if frequency == 0.0 else 1.0 / (frequency * step)
+    return int(np.clip(BRIDGED_CYCLES * cycle, 1, BRIDGED_SAMPLES))
+
+
+def runs(chosen: BoolArray) -> tuple[tuple[int, int], ...]:
+    """The index ranges [start, stop) over which `chosen` (n,) is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], chosen, [False])).astype(np.int8)))
+    return tuple((int(a), int(b)) for a, b in edges.reshape(-1, 2))
+
+
+def joined(values: FloatArray) -> FloatArray:
+    """`values` (n,) with every NaN replaced along straight lines, ends held: placeholders."""
+    known = np.flatnonzero(np.isfinite(values))
+    return values if known.size == values.size else np.interp(np.arange(values.size), known, values[known])
+
+
+def _resampled(
+    time: FloatArray, channels: Mapping[str, FloatArray], step: float, deviation: float
+) -> tuple[FloatArray, Channels, tuple[str, ...]]:
+    grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-12)) + 1)
+    note = (
+        f"time is not uniform (a stamp is {100.0 * deviation:.2g} % of the step off): resampled to "
+        f"{1.0 / step:.6g} Hz, the median rate, by a cubic spline"
+    )
+    return grid, {name: _interpolated(time, values, grid, step) for name, values in channels.items()}, (note,)
+
+
+def _interpolated(time: FloatArray, values: FloatArray, grid: FloatArray, step: float) -> FloatArray:
+    """Spline values on the grid, NaN wherever the record has no sample close by on either side."""
+    from scipy.interpolate import CubicSpline
+
+    known = np.flatnonzero(np.isfinite(values))
+    if known.size < 4:
+        return np.full(grid.size, np.nan)
+    after = np.clip(np.searchsorted(time, grid), 1, time.size - 1)
+    apart = time[after] - time[after - 1] > MISSING_BEYOND_STEPS * step
+    beside = np.isnan(values[after]) | np.isnan(values[after - 1])
+    result: FloatArray = CubicSpline(time[known], values[known])(grid)
+    result[apart | beside] = np.nan
+    return result
+
+
+def _placed(values: FloatArray, index: np.typing.NDArray[np.int64], size: int) -> FloatArray:
+    grid = np.full(size, np.nan)
+    grid[index] = values
+    return grid
+
+
+def _dominant_frequency(values: FloatArray, step: float) -> float:
+    """Frequency of the highest peak of the periodogram, Hz; 0 where nothing varies."""
+    if np.count_nonzero(np.isfinite(values)) < 4:
+        return 0.0
+    whole = joined(values)
+    spectrum = np.abs(np.fft.rfft((whole - np.mean(whole)) * np.hanning(whole.size)))
+    return float(np.argmax(spectrum) / (whole.size * step)) if spectrum.max() > 0.0 else 0.0

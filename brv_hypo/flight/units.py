@@ -1,0 +1,132 @@
+"""Units, at the border only: every quantity that enters is converted here, once, to SI.
+
+Pint does the work. A string that is SI already never starts it: building its registry takes about 0.25 s.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.refusal import refusal
+
+if TYPE_CHECKING:
+    import pint
+
+Dimension = Literal[
+    "time",
+    "angular rate",
+    "acceleration",
+    "speed",
+    "pressure",
+    "density",
+    "length",
+    "area",
+    "mass",
+    "moment of inertia",
+    "dimensionless",
+]
+
+SI: dict[Dimension, str] = {
+    "time": "s",
+    "angular rate": "rad/s",
+    "acceleration": "m/s^2",
+    "speed": "m/s",
+    "pressure": "Pa",
+    "density": "kg/m^3",
+    "length": "m",
+    "area": "m^2",
+    "mass": "kg",
+    "moment of inertia": "kg*m^2",
+    "dimensionless": "dimensionless",
+}
+
+EXAMPLES: dict[Dimension, str] = {
+    "time": "s, ms",
+    "angular rate": "rad/s, deg/s, rpm",
+    "acceleration": "m/s^2, ft/s^2, g",
+    "speed": "m/s, ft/s, km/s",
+    "pressure": "Pa, lbf/ft^2, psf",
+    "density": "kg/m^3, slug/ft^3",
+    "length": "m, ft, km",
+    "area": "m^2, ft^2",
+    "mass": "kg, slug, lb",
+    "moment of inertia": "kg*m^2, slug*ft^2",
+    "dimensionless": "dimensionless, 1",
+}
+
+# Field usage that pint reads otherwise: to pint, "g" is a gram.
+SPELLINGS: dict[Dimension, dict[str, str]] = {
+    "acceleration": {"g": "standard_gravity", "G": "standard_gravity", "mg": "millistandard_gravity"},
+    "pressure": {"psf": "lbf/ft^2"},
+    "dimensionless": {"": "dimensionless", "1": "dimensionless", "-": "dimensionless"},
+}
+
+
+def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str) -> FloatArray:
+    """`values` in the SI unit of `dimension` (see `SI`), same shape.
+
+    Raises FlightRecordError, naming `dataset_name`, where `units` is unknown or of another dimension.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    stripped = units.strip()
+    spelling = SPELLINGS.get(dimension, {}).get(stripped, stripped)
+    if spelling == SI[dimension]:
+        return array
+    return array * _factor(spelling, units, dimension, dataset_name)
+
+
+def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> float:
+    """SI units in one of `spelling`, which must be a plain multiple of the SI unit."""
+    unit = _parsed(spelling, units, dimension, dataset_name)
+    target = _registry().parse_units(SI[dimension])
+    if not unit.is_compatible_with(target):
+        raise refusal(
+            dataset_name,
+            f"units '{units}' ({unit.dimensionality})",
+            f"units of {dimension} ({target.dimensionality}), such as {EXAMPLES[dimension]}",
+            "the units of another channel, or a missing power or per-second",
+            f"correct the 'units' attribute of '{dataset_name}'",
+        )
+    if dimension == "angular rate" and not _holds_angle(unit):
+        raise refusal(
+            dataset_name,
+            f"units '{units}', which hold no angle",
+            f"an angle per time, such as {EXAMPLES[dimension]}",
+            "cycles per second and radians per second are both called 1/s",
+            "say which: 'rad/s', 'deg/s', 'rpm' or 'revolution/s'",
+        )
+    return float(_registry().Quantity(1.0, unit).to(target).magnitude)
+
+
+def _holds_angle(unit: pint.Unit) -> bool:
+    """Whether radians are left in the root units; to pint an angle has no dimension, and Hz is rad/s."""
+    from pint.util import to_units_container
+
+    return "radian" in to_units_container(_registry().get_root_units(unit)[1])
+
+
+def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> pint.Unit:
+    """The pint unit of a string; whatever pint makes of nonsense becomes one refusal."""
+    try:
+        return _registry().parse_units(spelling)
+    except Exception as error:  # pint lets errors of many kinds out of its parser
+        raise refusal(
+            dataset_name,
+            f"units '{units}', which cannot be read ({error})",
+            f"units of {dimension}, such as {EXAMPLES[dimension]}",
+            "a misspelt unit, wrong upper or lower case, or 's2' written for 's^2'",
+            f"correct the 'units' attribute of '{dataset_name}'; join units with '*' and '/'",
+        ) from error
+
+
+@cache
+def _registry() -> pint.UnitRegistry[Any]:
+    """Pint's registry, built at the first unit that is not SI."""
+    import pint
+
+    return pint.UnitRegistry()
