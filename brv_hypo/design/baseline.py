@@ -1,10 +1,14 @@
-"""The baseline that is always fitted along: static in-plane moment and pitch damping."""
+"""The baseline that is always fitted along: static in-plane moment with its slow drift, and pitch damping."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
 
-from brv_hypo.mechanisms.contract import Term
+import numpy as np
+from numpy.polynomial import legendre
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 
@@ -22,3 +26,49 @@ def pitch_damping_term(motion: Motion) -> Term:
     """C_mq: C_m += C_mq q d / 2V and C_n += C_mq r d / 2V, turned into the plane of alpha."""
     rate = plane_from_body((motion.q + 1j * motion.r) * motion.rate_factor, motion.windward_meridian)
     return Term("C_mq", rate.real, rate.imag, "1/rad")
+
+
+class StaticMoment(Mechanism):
+    """C_N0 and C_Nalpha, each with Legendre polynomials in time over [start, stop] s as its slow drift."""
+
+    name = "static"
+    title = "static in-plane moment"
+    claims = "the moment of a symmetric vehicle in the plane of the angle of attack"
+    source = "report, Section 5.3"
+    time_variation = ("constant",)
+    wind_fixed = True
+
+    start: float
+    stop: float
+    offset_degree: int = 1
+    slope_degree: int = 2
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """Each static term times each polynomial; the first of each is the mean over the window."""
+        polynomials = self._polynomials(motion.time)
+        found: list[Term] = []
+        for term, degree in zip(static_terms(motion), (self.offset_degree, self.slope_degree), strict=True):
+            for order in range(degree + 1):
+                name = term.name if order == 0 else f"{term.name} drift {order}"
+                course = polynomials[order]
+                found.append(Term(name, term.in_plane * course, term.out_of_plane * course, term.units))
+        return tuple(found)
+
+    def _polynomials(self, time: FloatArray) -> list[FloatArray]:
+        scaled = np.clip((2.0 * time - self.start - self.stop) / (self.stop - self.start), -1.0, 1.0)
+        top = max(self.offset_degree, self.slope_degree)
+        return [legendre.legval(scaled, np.eye(top + 1)[order]) for order in range(top + 1)]
+
+
+class PitchDamping(Mechanism):
+    """C_mq in both channels, constant."""
+
+    name = "pitch damping"
+    title = "pitch damping"
+    claims = "a moment against the transverse rates"
+    source = "standard aerodynamics of rotationally symmetric vehicles"
+    time_variation = ("constant",)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term: C_mq."""
+        return (pitch_damping_term(motion),)

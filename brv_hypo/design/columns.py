@@ -1,0 +1,82 @@
+"""Columns of the regression: which coefficient, of which mechanism, with which course in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.design.timebasis import TimeFunction
+from brv_hypo.mechanisms.contract import Mechanism
+
+BASELINE = "baseline"
+Theta = tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One candidate: a term of a mechanism at theta, with a course in time; `group` ties vector components."""
+
+    mechanism: str
+    term: str
+    theta: Theta
+    course: TimeFunction
+    units: str
+    group: int | None = None
+
+    @property
+    def delay(self) -> float | None:
+        """The delay of the term in s, None where it has none."""
+        return dict(self.theta).get("delay")
+
+    @property
+    def label(self) -> str:
+        """The name of the coefficient in tables: what changes, and how."""
+        if self.course.kind == "constant":
+            return self.term
+        return f"{self.course.kind} in {self.term}"
+
+
+def default_knots(start: float, stop: float, count: int) -> FloatArray:
+    """`count` times between start and stop (s), evenly spaced, the ends left out."""
+    return np.linspace(start, stop, count + 2)[1:-1]
+
+
+def theta_grid(mechanism: Mechanism) -> tuple[Theta, ...]:
+    """Every point of the grid of nonlinear parameters; one empty point where there is none."""
+    points: list[dict[str, float]] = [{}]
+    for parameter in mechanism.parameters():
+        points = [{**point, parameter.name: value} for point in points for value in parameter.grid]
+    return tuple(tuple(point.items()) for point in points)
+
+
+def courses(mechanism: Mechanism, knots: FloatArray) -> tuple[TimeFunction, ...]:
+    """The courses in time that the mechanism's coefficients may take (Eq. 3.6)."""
+    found: list[TimeFunction] = []
+    for kind in mechanism.time_variation:
+        starts: Sequence[float] = (-np.inf,) if kind == "constant" else [float(knot) for knot in knots]
+        found.extend(TimeFunction(kind, start) for start in starts)
+    return tuple(found)
+
+
+def candidates(
+    mechanism: Mechanism, terms: Sequence[tuple[str, str]], knots: FloatArray, thetas: Sequence[Theta]
+) -> tuple[Column, ...]:
+    """All columns of a mechanism: theta x course x term; `terms` are (name, units)."""
+    columns: list[Column] = []
+    group = 0
+    for theta in thetas:
+        for course in courses(mechanism, knots):
+            tie = group if mechanism.terms_enter_together else None
+            columns.extend(
+                Column(mechanism.name, name, theta, course, course.units(units), tie) for name, units in terms
+            )
+            group += 1
+    return tuple(columns)
+
+
+def theta_mapping(theta: Theta) -> Mapping[str, float]:
+    """theta as a mechanism takes it."""
+    return dict(theta)

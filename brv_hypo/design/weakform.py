@@ -1,0 +1,77 @@
+"""The weak form of Eq. 2.3: moment columns integrated to transverse rates.
+
+With omega = q + i r, k = Ix / I and Phi the integral of (1 - k) p, the pitch and yaw equations are one,
+
+    d/dt (omega e^{i Phi}) = (q_inf S d / I) (C_m + i C_n) e^{i Phi},
+
+so the derolled rate is a constant plus the integrals of the columns, and its error is the gyro's own: no
+differentiation colours it. Integrals run on cubic splines; jumps and ramps at a knot are exact combinations
+of the antiderivatives, for any time of the knot, so that knots can be refined continuously.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PPoly
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.design.timebasis import TimeFunction
+from brv_hypo.flight.record import Flight
+
+
+@dataclass(frozen=True)
+class Integrals:
+    """Antiderivatives of a column g and of t g over one segment, as functions of time."""
+
+    plain: PPoly
+    first: PPoly
+
+
+@dataclass(frozen=True)
+class WeakSegment:
+    """One contiguous part of a flight: derolled rates `observed` (m,) rad/s and the integrand's factor (m,)."""
+
+    time: FloatArray
+    observed: ComplexArray
+    factor: ComplexArray
+    flight: int
+    rows: slice
+
+    def integrate(self, body_moment: ComplexArray) -> Integrals:
+        """Antiderivatives for a column C_m + i C_n (m,) on the segment's samples."""
+        integrand = self.factor * body_moment
+        plain = CubicSpline(self.time, integrand).antiderivative()
+        first = CubicSpline(self.time, (self.time - self.time[0]) * integrand).antiderivative()
+        return Integrals(plain, first)
+
+    def column(self, integrals: Integrals, course: TimeFunction) -> ComplexArray:
+        """The column times its course in time, integrated from the segment's first sample to each sample (m,)."""
+        origin, last = self.time[0], self.time[-1]
+        start, stop = np.clip([course.start, course.stop], origin, last)
+        inside = np.clip(self.time, start, stop)
+        plain = integrals.plain(inside) - integrals.plain(start)
+        if course.kind != "ramp":
+            return np.asarray(plain, dtype=complex)
+        slope = integrals.first(inside) - integrals.first(start) + (origin - course.start) * plain
+        after = np.maximum(self.time, stop)
+        held = (min(course.stop, last) - course.start) * (integrals.plain(after) - integrals.plain(stop))
+        return np.asarray(slope + held, dtype=complex)
+
+
+def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:
+    """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates."""
+    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * _integral(flight.time, flight.p))
+    factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
+    observed = (flight.q + 1j * flight.r) * derotation
+    return tuple(
+        WeakSegment(flight.time[a:b], observed[a:b], factor[a:b], index, slice(a, b))
+        for a, b in flight.segments
+        if b - a >= shortest
+    )
+
+
+def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:
+    """Integral of a sampled rate from the first sample, by cubic spline."""
+    return np.asarray(CubicSpline(time, rate).antiderivative()(time), dtype=float)

@@ -1,0 +1,100 @@
+"""The noise of the rate equation, and the filter that makes it white.
+
+Residuals of gyro rates are white gyro noise plus a red part, from what the reconstruction of the motion leaves. An
+autoregressive model fitted to them gives the prediction-error filter; applied to data and columns alike, it
+turns generalised into ordinary least squares, so that F-values mean what they say. The first rows of a
+segment use the predictors of lower order (Durbin-Levinson), so that the whitening is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Predictors of every order: `filters[k]` (k + 1,) is the scaled prediction-error filter of order k.
+
+    `scales` are their innovation standard deviations relative to the last one, which is `sigma`, rad/s.
+    """
+
+    filters: tuple[FloatArray, ...]
+    sigma: float
+
+    @property
+    def order(self) -> int:
+        """Order of the autoregression."""
+        return len(self.filters) - 1
+
+    def whiten(self, rows: ComplexArray) -> ComplexArray:
+        """Filter one segment's rows (m, columns); unit weight on the innovation of the full order."""
+        out = np.empty_like(rows)
+        order = min(self.order, rows.shape[0])
+        for k in range(order):
+            out[k] = self.filters[k][::-1] @ rows[: k + 1]
+        if rows.shape[0] > order:
+            out[order:] = lfilter(self.filters[self.order], [1.0], rows, axis=0)[order:]
+        return out
+
+
+def white(sigma: float = 1.0) -> NoiseModel:
+    """White noise: the filter that changes nothing."""
+    return NoiseModel((np.ones(1),), sigma)
+
+
+def difference() -> NoiseModel:
+    """A random walk: the starting point where nothing is known of the noise."""
+    return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
+
+
+def fit_noise(residuals: list[ComplexArray], max_order: int = 24) -> NoiseModel:
+    """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
+
+    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the biased
+    autocovariance, which keeps the filter stable.
+    """
+    total = sum(part.size for part in residuals)
+    top = int(min(max_order, max(1, total // 20)))
+    covariance = np.zeros(top + 1)
+    for part in residuals:
+        for lag in range(min(top, part.size - 1) + 1):
+            covariance[lag] += np.real(np.vdot(part[: part.size - lag], part[lag:]))
+    covariance /= 2.0 * total
+    if covariance[0] <= 0.0:
+        return white(0.0)
+    covariance[0] *= 1.0 + 1e-9
+    predictors = [solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)]
+    variances = np.array([covariance[0] - a @ covariance[1 : a.size + 1] for a in predictors])
+    variances = np.maximum(variances, 1e-12 * covariance[0])
+    bic = 2.0 * total * np.log(variances) + np.arange(top + 1) * np.log(2.0 * total)
+    order = int(np.argmin(bic))
+    sigma = float(np.sqrt(variances[order]))
+    filters = tuple(
+        np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1)
+    )
+    return NoiseModel(filters, sigma)
+
+
+def effective_samples(innovations: list[FloatArray], max_lag: int = 50) -> float:
+    """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel.
+
+    n / (1 + 2 sum rho_k), summed to the first lag whose correlation is within its own noise (Bayley and
+    Hammersley 1946 with a cut-off); never more than n.
+    """
+    n = sum(part.size for part in innovations)
+    power = sum(float(part @ part) for part in innovations)
+    if power == 0.0:
+        return float(n)
+    inflation = 1.0
+    for lag in range(1, max_lag + 1):
+        rho = sum(float(part[:-lag] @ part[lag:]) for part in innovations if part.size > lag) / power
+        if abs(rho) < 2.0 / np.sqrt(n):
+            break
+        inflation += 2.0 * rho
+    return float(n / max(inflation, 1.0))

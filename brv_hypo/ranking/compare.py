@@ -1,0 +1,101 @@
+"""`compare`: from flight records to ranked mechanisms."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.design.baseline import PitchDamping, StaticMoment
+from brv_hypo.design.columns import default_knots
+from brv_hypo.design.frame import RateFrame, build_frame
+from brv_hypo.design.whitening import fit_noise
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
+from brv_hypo.mechanisms.registry import parse_hypothesis
+from brv_hypo.motion import ReconstructionConfig, reconstruct
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.fit import HypothesisFit, Task, fit_hypothesis, refit
+from brv_hypo.ranking.heldout import held_out
+from brv_hypo.ranking.noise import baseline_columns, drift_degrees, efficiency_of, maximal_noise, residual_rates
+from brv_hypo.ranking.result import Comparison, Seconds
+from brv_hypo.ranking.summary import summarise
+
+Progress = Callable[[str], None]
+Hypotheses = dict[str, tuple[Mechanism, ...]]
+SMALLEST_RECORD = 60
+
+
+def compare(
+    flights: Sequence[Flight], config: CompareConfig | None = None, *, progress: Progress | None = None
+) -> Comparison:
+    """Rank competing mechanisms on one or several flights of a vehicle.
+
+    Raises UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
+    """
+    config = config or CompareConfig()
+    say = progress or (lambda message: None)
+    hypotheses = _hypotheses(config)
+    begun = clock.perf_counter()
+    say("reconstructing the motion")
+    reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
+    reconstructed = clock.perf_counter()
+    task = prepare(reconstructions, hypotheses, config)
+    fits = []
+    for name, mechanisms in hypotheses.items():
+        say(f"fitting {name}")
+        fits.append(fit_hypothesis(task, name, mechanisms))
+    task, fits = settle_noise(task, fits)
+    say("predicting held-out blocks")
+    errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
+    selected = clock.perf_counter()
+    seconds = Seconds(reconstruct=reconstructed - begun, select=selected - reconstructed, ml=0.0,
+                      total=selected - begun)
+    return summarise(task, fits, errors, seconds)
+
+
+def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, config: CompareConfig) -> Task:
+    """Everything that the hypotheses share: frame, baseline with its drift, knots and noise model."""
+    if sum(rec.flight.samples for rec in reconstructions) < SMALLEST_RECORD:
+        raise UnanswerableError(
+            f"the record holds {sum(rec.flight.samples for rec in reconstructions)} samples in the window, expected "
+            f"at least {SMALLEST_RECORD}: too few to tell mechanisms apart. Widen --start and --stop."
+        )
+    mechanisms = list({m.name: m for group in hypotheses.values() for m in group}.values())
+    frame = _frame(reconstructions, config.offset_degree or 1, config.slope_degree or 2)
+    noise = maximal_noise(frame, baseline_columns(frame), mechanisms)
+    degrees = drift_degrees(frame, noise, config.offset_degree, config.slope_degree)
+    frame = _frame(reconstructions, *degrees)
+    baseline = baseline_columns(frame)
+    noise = maximal_noise(frame, baseline, mechanisms)
+    span = frame.time
+    knots = (default_knots(float(span.min()), float(span.max()), config.knot_count) if config.knots is None
+             else np.asarray(config.knots, dtype=float))
+    return Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.refine)
+
+
+def settle_noise(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[HypothesisFit]]:
+    """Noise model and effective sample size from what the leading hypothesis leaves; all are fitted anew under it."""
+    leader = min(fits, key=lambda fit: fit.information)
+    noise = fit_noise(residual_rates(leader.frame, leader.frame.columns(leader.columns), task.noise))
+    task = replace(task, noise=noise)
+    leader = refit(task, leader)
+    task = replace(task, efficiency=efficiency_of(leader.residual, leader.frame))
+    return task, [refit(task, fit) for fit in fits]
+
+
+def _frame(reconstructions: Sequence[Reconstruction], offset_degree: int, slope_degree: int) -> RateFrame:
+    times = [rec.flight.time for rec in reconstructions]
+    static = StaticMoment(start=min(float(t[0]) for t in times), stop=max(float(t[-1]) for t in times),
+                          offset_degree=offset_degree, slope_degree=slope_degree)
+    return build_frame(reconstructions, [static, PitchDamping()])
+
+
+def _hypotheses(config: CompareConfig) -> Hypotheses:
+    names = config.mechanisms or tuple(mechanism.name for mechanism in installed_mechanisms())
+    return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *names])}

@@ -1,0 +1,77 @@
+"""Prediction error on blocks of time that took no part in the fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.design.frame import Piece, RateFrame, whiten
+from brv_hypo.ranking.fit import HypothesisFit, Task
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Mean square error of the moment coefficients (pitch and yaw together), in all and by block (blocks,)."""
+
+    mean_square: float
+    by_block: FloatArray
+
+
+def blocks(frame: RateFrame, count: int) -> tuple[tuple[Piece, ...], ...]:
+    """`count` blocks of rows a flight, of equal length; each block as its row ranges."""
+    found: list[tuple[Piece, ...]] = []
+    flights = frame.flight_of_row
+    for flight in np.unique(flights):
+        rows = np.flatnonzero(flights == flight)
+        edges = np.linspace(rows[0], rows[-1] + 1, count + 1).astype(int)
+        found.extend(_cut(frame.pieces, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    return tuple(block for block in found if block)
+
+
+def _cut(pieces: tuple[Piece, ...], a: int, b: int) -> tuple[Piece, ...]:
+    return tuple((max(s, a), min(e, b)) for s, e in pieces if s < b and e > a)
+
+
+def _without(pieces: tuple[Piece, ...], block: tuple[Piece, ...], shortest: int = 8) -> tuple[Piece, ...]:
+    kept = list(pieces)
+    for a, b in block:
+        kept = [part for s, e in kept for part in ((s, min(e, a)), (max(s, b), e)) if part[1] - part[0] >= shortest]
+    return tuple(kept)
+
+
+def measured_moments(frame: RateFrame) -> tuple[ComplexArray, BoolArray]:
+    """C_m + i C_n of the reconstruction (rows,), and where it is usable."""
+    body = np.empty(frame.observed.size, dtype=complex)
+    usable = np.empty(frame.observed.size, dtype=bool)
+    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+        moments = frame.reconstructions[segment.flight].moments
+        body[a:b], usable[a:b] = moments.body[segment.rows], moments.usable[segment.rows]
+    return body, usable
+
+
+def held_out(task: Task, fit: HypothesisFit, count: int) -> HeldOut:
+    """Fit the hypothesis's columns without each block in turn, and predict the moments in it."""
+    frame = fit.frame
+    rates, moments = frame.columns(fit.columns), frame.moments(fit.columns)
+    measured, usable = measured_moments(frame)
+    squares, sizes = [], []
+    for block in blocks(frame, count):
+        values = coefficients(task, frame, rates, _without(frame.pieces, block))
+        rows = np.concatenate([np.arange(a, b) for a, b in block])
+        rows = rows[usable[rows]]
+        error = measured[rows] - moments[rows] @ values
+        squares.append(float(np.sum(np.abs(error) ** 2)) / 2.0)
+        sizes.append(rows.size)
+    by_block = np.array(squares) / np.maximum(sizes, 1)
+    return HeldOut(float(np.sum(squares) / max(sum(sizes), 1)), by_block)
+
+
+def coefficients(task: Task, frame: RateFrame, rates: ComplexArray, pieces: tuple[Piece, ...]) -> FloatArray:
+    """Coefficients (columns,) from some pieces of the record alone."""
+    design = whiten(rates, pieces, task.noise)
+    response = whiten(frame.observed[:, None], pieces, task.noise)[:, 0]
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(design / scale, response, rcond=1e-10)[0] / scale, dtype=float)

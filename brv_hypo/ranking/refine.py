@@ -1,0 +1,157 @@
+"""Delays and knots as continuous parameters: Gauss-Newton on the whitened problem.
+
+In the weak form a jump's column is a continuous function of the time of the jump, so that knots have
+derivatives and standard errors like any other parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.design.columns import Column
+from brv_hypo.mechanisms.contract import Mechanism
+
+DesignOf = Callable[[Sequence[Column]], FloatArray]
+
+
+@dataclass(frozen=True)
+class Nonlinear:
+    """One continuous parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
+
+    kind: str
+    name: str
+    mechanism: str
+    value: float
+    bounds: tuple[float, float]
+    columns: tuple[int, ...]
+
+    def moved(self, columns: Sequence[Column], value: float) -> tuple[Column, ...]:
+        """The columns with this parameter at `value`."""
+        out = list(columns)
+        for j in self.columns:
+            if self.kind == "knot":
+                out[j] = replace(out[j], course=replace(out[j].course, start=value))
+            else:
+                theta = tuple((key, value if key == self.name else old) for key, old in out[j].theta)
+                out[j] = replace(out[j], theta=theta)
+        return tuple(out)
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """The refined model; `columns` is None where there was nothing to refine or nothing was gained."""
+
+    columns: tuple[Column, ...] | None = None
+    values: FloatArray = field(default_factory=lambda: np.zeros(0))
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    residual: FloatArray = field(default_factory=lambda: np.zeros(0))
+    nonlinear: tuple[Nonlinear, ...] = ()
+    std_errors: tuple[float, ...] = ()
+
+    @property
+    def delays(self) -> int:
+        """Number of nonlinear parameters of mechanisms; knots are paid for by the search."""
+        return sum(parameter.kind == "theta" for parameter in self.nonlinear)
+
+
+def refine(
+    columns: tuple[Column, ...], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray,
+    design_of: DesignOf, response: FloatArray, samples: int, efficiency: float, iterations: int = 6,
+) -> Refinement:
+    """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
+
+    A knot may move by half the knot spacing, a delay within its bounds.
+    """
+    nonlinear = _nonlinear(columns, baseline_size, mechanisms, knots)
+    if not nonlinear:
+        return Refinement()
+    design = design_of(columns)
+    values = _solve(design, response)
+    residual = response - design @ values
+    for _ in range(iterations):
+        slopes = _slopes(nonlinear, columns, values, design_of)
+        step = _solve(np.column_stack([design, slopes]), response - design @ values)[values.size :]
+        improved = _line_search(nonlinear, columns, step, design_of, response, float(residual @ residual))
+        if improved is None:
+            break
+        gain = 1.0 - float(improved[4] @ improved[4]) / float(residual @ residual)
+        nonlinear, columns, design, values, residual = improved
+        if gain < 1e-6:
+            break
+    slopes = _slopes(nonlinear, columns, values, design_of)
+    covariance = _covariance(np.column_stack([design, slopes]), residual, samples, efficiency)
+    errors = tuple(float(e) for e in np.sqrt(np.diag(covariance))[values.size :])
+    return Refinement(columns, values, covariance[: values.size, : values.size], residual, nonlinear, errors)
+
+
+def _nonlinear(
+    columns: Sequence[Column], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray
+) -> tuple[Nonlinear, ...]:
+    reach = 0.5 * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
+    found: dict[tuple[str, str, float, object], list[int]] = {}
+    for j, column in enumerate(columns[baseline_size:], start=baseline_size):
+        for name, value in column.theta:
+            found.setdefault(("theta", column.mechanism, value, name), []).append(j)
+        if column.course.kind != "constant" and reach > 0.0 and mechanisms[column.mechanism].name:
+            found.setdefault(("knot", column.mechanism, column.course.start, "knot"), []).append(j)
+    out = []
+    for (kind, mechanism, value, name), members in found.items():
+        if kind == "knot":
+            bounds = (value - reach, value + reach)
+        else:
+            bounds = next(p.bounds for p in mechanisms[mechanism].parameters() if p.name == name)
+        out.append(Nonlinear(kind, str(name), mechanism, value, bounds, tuple(members)))
+    return tuple(out)
+
+
+def _slopes(
+    nonlinear: Sequence[Nonlinear], columns: tuple[Column, ...], values: FloatArray, design_of: DesignOf
+) -> FloatArray:
+    """Derivative of the prediction with respect to each nonlinear parameter (2 rows, parameters)."""
+    out = []
+    for parameter in nonlinear:
+        width = 2e-3 * (parameter.bounds[1] - parameter.bounds[0])
+        chosen = [columns[j] for j in parameter.columns]
+        weights = values[list(parameter.columns)]
+        local = replace(parameter, columns=tuple(range(len(chosen))))
+        high = design_of(local.moved(chosen, parameter.value + width)) @ weights
+        low = design_of(local.moved(chosen, parameter.value - width)) @ weights
+        out.append((high - low) / (2.0 * width))
+    return np.column_stack(out)
+
+
+def _line_search(
+    nonlinear: tuple[Nonlinear, ...], columns: tuple[Column, ...], step: FloatArray, design_of: DesignOf,
+    response: FloatArray, rss: float, halvings: int = 4,
+) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...], FloatArray, FloatArray, FloatArray] | None:
+    for halving in range(halvings):
+        trial = columns
+        moved = []
+        for parameter, full in zip(nonlinear, step, strict=True):
+            value = float(np.clip(parameter.value + full * 0.5**halving, *parameter.bounds))
+            trial = parameter.moved(trial, value)
+            moved.append(replace(parameter, value=value))
+        design = design_of(trial)
+        values = _solve(design, response)
+        residual = response - design @ values
+        if float(residual @ residual) < rss:
+            return tuple(moved), trial, design, values, residual
+    return None
+
+
+def _solve(design: FloatArray, response: FloatArray) -> FloatArray:
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(design / scale, response, rcond=1e-12)[0] / scale, dtype=float)
+
+
+def _covariance(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0.0] = 1.0
+    variance = float(residual @ residual) / max(samples - design.shape[1], 1) / efficiency
+    inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-13, hermitian=True)
+    return np.asarray(variance * inverse / np.outer(scale, scale), dtype=float)

@@ -1,0 +1,150 @@
+"""What `compare` returns; `Comparison.model_dump(by_alias=True)` is the JSON of the contract."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Interval = tuple[float, float]
+
+
+class _Result(BaseModel):
+    model_config = ConfigDict(frozen=True, populate_by_name=True)
+
+
+class TermEstimate(_Result):
+    """One fitted coefficient: value, standard error and partial F-ratio, with its region and delay in s."""
+
+    name: str
+    mechanism: str
+    channel: str
+    value: float
+    std_error: float
+    f_ratio: float
+    units: str
+    region_s: Interval | None = None
+    delay_s: float | None = None
+
+
+class DerivedEstimate(_Result):
+    """A quantity derived from coefficients of one region, such as phi_b."""
+
+    name: str
+    value: float
+    std_error: float
+    units: str
+    region_s: Interval | None = None
+
+
+class MaximumLikelihood(_Result):
+    """The likelihood fit of one hypothesis; `instrument` are the instrument errors that evidence asked for."""
+
+    status: str
+    iterations: int
+    log_likelihood: float | None
+    terms: tuple[TermEstimate, ...] = ()
+    instrument: tuple[TermEstimate, ...] = ()
+    seconds: float = 0.0
+    message: str = ""
+
+
+class RankedHypothesis(_Result):
+    """One hypothesis as fitted and scored.
+
+    `f_ratio` is of the mechanism's terms together against the baseline (None for `none`), `cp` Mallows' C_p
+    against the largest model compared, `prediction_error` the mean square error of the moment coefficients on
+    held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` and `log_likelihood` are at the effective sample size.
+    """
+
+    rank: int
+    mechanism: str
+    f_ratio: float | None
+    cp: float
+    prediction_error: float
+    prediction_ratio: float
+    r2: float
+    bic: float
+    log_likelihood: float
+    n_terms: int
+    n_effective: float
+    terms: tuple[TermEstimate, ...]
+    derived: tuple[DerivedEstimate, ...] = ()
+    criteria: dict[str, float] = Field(default_factory=dict)
+    status: Literal["ok", "nothing selected", "failed"] = "ok"
+    notes: tuple[str, ...] = ()
+    ranked_by: Literal["regression", "maximum likelihood"] = "regression"
+    ml: MaximumLikelihood | None = None
+
+
+class FlightSummary(_Result):
+    """The part of a record that was compared."""
+
+    path: str
+    samples: int
+    start_s: float
+    stop_s: float
+    sample_rate_hz: float
+    title: str = ""
+    notes: tuple[str, ...] = ()
+
+
+class ReconstructionSummary(_Result):
+    """How well the motion is known."""
+
+    method: str
+    alpha_rms_sigma_rad: float
+    phi_w_rms_sigma_rad: float
+    warnings: tuple[str, ...] = ()
+
+
+class BaselineSummary(_Result):
+    """The terms that are fitted along with every hypothesis, as estimated without any mechanism."""
+
+    terms: tuple[TermEstimate, ...]
+
+
+class Verdict(_Result):
+    """`winner` is None where the data cannot tell; `equivalent` then names all that stand."""
+
+    winner: str | None
+    equivalent: tuple[str, ...]
+    probability: dict[str, float]
+    reason: str
+
+
+class Seconds(_Result):
+    """Wall-clock time of each stage, s."""
+
+    reconstruct: float
+    select: float
+    ml: float
+    total: float
+
+
+class Series(_Result):
+    """Histories for pictures, of one flight: not part of the JSON.
+
+    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`.
+    """
+
+    time_s: tuple[float, ...]
+    alpha_rad: tuple[float, ...]
+    windward_meridian_rad: tuple[float, ...]
+    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    sigma: tuple[float, ...]
+    fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+
+
+class Comparison(_Result):
+    """The ranking of the hypotheses with its verdict."""
+
+    schema_: str = Field(default="brv-hypo/compare/1", alias="schema")
+    flights: tuple[FlightSummary, ...]
+    reconstruction: ReconstructionSummary
+    baseline: BaselineSummary
+    ranking: tuple[RankedHypothesis, ...]
+    verdict: Verdict
+    seconds: Seconds
+    warnings: tuple[str, ...] = ()
+    series: tuple[Series, ...] = Field(default=(), exclude=True)

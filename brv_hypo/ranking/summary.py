@@ -1,0 +1,155 @@
+"""Turns fits into the result of the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from brv_hypo.design.columns import BASELINE, Column
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.ranking.fit import HypothesisFit, Task
+from brv_hypo.ranking.heldout import HeldOut, measured_moments
+from brv_hypo.ranking.result import (
+    BaselineSummary,
+    Comparison,
+    DerivedEstimate,
+    FlightSummary,
+    RankedHypothesis,
+    ReconstructionSummary,
+    Seconds,
+    Series,
+    TermEstimate,
+)
+from brv_hypo.ranking.verdict import Score, judge
+
+# Set by the calibration study (see the README): widens the posterior for errors of the reconstruction.
+TEMPERATURE = 2.0
+
+
+def summarise(task: Task, fits: Sequence[HypothesisFit], errors: Sequence[HeldOut], seconds: Seconds) -> Comparison:
+    """Rank the fits, judge them, and gather all that the result holds."""
+    null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
+    verdict = judge([
+        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block))
+        for fit, error in zip(fits, errors, strict=True)
+    ], TEMPERATURE)
+    order = sorted(range(len(fits)), key=lambda i: -verdict.probability[fits[i].name])
+    variance = min(fit.rss / (fit.samples - fit.parameters) for fit in fits)
+    ranking = tuple(
+        _ranked(rank, fits[i], errors[i], fits[null], errors[null], variance, task)
+        for rank, i in enumerate(order, start=1)
+    )
+    reconstructions = task.frame.reconstructions
+    return Comparison(
+        flights=tuple(
+            FlightSummary(path=r.flight.path, samples=r.flight.samples, start_s=float(r.flight.time[0]),
+                          stop_s=float(r.flight.time[-1]), sample_rate_hz=r.flight.sample_rate,
+                          title=r.flight.title, notes=r.flight.notes)
+            for r in reconstructions
+        ),
+        reconstruction=ReconstructionSummary(
+            method=reconstructions[0].method,
+            alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
+            phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
+            warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
+        ),
+        baseline=BaselineSummary(terms=_terms(fits[null], range(len(fits[null].columns)))),
+        ranking=ranking, verdict=verdict, seconds=seconds, series=_series(task, fits),
+    )
+
+
+def _ranked(
+    rank: int, fit: HypothesisFit, error: HeldOut, null: HypothesisFit, null_error: HeldOut, variance: float, task: Task
+) -> RankedHypothesis:
+    dof = fit.samples - fit.parameters
+    extra = fit.parameters - null.parameters
+    response = task.response
+    total = float(response @ response)
+    sigma_squared = fit.rss / fit.samples
+    return RankedHypothesis(
+        rank=rank, mechanism=fit.name,
+        f_ratio=((null.rss - fit.rss) / extra) / (fit.rss / dof) if extra > 0 else None,
+        cp=fit.rss / variance - fit.samples + 2.0 * fit.parameters,
+        prediction_error=error.mean_square, prediction_ratio=error.mean_square / null_error.mean_square,
+        r2=1.0 - fit.rss / total, bic=fit.information,
+        log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * sigma_squared) + 1.0),
+        n_terms=len(fit.selected), n_effective=fit.effective,
+        terms=_terms(fit, range(fit.baseline_size, len(fit.columns))), derived=_derived(fit),
+        criteria={"rss": fit.rss, "adjusted_rss": fit.rss / dof},
+        status="ok" if fit.selected or not fit.mechanisms else "nothing selected",
+    )
+
+
+def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ...]:
+    end = float(fit.frame.time.max())
+    begin = float(fit.frame.time.min())
+    found = []
+    for j in indices:
+        column, value = fit.columns[j], float(fit.values[j])
+        sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
+        found.append(TermEstimate(
+            name=column.label, mechanism=BASELINE if j < fit.baseline_size else column.mechanism,
+            channel=_channel(fit, column), value=value, std_error=sigma,
+            f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"), units=column.units,
+            region_s=None if column.course.kind == "constant" else
+            (max(column.course.start, begin), min(column.course.stop, end)),
+            delay_s=column.delay,
+        ))
+    return tuple(found)
+
+
+def _channel(fit: HypothesisFit, column: Column) -> str:
+    """In which plane the column acts."""
+    motion = fit.frame.motions[0]
+    terms = fit.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
+    term = next(term for term in terms if term.name == column.term)
+    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
+    return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
+
+
+def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
+    found = []
+    end = float(fit.frame.time.max())
+    for parameter, sigma in zip(fit.refinement.nonlinear, fit.refinement.std_errors, strict=True):
+        if parameter.kind == "theta":
+            found.append(DerivedEstimate(name=f"{parameter.mechanism} {parameter.name}", value=parameter.value,
+                                         std_error=sigma, units="s"))
+    groups: dict[tuple[str, int], list[int]] = {}
+    for j, column in enumerate(fit.columns):
+        if column.group is not None:
+            groups.setdefault((column.mechanism, column.group), []).append(j)
+    for (name, _), members in groups.items():
+        course = fit.columns[members[0]].course
+        values = {fit.columns[j].term: float(fit.values[j]) for j in members}
+        covariance = fit.covariance[np.ix_(members, members)]
+        region = None if course.kind == "constant" else (course.start, end)
+        found.extend(
+            DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
+            for d in fit.frame.mechanisms[name].derived(values, covariance)
+        )
+    return tuple(found)
+
+
+def _series(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
+    """Histories for pictures: measured moments in and out of plane, and what each hypothesis makes of them."""
+    frame = task.frame
+    measured, _ = measured_moments(frame)
+    predicted = {fit.name: fit.frame.moments(fit.columns) @ fit.values for fit in fits}
+    found = []
+    for index, motion in enumerate(frame.motions):
+        rows = np.flatnonzero(frame.flight_of_row == index)
+        kept = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == index])
+        phi_w = motion.windward_meridian[kept]
+
+        def plane(body: np.ndarray, phi_w: np.ndarray = phi_w, rows: np.ndarray = rows) -> tuple[tuple[float, ...], tuple[float, ...]]:
+            both = plane_from_body(body[rows], phi_w)
+            return tuple(both.real.tolist()), tuple(both.imag.tolist())
+
+        found.append(Series(
+            time_s=tuple(motion.time[kept].tolist()), alpha_rad=tuple(motion.alpha[kept].tolist()),
+            windward_meridian_rad=tuple(phi_w.tolist()), measured=plane(measured),
+            sigma=tuple(frame.reconstructions[index].moments.sigma[kept].tolist()),
+            fitted={name: plane(body) for name, body in predicted.items()},
+        ))
+    return tuple(found)
