@@ -80,6 +80,15 @@ def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str
     return array * _factor(spelling, units, dimension, dataset_name)
 
 
+def is_unit(units: str) -> bool:
+    """True where `units` is a unit of any dimension that can be read, "1" included."""
+    try:
+        _registry().parse_units(SPELLINGS["dimensionless"].get(units.strip(), units))
+    except Exception:  # pint lets AttributeError, ValueError, TokenError and others out of its parser
+        return False
+    return True
+
+
 def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> float:
     """SI units in one of `spelling`, which must be a plain multiple of the SI unit."""
     unit = _parsed(spelling, units, dimension, dataset_name)
@@ -90,7 +99,7 @@ def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             f"units '{units}' ({unit.dimensionality})",
             f"units of {dimension} ({target.dimensionality}), such as {EXAMPLES[dimension]}",
             "the units of another channel, or a missing power or per-second",
-            f"correct the 'units' attribute of '{dataset_name}'",
+            f"correct the units of '{dataset_name}'",
         )
     if dimension == "angular rate" and not _holds_angle(unit):
         raise refusal(
@@ -120,7 +129,7 @@ def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             f"units '{units}', which cannot be read ({error})",
             f"units of {dimension}, such as {EXAMPLES[dimension]}",
             "a misspelt unit, wrong upper or lower case, or 's2' written for 's^2'",
-            f"correct the 'units' attribute of '{dataset_name}'; join units with '*' and '/'",
+            f"correct the units of '{dataset_name}'; join units with '*' and '/'",
         ) from error
 
 

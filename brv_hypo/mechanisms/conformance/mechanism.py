@@ -1,0 +1,306 @@
+"""The checks of a mechanism: what the engine relies on when it fits, simulates and compares it."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import get_args
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.units import is_unit
+from brv_hypo.mechanisms.conformance.check import Check, expect, named
+from brv_hypo.mechanisms.conformance.samples import read_only, sample_motion, uniform_time
+from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
+from brv_hypo.motion.motion import Motion
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_RESERVED = ("none",)
+
+
+def _thetas(mechanism: Mechanism) -> list[dict[str, float]]:
+    """Every theta at the ends and the middle of the bounds of each parameter."""
+    axes = [
+        [(p.name, value) for value in (p.bounds[0], p.grid[len(p.grid) // 2], p.bounds[1])]
+        for p in mechanism.parameters()
+    ]
+    return [dict(point) for point in itertools.product(*axes)]
+
+
+def _grid(mechanism: Mechanism) -> list[dict[str, float]]:
+    """Every theta that the engine searches."""
+    axes = [[(p.name, value) for value in p.grid] for p in mechanism.parameters()]
+    return [dict(point) for point in itertools.product(*axes)]
+
+
+def _columns(terms: tuple[Term, ...]) -> FloatArray:
+    """In-plane and out-of-plane columns, (terms, 2, *shape)."""
+    return np.array([(term.in_plane, term.out_of_plane) for term in terms], dtype=float)
+
+
+def is_declared(mechanism: Mechanism) -> None:
+    """It has a name, a title, claims and a source, and its class says what it computes."""
+    kind = type(mechanism)
+    for attribute in ("name", "title", "claims", "source"):
+        value = getattr(kind, attribute, None)
+        expect(
+            isinstance(value, str) and bool(value.strip()), f"`{attribute}` is {value!r}: set a line of text"
+        )
+    expect(
+        _NAME.fullmatch(mechanism.name) is not None and mechanism.name not in _RESERVED,
+        f"the name {mechanism.name!r}: use lower case letters, digits and _, and not 'none'",
+    )
+    expect(
+        bool(kind.__dict__.get("__doc__")), "the class has no docstring: state the equation and its source"
+    )
+
+
+def is_configurable(mechanism: Mechanism) -> None:
+    """Its options have defaults, and a configuration can set them."""
+    again = type(mechanism).model_validate(mechanism.model_dump())
+    expect(
+        again == mechanism, f"its options do not survive being written and read: {again!r} for {mechanism!r}"
+    )
+    type(mechanism)()
+
+
+def varies_in_known_ways(mechanism: Mechanism) -> None:
+    """Its time variation is one or more of constant, jump and ramp."""
+    known, stated = get_args(TimeVariation), mechanism.time_variation
+    expect(bool(stated) and set(stated) <= set(known), f"`time_variation` is {stated!r}: choose from {known}")
+
+
+def has_sane_parameters(mechanism: Mechanism) -> None:
+    """Its nonlinear parameters have names, units, and an increasing grid inside their bounds."""
+    parameters = mechanism.parameters()
+    names = [parameter.name for parameter in parameters]
+    expect(len(set(names)) == len(names), f"two parameters share a name: {names}")
+    for parameter in parameters:
+        low, high = parameter.bounds
+        grid = np.asarray(parameter.grid, dtype=float)
+        expect(grid.size > 0, f"the grid of '{parameter.name}' is empty")
+        expect(
+            bool(np.all(np.isfinite([low, high, *grid]))),
+            f"'{parameter.name}': grid or bounds are not finite",
+        )
+        expect(bool(np.all(np.diff(grid) > 0)), f"the grid of '{parameter.name}' does not increase: {grid}")
+        expect(
+            low < high and low <= grid[0] and grid[-1] <= high,
+            f"the grid of '{parameter.name}', {grid[0]} to {grid[-1]}, leaves its bounds {low} to {high}",
+        )
+        expect(is_unit(parameter.units), f"'{parameter.name}': '{parameter.units}' is not a unit")
+        expect(bool(parameter.meaning.strip()), f"'{parameter.name}' does not say what it means")
+
+
+def keeps_the_shape(mechanism: Mechanism) -> None:
+    """Its columns have the motion's shape: (n,) over a record, (batch,) and (batch, 1) in a simulation."""
+    time = uniform_time(60)
+    for sampled in (time, time[:1], time[:, np.newaxis]):
+        for term in mechanism.terms(sample_motion(sampled), _thetas(mechanism)[0]):
+            for side in ("in_plane", "out_of_plane"):
+                shape = np.shape(getattr(term, side))
+                expect(
+                    shape == sampled.shape,
+                    f"`{side}` of '{term.name}' has shape {shape} for a motion of shape {sampled.shape}",
+                )
+
+
+def is_finite(mechanism: Mechanism) -> None:
+    """Its columns are finite for every theta inside the bounds."""
+    motion = sample_motion(uniform_time())
+    for theta in [*_grid(mechanism), *_thetas(mechanism)]:
+        for term in mechanism.terms(motion, theta):
+            finite = np.isfinite(term.in_plane) & np.isfinite(term.out_of_plane)
+            expect(
+                bool(finite.all()),
+                f"'{term.name}' has {np.sum(~finite)} values that are not finite at {theta}",
+            )
+
+
+def has_the_same_terms_for_every_theta(mechanism: Mechanism) -> None:
+    """The number, order, names and units of its terms do not depend on theta."""
+    motion = sample_motion(uniform_time(60))
+    signatures = {
+        tuple((term.name, term.units) for term in mechanism.terms(motion, theta))
+        for theta in _grid(mechanism)
+    }
+    expect(len(signatures) == 1, f"the terms change with theta: {sorted(signatures)}")
+    names = [name for name, _ in signatures.pop()]
+    expect(bool(names) and len(set(names)) == len(names), f"terms need names, each its own: {names}")
+
+
+def states_its_units(mechanism: Mechanism) -> None:
+    """The unit of every coefficient can be read."""
+    for term in mechanism.terms(sample_motion(uniform_time(60)), _thetas(mechanism)[0]):
+        expect(
+            is_unit(term.units), f"'{term.name}': '{term.units}' is not a unit; '1' is that of a pure number"
+        )
+
+
+def is_elementwise(mechanism: Mechanism) -> None:
+    """A part of the motion gives that part of the columns, so a simulated instant agrees with the record."""
+    time = uniform_time(90)
+    chosen = np.array([3, 4, 40, 77])
+    for theta in _thetas(mechanism):
+        whole = _columns(mechanism.terms(sample_motion(time), theta))
+        part = _columns(mechanism.terms(sample_motion(time[chosen]), theta))
+        scale = np.max(np.abs(whole)) or 1.0
+        worst = float(np.max(np.abs(whole[..., chosen] - part))) / scale
+        expect(
+            worst < 1e-9,
+            f"four samples alone differ from the same four in a record by {worst:.1e} of the largest value; "
+            "use each sample alone, and `motion.delayed` for the past",
+        )
+
+
+def is_pure(mechanism: Mechanism) -> None:
+    """The same motion gives the same columns, and the motion is left as it was."""
+    motion = read_only(sample_motion(uniform_time(60)))
+    for theta in _thetas(mechanism):
+        first = _columns(mechanism.terms(motion, theta))
+        again = _columns(mechanism.terms(motion, theta))
+        expect(
+            bool(np.array_equal(first, again)),
+            "two calls with the same motion differ: let nothing be remembered",
+        )
+
+
+def takes_the_meridian_as_an_angle(mechanism: Mechanism) -> None:
+    """A whole turn of the windward meridian changes nothing."""
+    motion = sample_motion(uniform_time(60))
+    for theta in _thetas(mechanism):
+        before = _columns(mechanism.terms(motion, theta))
+        after = _columns(mechanism.terms(_turned(motion), theta))
+        worst = float(np.max(np.abs(before - after)))
+        expect(
+            worst <= 1e-9 * (float(np.max(np.abs(before))) or 1.0),
+            f"adding 2 pi to the windward meridian moves a column by {worst:.1e}; "
+            "use its sine, its cosine or differences",
+        )
+
+
+def _turned(motion: Motion) -> Motion:
+    """The same motion with its meridian counted from one turn further on."""
+    return replace(
+        motion,
+        windward_meridian=motion.windward_meridian + 2.0 * np.pi,
+        history=lambda tau: _turned(motion.delayed(tau)),
+    )
+
+
+def acts_on_the_moments(mechanism: Mechanism) -> None:
+    """Every term moves a moment somewhere in the sample motion."""
+    for theta in _thetas(mechanism)[-1:]:
+        for term in mechanism.terms(sample_motion(uniform_time()), theta):
+            expect(
+                bool(np.any(term.in_plane) or np.any(term.out_of_plane)),
+                f"'{term.name}' is zero throughout a motion of 2 to 4 deg, Mach 22, Reynolds 1e5 to 1e7",
+            )
+
+
+def flags_its_delays(mechanism: Mechanism) -> None:
+    """A parameter that reaches into the past is flagged as a delay, in seconds, and never into the future."""
+    theta = _thetas(mechanism)[0]
+    asked = _delays_asked(mechanism, theta)
+    expect(
+        all(tau >= 0.0 for tau in asked), f"it asks for the motion {-min(asked, default=0.0)} s in the future"
+    )
+    for parameter in mechanism.parameters():
+        moved = _delays_asked(mechanism, {**theta, parameter.name: parameter.bounds[1]}) != asked
+        expect(
+            moved == parameter.is_delay,
+            f"'{parameter.name}' {'sets a delay: flag it' if moved else 'sets no delay but is flagged'} "
+            "(`is_delay`)",
+        )
+        if parameter.is_delay:
+            expect(parameter.units == "s", f"the delay '{parameter.name}' is in '{parameter.units}': use s")
+            expect(parameter.bounds[0] >= 0.0, f"the delay '{parameter.name}' may become negative")
+
+
+def _delays_asked(mechanism: Mechanism, theta: Mapping[str, float]) -> list[float]:
+    """The delays that `terms` asks the motion for."""
+    asked: list[float] = []
+    motion = sample_motion(uniform_time(60))
+
+    def past(tau: float) -> Motion:
+        asked.append(tau)
+        return motion.delayed(tau)
+
+    mechanism.terms(replace(motion, history=past), theta)
+    return asked
+
+
+def has_sane_knots(mechanism: Mechanism) -> None:
+    """Its knots, if it sets any, are increasing times inside the record."""
+    motion = sample_motion(uniform_time())
+    knots = mechanism.knots(motion)
+    if knots is None:
+        return
+    expect(np.ndim(knots) == 1, f"knots of shape {np.shape(knots)}: give a vector of times")
+    inside = (knots >= motion.time[0]) & (knots <= motion.time[-1])
+    expect(
+        bool(np.all(np.diff(knots) > 0) and np.all(inside)),
+        f"knots outside the record or out of order: {knots}",
+    )
+
+
+def derives_with_uncertainty(mechanism: Mechanism) -> None:
+    """What it derives from coefficients is finite, has a unit, and its sigma follows the covariance."""
+    terms = mechanism.terms(sample_motion(uniform_time(60)), _thetas(mechanism)[0])
+    draw = np.random.default_rng(7)
+    values = {
+        term.name: float(value) for term, value in zip(terms, draw.normal(size=len(terms)), strict=True)
+    }
+    root = draw.normal(size=(len(terms), len(terms)))
+    covariance = 1e-4 * root @ root.T
+    for one, four in zip(
+        mechanism.derived(values, covariance), mechanism.derived(values, 4.0 * covariance), strict=True
+    ):
+        expect(bool(np.isfinite(one.value)), f"'{one.name}' is {one.value}")
+        expect(is_unit(one.units), f"'{one.name}': '{one.units}' is not a unit")
+        expect(
+            one.std_error >= 0.0 and bool(np.isclose(four.std_error, 2.0 * one.std_error)),
+            f"'{one.name}': four times the covariance takes sigma from {one.std_error} "
+            f"to {four.std_error}, where twice is expected",
+        )
+
+
+def has_a_sane_likelihood(mechanism: Mechanism) -> None:
+    """Its likelihood is finite and falls as the innovations grow."""
+    innovations = np.random.default_rng(7).normal(size=200)
+    near, far = (mechanism.log_likelihood(scale * innovations, 1.0) for scale in (1.0, 3.0))
+    expect(bool(np.isfinite([near, far]).all()), f"log-likelihoods of {near} and {far}")
+    expect(far < near, f"innovations three times as large are likelier: {far} against {near}")
+
+
+def documents_its_terms(mechanism: Mechanism) -> None:
+    """`terms` says in its docstring which terms it gives."""
+    expect(bool(type(mechanism).terms.__doc__), "`terms` has no docstring of its own")
+
+
+MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = tuple(
+    named(check)
+    for check in (
+        is_declared,
+        documents_its_terms,
+        is_configurable,
+        varies_in_known_ways,
+        has_sane_parameters,
+        keeps_the_shape,
+        is_finite,
+        has_the_same_terms_for_every_theta,
+        states_its_units,
+        is_elementwise,
+        is_pure,
+        takes_the_meridian_as_an_angle,
+        acts_on_the_moments,
+        flags_its_delays,
+        has_sane_knots,
+        derives_with_uncertainty,
+        has_a_sane_likelihood,
+    )
+)
+"""Every check of a mechanism, in the order in which an author wants to read them."""
