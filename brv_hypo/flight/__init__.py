@@ -1,14 +1,17 @@
 """Flight records: from a file to arrays in SI, uniform in time, with every change noted.
 
-load_flight / save_flight / load_truth      store.py: format 1 in and out, on hdf5.py and units.py
-Flight, Vehicle                             record.py: what the rest of the library sees
-Record                                      schema.py: what a valid record holds (pydantic)
-assemble.py                                 the chain from Record to Flight:
-    spikes.py -> resample.py -> derive.py       despike, make uniform, bridge or cut gaps, derive channels
-write_tree, Tree, Dataset                   hdf5.py: any other HDF5 output, written atomically
+- `load_flight`, `save_flight`, `load_truth` (store.py): format 1 in and out, on hdf5.py and units.py
+- `Flight`, `Vehicle` (record.py): what the rest of the library sees
+- schema.py: what a valid record holds (pydantic)
+- assemble.py: from record to flight through spikes.py, resample.py (gaps too) and derive.py
+- `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
+- `import_record` (foreign.py): csv, parquet and mat through a map of names and units
+- `write_tree`, `Tree`, `Dataset` (hdf5.py): any other HDF5 output, with units, whole or not at all
 """
 
+from brv_hypo.flight.foreign import import_record
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
+from brv_hypo.flight.quality import Inspection, Noise, inspect_flight, white_noise
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.spikes import despiked
 from brv_hypo.flight.store import Quantity, load_flight, load_truth, save_flight
@@ -18,13 +21,18 @@ __all__ = [
     "OPTIONAL_CHANNELS",
     "Dataset",
     "Flight",
+    "Inspection",
+    "Noise",
     "Quantity",
     "Tree",
     "Vehicle",
     "despiked",
+    "import_record",
+    "inspect_flight",
     "load_flight",
     "load_truth",
     "read_tree",
     "save_flight",
+    "white_noise",
     "write_tree",
 ]

@@ -109,4 +109,9 @@ class Flight:
             for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)
         }
         segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if s < b and e > a)
+        if not segments:
+            raise UsageError(
+                f"the window [{start}, {stop}] s lies in a gap of the record; it is usable over "
+                f"{', '.join(f'{self.time[s]:.3f} to {self.time[e - 1]:.3f} s' for s, e in self.segments)}."
+            )
         return replace(self, segments=segments, **arrays)

@@ -75,7 +75,7 @@ def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
 
 def longest_gap(step: float, q: FloatArray, r: FloatArray) -> int:
     """The longest gap, in samples and at least 1, that may be bridged in the gyros and accelerometers."""
-    frequency = max(_dominant_frequency(q, step), _dominant_frequency(r, step))
+    frequency = max(dominant_frequency(q, step), dominant_frequency(r, step))
     cycle = np.inf if frequency == 0.0 else 1.0 / (frequency * step)
     return int(np.clip(BRIDGED_CYCLES * cycle, 1, BRIDGED_SAMPLES))
 
@@ -124,7 +124,7 @@ def _placed(values: FloatArray, index: np.typing.NDArray[np.int64], size: int) -
     return grid
 
 
-def _dominant_frequency(values: FloatArray, step: float) -> float:
+def dominant_frequency(values: FloatArray, step: float) -> float:
     """Frequency of the highest peak of the periodogram, Hz; 0 where nothing varies."""
     if np.count_nonzero(np.isfinite(values)) < 4:
         return 0.0

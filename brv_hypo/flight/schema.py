@@ -219,17 +219,21 @@ def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        raise FlightRecordError(" ".join(_refused(problem, group) for problem in error.errors())) from error
+        raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
 
 
-def _refused(problem: Any, group: str) -> str:
-    """One pydantic complaint in the wording of `refusal`."""
+def complaints(error: ValidationError, group: str, guide: str) -> str:
+    """All that pydantic found wrong, each in the wording of `refusal`; `guide` names what to write it by."""
+    return " ".join(_complaint(problem, group, guide) for problem in error.errors())
+
+
+def _complaint(problem: Any, group: str, guide: str) -> str:
     name = "/".join(str(part) for part in (group, *problem["loc"]) if part != "")
     missing = problem["type"] == "missing"
     found = "nothing" if missing else repr(problem["input"])
     expected = "a value" if missing else problem["msg"].removeprefix("Input should be ")
     cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
-    return str(refusal(name, found, expected, cause, f"write '{name}' as format 1 describes it"))
+    return str(refusal(name, found, expected, cause, f"correct '{name}' by {guide}"))
 
 
 def _absent(name: str, present: set[str]) -> FlightRecordError:
@@ -268,5 +272,6 @@ __all__ = [
     "Record",
     "VehicleRecord",
     "check_present",
+    "complaints",
     "validated",
 ]

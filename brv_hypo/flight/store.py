@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import FlightRecordError
+from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
 from brv_hypo.flight.record import Flight
@@ -21,6 +21,7 @@ from brv_hypo.flight.schema import (
     CHANNEL_DIMENSIONS,
     FORMAT,
     FORMAT_VERSION,
+    MINIMUM_SAMPLES,
     VEHICLE_DIMENSIONS,
     Header,
     Record,
@@ -46,7 +47,16 @@ def load_flight(path: str | Path, *, start: float | None = None, stop: float | N
     Raises FlightRecordError (unreadable or invalid) and UsageError (a window without samples).
     """
     flight = assemble(read_record(path))
-    return flight if start is None and stop is None else flight.window(start, stop)
+    if start is None and stop is None:
+        return flight
+    window = flight.window(start, stop)
+    if window.samples < MINIMUM_SAMPLES:
+        raise UsageError(
+            f"the window [{start}, {stop}] s holds {window.samples} samples of {path}, expected at least "
+            f"{MINIMUM_SAMPLES}. Widen --start and --stop: the record runs from {flight.time[0]:.3f} to "
+            f"{flight.time[-1]:.3f} s at {flight.sample_rate:.4g} Hz."
+        )
+    return window
 
 
 def save_flight(

@@ -1,0 +1,178 @@
+"""What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.assemble import assemble, unassemble
+from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
+from brv_hypo.flight.resample import dominant_frequency, runs
+from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
+from brv_hypo.flight.spikes import MAD_TO_SIGMA, find_spikes
+from brv_hypo.flight.store import read_record
+from brv_hypo.flight.units import SI
+
+NOISE_ORDERS = (4, 6, 8)
+WHITE_WITHIN = 1.25
+FEWEST_DIFFERENCES = 50
+FEWEST_SAMPLES_PER_CYCLE = 10.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White-noise standard deviation `sigma`, in the units of the values.
+
+    `trusted` is False where motion, coloured or quantised noise, or too few samples spoil the estimate, which
+    is then no more than a guide.
+    """
+
+    sigma: float
+    trusted: bool
+
+
+@dataclass(frozen=True)
+class ChannelQuality:
+    """One channel: `units` as recorded; range and `noise` in SI; `missing` and `longest_gap` in samples."""
+
+    name: str
+    units: str
+    si_units: str
+    derived: bool
+    missing: int
+    longest_gap: int
+    spikes: int
+    minimum: float
+    maximum: float
+    noise: Noise
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A record at a glance. Times in s, rates in Hz, dynamic pressure in Pa.
+
+    `segments` are the stretches that can be analysed. `transverse_frequency` is the dominant frequency of q
+    and r over the longest of them (0 where they do not vary). `notes` say what reading changed or derived;
+    `warnings` what limits the use of the record.
+    """
+
+    path: str
+    title: str
+    source: str
+    planet: str
+    samples: int
+    start: float
+    stop: float
+    sample_rate: float
+    channels: tuple[ChannelQuality, ...]
+    absent: tuple[str, ...]
+    segments: tuple[tuple[float, float], ...]
+    dynamic_pressure_range: tuple[float, float]
+    transverse_frequency: float
+    samples_per_cycle: float
+    vehicle: Vehicle
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def inspect_flight(flight: Flight | str | Path) -> Inspection:
+    """Inspect a format 1 file, as recorded, or a flight in memory.
+
+    Raises FlightRecordError where the record cannot be used at all.
+    """
+    record = unassemble(flight) if isinstance(flight, Flight) else read_record(flight)
+    ready = flight if isinstance(flight, Flight) else assemble(record)
+    start, stop = max(ready.segments, key=lambda segment: segment[1] - segment[0])
+    frequency = max(dominant_frequency(rate[start:stop], ready.step) for rate in (ready.q, ready.r))
+    channels = tuple(_channels(record, ready))
+    per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
+    pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
+    return Inspection(
+        path=record.path,
+        title=record.title,
+        source=record.source,
+        planet=record.planet,
+        samples=int(record.time.size),
+        start=float(record.time[0]),
+        stop=float(record.time[-1]),
+        sample_rate=ready.sample_rate,
+        channels=channels,
+        absent=tuple(name for name in OPTIONAL_CHANNELS if getattr(ready, name) is None),
+        segments=tuple((float(ready.time[a]), float(ready.time[b - 1])) for a, b in ready.segments),
+        dynamic_pressure_range=(float(pressure.min()), float(pressure.max())),
+        transverse_frequency=frequency,
+        samples_per_cycle=per_cycle,
+        vehicle=ready.vehicle,
+        notes=ready.notes,
+        warnings=tuple(_warnings(channels, per_cycle)),
+    )
+
+
+def white_noise(values: FloatArray) -> Noise:
+    """White-noise sigma of `values` (n,), NaN where missing, from the median absolute sixth difference.
+
+    A difference of order d scales a sinusoid by (2 sin(w h / 2))^d and white noise by sqrt(binomial(2 d, d)):
+    at 16 samples a cycle, 1e-4 of the amplitude is left beside the noise. Orders 4, 6 and 8 agree for white
+    noise alone.
+    """
+    estimates = [_difference_sigma(values, order) for order in NOISE_ORDERS]
+    low, high = min(estimates), max(estimates)
+    enough = np.count_nonzero(np.isfinite(np.diff(values, NOISE_ORDERS[-1]))) >= FEWEST_DIFFERENCES
+    return Noise(estimates[1], bool(enough and 0.0 < high <= WHITE_WITHIN * low))
+
+
+def _difference_sigma(values: FloatArray, order: int) -> float:
+    differences = np.diff(values, order)
+    differences = differences[np.isfinite(differences)]
+    if differences.size == 0:
+        return float("nan")
+    return MAD_TO_SIGMA * float(np.median(np.abs(differences))) / math.sqrt(math.comb(2 * order, order))
+
+
+def _channels(record: Record, ready: Flight) -> list[ChannelQuality]:
+    """Recorded channels as they were recorded, derived ones as they were derived."""
+    found = []
+    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
+        if name in record.channels:
+            units = record.recorded_units.get(name, SI[CHANNEL_DIMENSIONS[name]])
+            found.append(_channel(name, record.channels[name], units, derived=False))
+        elif (values := getattr(ready, name)) is not None:
+            found.append(_channel(name, values, SI[CHANNEL_DIMENSIONS[name]], derived=True))
+    return found
+
+
+def _channel(name: str, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:
+    missing = np.isnan(values)
+    known = values[~missing]
+    return ChannelQuality(
+        name=name,
+        units=units,
+        si_units=SI[CHANNEL_DIMENSIONS[name]],
+        derived=derived,
+        missing=int(np.count_nonzero(missing)),
+        longest_gap=max((stop - start for start, stop in runs(missing)), default=0),
+        spikes=0 if derived else int(np.count_nonzero(find_spikes(values))),
+        minimum=float(known.min()) if known.size else float("nan"),
+        maximum=float(known.max()) if known.size else float("nan"),
+        noise=white_noise(values),
+    )
+
+
+def _warnings(channels: tuple[ChannelQuality, ...], per_cycle: float) -> list[str]:
+    warnings = []
+    if per_cycle < FEWEST_SAMPLES_PER_CYCLE:
+        warnings.append(
+            f"only {per_cycle:.1f} samples a cycle of the transverse motion: rates can hardly be "
+            "differentiated, and delays shorter than a sample cannot be told"
+        )
+    doubtful = [one.name for one in channels if one.name in INERTIAL_CHANNELS and not one.noise.trusted]
+    if doubtful:
+        warnings.append(
+            f"the noise of {', '.join(doubtful)} is not white, or is hidden by motion or rounding: its sigma "
+            "is no more than a guide"
+        )
+    return warnings
