@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.session import Session
 
-app = typer.Typer(
-    help="List the installed mechanisms; write or check a plugin.",
-    invoke_without_command=True,
-    add_completion=False,
-)
+app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 
 @app.callback()
@@ -24,7 +23,7 @@ def listing(
     verbose: options.Verbose = False,
     force: options.Force = False,
 ) -> None:
-    """List the installed mechanisms with their source package and claims; write or check a plugin."""
+    """List the installed mechanisms with package and claims; write or check a plugin."""
     if context.invoked_subcommand is not None:
         return
     session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
@@ -35,3 +34,51 @@ def listing(
     found = installed()
     session.conclude(listing_table(found, verbose=verbose))
     session.write_json(listing_data(found))
+
+
+@app.command("new")
+@guarded
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    directory: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+    ] = Path(),
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+) -> None:
+    """Write a ready plugin package with its tests, to start from."""
+    from brv_hypo.mechanisms.template import write_plugin
+
+    written = write_plugin(name, directory)
+    Session(quiet=quiet).show(
+        f"Wrote {written}. Next:\n"
+        f"  pip install -e '{written}[test]'\n"
+        f"  brv-hypo mechanisms check {name}\n"
+        f"then replace the terms in {written}/brv_hypo_{name}.py by your own."
+    )
+
+
+@app.command("check")
+@guarded
+def check(
+    name: Annotated[str, typer.Argument(help="Name of an installed mechanism or effect.")],
+    json: options.Json = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Run the conformance kit on an installed mechanism or effect."""
+    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
+    session.claim()
+    from brv_hypo.mechanisms import find_installed
+    from brv_hypo.mechanisms.conformance import conformance
+    from brv_hypo.report.mechanisms import conformance_data, conformance_table
+
+    outcomes = conformance(find_installed(name))
+    session.show(conformance_table(name, outcomes))
+    session.write_json(conformance_data(name, outcomes))
+    failed = [outcome.check for outcome in outcomes if not outcome.passed]
+    if failed:
+        session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
+        raise typer.Exit(1)
+    session.conclude(f"'{name}' passes all {len(outcomes)} checks.")

@@ -3,13 +3,32 @@
 hookspecs.py  the plugin border, and the manual for plugin authors
 contract.py   what a mechanism and a record effect are
 registry.py   finds what is installed, by name
+conformance/  named checks that every plugin must pass
+template/     a plugin package to start from
 """
 
 from brv_hypo.mechanisms.contract import Derived, Mechanism, Parameter, RecordEffect, Term
 from brv_hypo.mechanisms.hookspecs import hookimpl
-from brv_hypo.mechanisms.registry import find, installed, mechanisms, parse_hypothesis, record_effects
+from brv_hypo.mechanisms.registry import (
+    find,
+    find_installed,
+    installed,
+    mechanisms,
+    parse_hypothesis,
+    record_effects,
+)
 
 __all__ = [
-    "Derived", "Mechanism", "Parameter", "RecordEffect", "Term", "find", "hookimpl", "installed", "mechanisms",
-    "parse_hypothesis", "record_effects",
+    "Derived",
+    "Mechanism",
+    "Parameter",
+    "RecordEffect",
+    "Term",
+    "find",
+    "find_installed",
+    "hookimpl",
+    "installed",
+    "mechanisms",
+    "parse_hypothesis",
+    "record_effects",
 ]

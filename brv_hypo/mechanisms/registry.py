@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -58,18 +58,29 @@ def record_effects() -> tuple[RecordEffect, ...]:
 
 def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
     """The mechanism of that name, with options set; raises UsageError with the nearest names."""
-    entry = installed().get(name)
-    known = [key for key, value in installed().items() if isinstance(value.item, Mechanism)]
-    if entry is None or not isinstance(entry.item, Mechanism):
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"installed: {', '.join(known)}."
-        raise UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.")
+    items = {key: entry.item for key, entry in installed().items() if isinstance(entry.item, Mechanism)}
+    if name not in items:
+        raise _unknown(name, items)
+    item = items[name]
     if not options:
-        return entry.item
+        return item
     try:
-        return type(entry.item).model_validate({**entry.item.model_dump(), **options})
+        return type(item).model_validate({**item.model_dump(), **options})
     except ValidationError as error:
         raise UsageError(f"bad options for mechanism '{name}': {error}") from None
+
+
+def find_installed(name: str) -> Mechanism | RecordEffect:
+    """The mechanism or record effect of that name; raises UsageError with the nearest names."""
+    if name not in installed():
+        raise _unknown(name, installed())
+    return installed()[name].item
+
+
+def _unknown(name: str, known: Iterable[str]) -> UsageError:
+    near = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"installed: {', '.join(known)}."
+    return UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.")
 
 
 def parse_hypothesis(text: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> tuple[Mechanism, ...]:

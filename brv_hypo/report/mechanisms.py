@@ -1,12 +1,15 @@
-"""The installed mechanisms, as a table and as data."""
+"""The installed mechanisms and their conformance, as tables and as data."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
+from brv_hypo.mechanisms.conformance import Outcome
 from brv_hypo.mechanisms.registry import Installed
 from brv_hypo.report.style import plain_table
 
@@ -42,4 +45,26 @@ def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
             }
             for name, entry in found.items()
         ],
+    }
+
+
+def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
+    """One row for each check, with what was found where it failed."""
+    table = plain_table(f"Conformance of '{name}'")
+    table.add_column("check", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("found")
+    for outcome in outcomes:
+        passed = Text("passed", "green") if outcome.passed else Text("failed", "bold red")
+        table.add_row(outcome.check.replace("_", " "), passed, outcome.detail)
+    return table
+
+
+def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """The same as data for JSON."""
+    return {
+        "schema": "brv-hypo/conformance/1",
+        "mechanism": name,
+        "passed": all(outcome.passed for outcome in outcomes),
+        "checks": [asdict(outcome) for outcome in outcomes],
     }

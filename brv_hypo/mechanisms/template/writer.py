@@ -1,0 +1,69 @@
+"""Writes a plugin package from the template."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import shutil
+import tempfile
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from brv_hypo.errors import UsageError
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+# Template file -> path in the package, in which $module stands for the module's name.
+_FILES = {
+    "pyproject.toml.tmpl": "pyproject.toml",
+    "README.md.tmpl": "README.md",
+    "module.py.tmpl": "$module.py",
+    "test_module.py.tmpl": "tests/test_$module.py",
+}
+
+
+def write_plugin(name: str, parent: Path) -> Path:
+    """A plugin package for the mechanism `name`, written whole or not at all to a new directory in `parent`.
+
+    Returns the directory, `brv-hypo-<name>`. Raises UsageError where the name cannot be one, or the
+    directory exists or cannot be written.
+    """
+    if not _NAME.fullmatch(name) or keyword.iskeyword(name) or name == "none":
+        raise UsageError(
+            f"'{name}' cannot name a mechanism: expected lower case letters, digits and _, a letter first, "
+            "and neither 'none' nor a word of Python. For example 'uneven_ablation'."
+        )
+    words = name.replace("_", " ")
+    values = {
+        "name": name,
+        "module": f"brv_hypo_{name}",
+        "distribution": f"brv-hypo-{name.replace('_', '-')}",
+        "klass": "".join(word.capitalize() for word in words.split()),
+        "title": words,
+    }
+    target = parent / values["distribution"]
+    if target.exists():
+        raise UsageError(
+            f"{target} exists already and is left as it is. Choose another name or another directory."
+        )
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=parent) as scratch:
+            whole = Path(scratch) / target.name
+            _fill(whole, values)
+            shutil.move(whole, target)
+    except OSError as error:
+        raise UsageError(
+            f"{target} cannot be written: {error}. Choose a directory that is writable."
+        ) from error
+    return target
+
+
+def _fill(directory: Path, values: dict[str, str]) -> None:
+    """Every template file, filled in, below `directory`."""
+    source = files("brv_hypo.mechanisms.template")
+    for template, name in _FILES.items():
+        written = directory / Template(name).substitute(values)
+        written.parent.mkdir(parents=True, exist_ok=True)
+        text = source.joinpath(template).read_text(encoding="utf-8")
+        written.write_text(Template(text).substitute(values), encoding="utf-8")
