@@ -1,0 +1,91 @@
+"""From where the search ended to the result: errors, likelihood, innovations, and what cannot be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.noise import negative_log_likelihood
+from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.search import Outcome, residuals
+from brv_hypo.likelihood.step import Problem, Sensitivity, SingularStatesError, gauss_newton_step, sensitivities
+from brv_hypo.likelihood.uncertainty import (
+    coloured_covariance,
+    covariance_from_information,
+    identifiability,
+    whiteness,
+)
+
+_LAGS = 20
+"""Lags of the whiteness test."""
+
+
+def assess(problem: Problem, outcome: Outcome, noise_estimated: bool) -> FitResult:
+    """The result of a search; errors are nan where they cannot be had."""
+    iterate, parameters = outcome.iterate, problem.parameters
+    innovations = residuals(problem, iterate)
+    together = np.concatenate(innovations, axis=1)
+    seen = np.isfinite(together)
+    samples = int(seen.sum())
+    theta = parameters.as_mapping(iterate.theta)
+    at_bound = (iterate.theta <= parameters.lower) | (iterate.theta >= parameters.upper)
+    p = len(parameters.names)
+    triangle = np.full((p, p), np.nan)
+    white = coloured = np.full((p, p), np.nan)
+    try:
+        segments = sensitivities(problem, iterate)
+    except SingularStatesError:
+        segments = ()
+    if segments:
+        triangle = gauss_newton_step(problem, iterate, segments, frozen=True).triangle
+        unknowns = p + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+        inflation = samples / max(samples - unknowns, 1) if noise_estimated else 1.0
+        white = inflation * covariance_from_information(triangle, parameters.prior_std, np.flatnonzero(~at_bound))
+        coloured = coloured_covariance(white, *_whitened(problem, segments), _reach(innovations)) / inflation
+    return FitResult(
+        status=outcome.status,
+        message=outcome.message,
+        names=parameters.names,
+        theta=theta,
+        std_error=_by_name(parameters.names, white),
+        std_error_coloured=_by_name(parameters.names, coloured),
+        covariance=white,
+        covariance_coloured=coloured,
+        log_likelihood=-negative_log_likelihood(together, seen, iterate.covariance),
+        innovation_covariance=iterate.covariance,
+        noise_covariance=iterate.covariance,
+        iterations=len(outcome.history),
+        history=outcome.history,
+        identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
+        whiteness=whiteness(innovations, min(_LAGS, together.shape[1] // 4)),
+        states=iterate.x,
+        innovations=innovations,
+        at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
+        derivatives=problem.model.method,
+        samples=samples,
+    )
+
+
+def _whitened(
+    problem: Problem, segments: Sequence[Sensitivity]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Whitened sensitivities in all parameters, (n, n_outputs, p), and residuals, (n, n_outputs), by segment."""
+    p = len(problem.parameters.names)
+    spread, residual = [], []
+    for segment, index in zip(segments, problem.parameters.segment_index, strict=True):
+        columns = np.zeros((*segment.residual.shape[:2], p))
+        columns[:, :, index] = segment.residual[:, :, 1:]
+        spread.append(columns)
+        residual.append(segment.residual[:, :, 0])
+    return spread, residual
+
+
+def _reach(innovations: Sequence[FloatArray]) -> int:
+    """Longest lag of the coloured correction, samples."""
+    return min(max(v.shape[1] for v in innovations) // 5, 50)
+
+
+def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:
+    return dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True))

@@ -1,0 +1,189 @@
+"""The dynamics as Hermite-Simpson defects between samples, linearised over a whole segment at once.
+
+For the interval from sample k to k + 1 of length h (Hargraves and Paris, J. Guidance 10, 1987)
+
+    x_mid  = (x_k + x_k+1) / 2 + h / 8 (f_k - f_k+1)
+    defect = x_k+1 - x_k - h / 6 (f_k + 4 f_mid + f_k+1)
+
+which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
+from brv_hypo.likelihood.interpolation import Stencil
+from brv_hypo.likelihood.segment import Grid
+
+
+@dataclass(frozen=True)
+class Model:
+    """The user's functions and how they are differentiated; `delays` are the parameters that are delays, s."""
+
+    dynamics: Function
+    outputs: Function
+    delays: tuple[str, ...] = ()
+    method: Method = "complex"
+    scale: Mapping[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class BlockRows:
+    """A sparse matrix of block rows: row k acts on the states of samples k + offset, k + offset + 1, ...
+
+    `blocks` is (n_rows, width, m, n_states); blocks that would stand outside the samples are zero.
+    """
+
+    offset: int
+    blocks: FloatArray
+
+    def dot(self, x: FloatArray) -> FloatArray:
+        """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
+        n = x.shape[0]
+        product: FloatArray | float = 0.0
+        for w in range(self.blocks.shape[1]):
+            column = np.clip(np.arange(self.blocks.shape[0]) + self.offset + w, 0, n - 1)
+            operand = x[column] if x.ndim == 3 else x[column][:, :, None]
+            product = product + self.blocks[:, w] @ operand
+        result = np.asarray(product)
+        return result if x.ndim == 3 else result[:, :, 0]
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """One segment about states x and parameters theta; p parameters of the segment.
+
+    Attributes:
+        defect: (n - 1, n_states). defect_by_state: BlockRows. defect_by_parameter: (n - 1, n_states, p).
+        output: (n, n_outputs). output_by_state: BlockRows. output_by_parameter: (n, n_outputs, p).
+    """
+
+    defect: FloatArray
+    defect_by_state: BlockRows
+    defect_by_parameter: FloatArray
+    output: FloatArray
+    output_by_state: BlockRows
+    output_by_parameter: FloatArray
+
+
+def evaluate_segment(
+    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
+    stencils = _stencils(model.delays, grid, theta)
+    at_samples = _points(grid, x, stencils, grid.samples)
+    f = evaluate(model.dynamics, at_samples, theta)
+    middle = slice(grid.n, None)
+    f_mid = evaluate(model.dynamics, _points(grid, x, stencils, middle, _midpoints(grid, x, f)), theta)
+    output = evaluate(model.outputs, at_samples, theta)
+    return _defect(grid, x, f, f_mid).T, output.T
+
+
+def linearise_segment(
+    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
+) -> Linearisation:
+    """Defects, outputs and their derivatives by states and by the named parameters."""
+    stencils = _stencils(model.delays, grid, theta)
+    at_samples = _points(grid, x, stencils, grid.samples)
+    f = evaluate(model.dynamics, at_samples, theta)
+    everywhere = _points(grid, x, stencils, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
+    scale = model.scale or {}
+    slope = jacobian(model.dynamics, everywhere, theta, names, model.method, scale)
+    output = jacobian(model.outputs, at_samples, theta, names, model.method, scale)
+    by_state, by_parameter = _defect_derivatives(grid, slope, stencils)
+    n = grid.n
+    return Linearisation(
+        defect=_defect(grid, x, slope.value[:, :n], slope.value[:, n:]).T,
+        defect_by_state=by_state,
+        defect_by_parameter=by_parameter,
+        output=output.value.T,
+        output_by_state=_with_delays(
+            n, 0, output.by_state[:, None], [(stencils[d], slice(0, n), b) for d, b in output.by_delayed.items()]
+        ),
+        output_by_parameter=output.by_parameter,
+    )
+
+
+def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:
+    """The samples, with the states as the segment's start gives them."""
+    x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
+    return _points(grid, x, _stencils(delays, grid, theta), grid.samples)
+
+
+def _stencils(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, Stencil]:
+    return {name: grid.stencil(theta[name]) for name in delays}
+
+
+def _points(
+    grid: Grid, x: FloatArray, stencils: Mapping[str, Stencil], part: slice, at: FloatArray | None = None
+) -> Points:
+    """The samples, midpoints or both, with what the delays see there; `at` are the states where not the samples."""
+    delayed: dict[str, Delayed] = {}
+    rates: dict[str, Delayed] = {}
+    n = grid.n
+    for name, whole in stencils.items():
+        stencil = Stencil(whole.index[part], whole.value[part], whole.rate[part])
+        u = grid.u[:, :n]
+        delayed[name] = Delayed(stencil.apply(x), stencil.apply(u))
+        rates[name] = Delayed(stencil.apply_rate(x), stencil.apply_rate(u))
+    return Points(x if at is None else at, grid.u[:, part], grid.t[part], delayed, rates)
+
+
+def _midpoints(grid: Grid, x: FloatArray, f: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + grid.step / 8 * (f[:, :-1] - f[:, 1:]))
+
+
+def _defect(grid: Grid, x: FloatArray, f: FloatArray, f_mid: FloatArray) -> FloatArray:
+    return np.asarray(np.diff(x, axis=1) - grid.step / 6 * (f[:, :-1] + 4 * f_mid + f[:, 1:]))
+
+
+def _defect_derivatives(
+    grid: Grid, slope: Jacobian, stencils: Mapping[str, Stencil]
+) -> tuple[BlockRows, FloatArray]:
+    n, n_states = grid.n, slope.by_state.shape[1]
+    h = grid.step[:, None, None]
+    a, a_mid = slope.by_state[:n], slope.by_state[n:]
+    b, b_mid = slope.by_parameter[:n], slope.by_parameter[n:]
+    by_parameter = -h / 6 * (b[:-1] + 4 * b_mid + b[1:]) - h**2 / 12 * (a_mid @ (b[:-1] - b[1:]))
+    through_mid = h / 3 * a_mid
+    here = -through_mid - h / 6 * a[:-1] - h / 4 * (through_mid @ a[:-1])
+    after = -through_mid - h / 6 * a[1:] + h / 4 * (through_mid @ a[1:])
+    unit = np.eye(n_states)
+    local = np.stack([here - unit, after + unit], axis=1)
+    coupling = []
+    for name, by_delayed in slope.by_delayed.items():
+        d, d_mid = by_delayed[:n], by_delayed[n:]
+        stencil = stencils[name]
+        coupling += [
+            (stencil, slice(0, n - 1), -h / 6 * d[:-1] - h / 4 * (through_mid @ d[:-1])),
+            (stencil, slice(1, n), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
+            (stencil, slice(n, 2 * n - 1), -2 * h / 3 * d_mid),
+        ]
+    return _with_delays(n, 0, local, coupling), by_parameter
+
+
+def _with_delays(
+    n: int, offset: int, local: FloatArray, coupling: list[tuple[Stencil, slice, FloatArray]]
+) -> BlockRows:
+    """Block rows of the local blocks, (rows, width, m, n_states), plus blocks spread over interpolation weights."""
+    coupling = [entry for entry in coupling if np.any(entry[2])]
+    if not coupling:
+        return BlockRows(offset, local)
+    rows = np.arange(local.shape[0])
+    reach = [s.index[part] - rows[:, None] for s, part, _ in coupling]
+    first = min(offset, *(int(r.min()) for r in reach))
+    last = max(offset + local.shape[1] - 1, *(int(r.max()) for r in reach))
+    blocks = np.zeros((rows.size, last - first + 1, *local.shape[2:]))
+    blocks[:, offset - first : offset - first + local.shape[1]] = local
+    for (stencil, part, by_delayed), distance in zip(coupling, reach, strict=True):
+        weights = stencil.value[part]
+        for j in range(weights.shape[1]):
+            blocks[rows, distance[:, j] - first] += weights[:, j, None, None] * by_delayed
+    return BlockRows(first, blocks)
+
+

@@ -1,0 +1,208 @@
+"""First derivatives of the user's functions, all samples at once: complex-step, or scaled central differences.
+
+The complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) and needs functions that
+accept complex arrays and are analytic: no abs, no comparison of complex values, no arctan2. Where they
+are not, central differences take over, each step scaled by the variable that it moves.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+
+Method = Literal["complex", "central"]
+Function = Callable[..., Any]
+
+_COMPLEX_STEP = 1e-30
+_CENTRAL_STEP = float(np.finfo(float).eps) ** (1 / 3)
+_AGREEMENT = 1e-4
+"""Largest relative difference to central differences at which the complex step is believed."""
+
+
+class Delayed(NamedTuple):
+    """States (n_states, n) and inputs (n_inputs, n) a delay earlier, as the user's functions see them."""
+
+    x: FloatArray
+    u: FloatArray
+
+
+@dataclass(frozen=True)
+class Points:
+    """Where a function is evaluated: x (n_states, n), u (n_inputs, n), t (n,), and what its delays see.
+
+    `delayed` holds x(t - delay) and u(t - delay) by the delay's name, `rates` their derivatives by time.
+    """
+
+    x: FloatArray
+    u: FloatArray
+    t: FloatArray
+    delayed: Mapping[str, Delayed] = field(default_factory=dict)
+    rates: Mapping[str, Delayed] = field(default_factory=dict)
+
+
+class Jacobian(NamedTuple):
+    """Value (m, n) and derivatives by states (n, m, n_states), parameters (n, m, p) and delayed states by name."""
+
+    value: FloatArray
+    by_state: FloatArray
+    by_parameter: FloatArray
+    by_delayed: dict[str, FloatArray]
+
+
+def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
+    """The function's value, (m, n)."""
+    return np.asarray(_call(function, points.x, points, theta, points.delayed))
+
+
+def jacobian(
+    function: Function,
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    method: Method,
+    scale: Mapping[str, float],
+) -> Jacobian:
+    """Value and first derivatives at all points.
+
+    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
+    """
+    columns: list[FloatArray] = []
+    n_states = points.x.shape[0]
+    kind: type = complex if method == "complex" else float
+    x = points.x.astype(kind)
+    delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
+    value: list[FloatArray] = []
+
+    def derivative(move: Callable[[Any], Any], size: float) -> None:
+        if method == "complex":
+            moved = np.asarray(move(1j * _COMPLEX_STEP))
+            columns.append(moved.imag.T / _COMPLEX_STEP)
+            if not value:
+                value.append(moved.real.copy())
+        else:
+            step = _CENTRAL_STEP * size
+            columns.append((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
+
+    def along_row(array: FloatArray, row: int) -> Callable[[Any], Any]:
+        def move(step: Any) -> Any:
+            kept = array[row].copy()
+            array[row] += step
+            moved = _call(function, x, points, theta, delayed)
+            array[row] = kept
+            return moved
+
+        return move
+
+    def along_parameter(name: str) -> Callable[[Any], Any]:
+        def move(step: Any) -> Any:
+            seen = delayed
+            if name in delayed:
+                rate, now = points.rates[name], points.delayed[name]
+                seen = delayed | {name: Delayed(now.x - step * rate.x, now.u - step * rate.u)}
+            return _call(function, x, points, dict(theta) | {name: theta[name] + step}, seen)
+
+        return move
+
+    for row in range(n_states):
+        derivative(along_row(x, row), _size(points.x[row]))
+    for name in names:
+        derivative(along_parameter(name), max(abs(theta[name]), scale.get(name, 1.0)))
+    for name, before in delayed.items():
+        for row in range(n_states):
+            derivative(along_row(before.x, row), _size(points.delayed[name].x[row]))
+    if not value:
+        value.append(evaluate(function, points, theta))
+    stacked = np.stack(columns, axis=-1)
+    last = n_states + len(names)
+    by_delayed = {
+        name: stacked[:, :, last + i * n_states : last + (i + 1) * n_states] for i, name in enumerate(delayed)
+    }
+    return Jacobian(value[0], stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
+
+
+def choose_method(
+    functions: tuple[Function, ...],
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    scale: Mapping[str, float],
+) -> Method:
+    """The complex step where every function takes it and central differences agree, else central differences."""
+    for function in functions:
+        central = jacobian(function, points, theta, names, "central", scale)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", np.exceptions.ComplexWarning)
+                exact = jacobian(function, points, theta, names, "complex", scale)
+        except (TypeError, np.exceptions.ComplexWarning):
+            return "central"
+        pairs = zip((*exact[1:3], *exact[3].values()), (*central[1:3], *central[3].values()), strict=True)
+        if not all(_agree(a, b) for a, b in pairs):
+            return "central"
+    return "complex"
+
+
+def parameter_scales(
+    functions: tuple[Function, ...], points: Points, theta: Mapping[str, float], names: tuple[str, ...]
+) -> dict[str, float]:
+    """A size for each parameter, so that one that starts at 0 still gets a sensible difference step.
+
+    A nonzero parameter has its own magnitude; a zero one the change that would move a function by as much
+    as the function's own size.
+    """
+    scale: dict[str, float] = {}
+    reference = [evaluate(f, points, theta) for f in functions]
+    for name in names:
+        if theta[name] != 0.0:
+            scale[name] = abs(theta[name])
+            continue
+        ratios = [1.0]
+        for function, value in zip(functions, reference, strict=True):
+            change = np.linalg.norm(evaluate(function, points, dict(theta) | {name: _CENTRAL_STEP}) - value)
+            size = np.linalg.norm(value)
+            if change > 0 and size > 0:
+                ratios.append(float(_CENTRAL_STEP * size / change))
+        scale[name] = min(ratios)
+    return scale
+
+
+def check_shape(function: Function, points: Points, theta: Mapping[str, float], rows: int, what: str) -> None:
+    """Refuse a function whose value has the wrong shape or is not finite at the start.
+
+    Raises:
+        UsageError: with what was got and what was expected.
+    """
+    value = evaluate(function, points, theta)
+    expected = (rows, points.t.size)
+    if value.shape != expected:
+        raise UsageError(
+            f"{what} returned an array of shape {value.shape}; expected {expected}, one row per "
+            f"{'state' if what == 'dynamics' else 'output'} and one column per sample"
+        )
+    if not np.all(np.isfinite(value)):
+        raise UsageError(f"{what} is not finite at the start values; check theta0, x0 and u, or start nearer to the solution")
+
+
+def _call(
+    function: Function, x: FloatArray, points: Points, theta: Mapping[str, Any], delayed: Mapping[str, Delayed]
+) -> Any:
+    if delayed:
+        return function(x, points.u, theta, points.t, delayed)
+    return function(x, points.u, theta, points.t)
+
+
+def _size(row: FloatArray) -> float:
+    size = float(np.sqrt(np.mean(row**2)))
+    return size if size > 0 else 1.0
+
+
+def _agree(exact: FloatArray, central: FloatArray) -> bool:
+    size = np.abs(central).max(initial=0.0)
+    return bool(np.all(np.isfinite(exact)) and np.abs(exact - central).max(initial=0.0) <= _AGREEMENT * size)

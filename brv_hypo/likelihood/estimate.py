@@ -1,0 +1,132 @@
+"""The entrance: `fit`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.assessment import assess
+from brv_hypo.likelihood.collocation import Model, start_points
+from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
+from brv_hypo.likelihood.noise import Shape, noise_from_differences
+from brv_hypo.likelihood.parameters import Parameters, build_parameters
+from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.search import Options, Progress, search
+from brv_hypo.likelihood.segment import Grid, Segment, build_grid
+from brv_hypo.likelihood.start import looseness, smooth, state_sizes, states_from_outputs
+from brv_hypo.likelihood.step import Iterate, Problem, SingularStatesError
+
+_FLOOR = 1e-14
+"""Least noise variance, as a fraction of an output's mean square."""
+
+
+def fit(
+    dynamics: Function,
+    outputs: Function,
+    segments: Sequence[Segment],
+    theta0: Mapping[str, float],
+    process_noise: Sequence[float] | FloatArray | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    fixed: Collection[str] = (),
+    per_segment: Collection[str] = (),
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    delays: Sequence[str] = (),
+    noise: Shape = "diagonal",
+    noise_covariance: FloatArray | None = None,
+    derivatives: str = "auto",
+    max_iterations: int = 50,
+    tolerance: float = 1e-5,
+    progress: Callable[[Progress], None] | None = None,
+) -> FitResult:
+    """Maximum-likelihood parameters of x' = f(x, u, theta, t), y = h(x, u, theta, t) + noise, by collocation.
+
+    The states at all samples are unknowns, tied by the dynamics (Hermite-Simpson defects), so that unstable
+    motion and poor starts do no harm; cost per iteration is linear in the samples. Initial states are free,
+    each segment's own, unless its `x0_std` says otherwise.
+
+    Args:
+        dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs, n),
+            theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
+            derivatives; others central differences.
+        outputs: h(x, u, theta, t) -> (n_outputs, n).
+        segments: the record, in one or more continuous stretches.
+        theta0: start values by name; 0 is as good a start as any.
+        process_noise: standard deviation of the white noise that drives each state, (n_states,), state units per root
+            second; None, or 0 for a state, makes its dynamics exact (output error).
+        bounds: (lower, upper) by name.
+        fixed: names held at their start value.
+        per_segment: names that take a value of their own in each segment.
+        priors: (mean, standard deviation) by name.
+        delays: names whose value is a delay in s. Both functions then take a fifth argument, `delayed`, with
+            `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if negative);
+            the derivatives by the delay and by the earlier states are carried in full.
+        noise: shape of B, "diagonal" or "full".
+        noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11.
+        derivatives: "auto", "complex" or "central".
+        max_iterations: limit of Gauss-Newton steps.
+        tolerance: step, as a fraction of the standard errors, at which the search ends.
+        progress: called after each iteration.
+
+    Returns:
+        The estimate, its errors and a status; failure to converge is a status, not an exception.
+
+    Raises:
+        UsageError: arguments that do not fit together: shapes, names, bounds, functions that are not finite at the start.
+    """
+    grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
+    if not grids:
+        raise UsageError("no segments were given; expected at least one")
+    parameters = build_parameters(theta0, len(grids), bounds or {}, priors or {}, fixed, per_segment)
+    model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives)
+    histories = states_from_outputs(model, grids, parameters)
+    n_states = grids[0].start.shape[0]
+    driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
+    if driving.shape != (n_states,) or np.any(driving < 0):
+        raise UsageError(f"process_noise is {driving}; expected {n_states} values, one per state, none negative")
+    problem = Problem(model, grids, parameters, state_sizes(histories), driving)
+    y, measured = np.concatenate([g.y for g in grids], axis=1), np.concatenate([g.measured for g in grids], axis=1)
+    covariance = noise_from_differences(y, measured) if noise_covariance is None else np.asarray(noise_covariance, float)
+    iterate = Iterate(histories, parameters.start, covariance)
+    floor = _FLOOR * np.array([np.mean(row[seen] ** 2) if seen.any() else 1.0 for row, seen in zip(y, measured, strict=True)])
+    options = Options(max_iterations, tolerance, noise, noise_covariance is None, np.maximum(floor, 1e-300), progress)
+    if any(g.start.ndim == 1 for g in grids):
+        try:
+            iterate = smooth(problem, iterate, looseness(grids, histories, problem.size))
+        except SingularStatesError:
+            pass
+        else:
+            problem = replace(problem, size=state_sizes(iterate.x))
+    return assess(problem, search(problem, iterate, options), options.estimate_noise)
+
+
+def _model(
+    dynamics: Function,
+    outputs: Function,
+    grids: tuple[Grid, ...],
+    parameters: Parameters,
+    delays: tuple[str, ...],
+    derivatives: str,
+) -> Model:
+    """The functions, checked at the start values, with their way of differentiation."""
+    theta = parameters.of_segment(0, parameters.start)
+    unknown = sorted(set(delays) - set(theta))
+    if unknown:
+        raise UsageError(f"delays names {unknown}, which theta0 does not have; it has {sorted(theta)}")
+    if derivatives not in ("auto", "complex", "central"):
+        raise UsageError(f"derivatives is {derivatives!r}; expected 'auto', 'complex' or 'central'")
+    for s, grid in enumerate(grids):
+        points = start_points(grid, parameters.of_segment(s, parameters.start), delays)
+        check_shape(dynamics, points, theta, grid.start.shape[0], "dynamics")
+        check_shape(outputs, points, theta, grid.y.shape[0], "outputs")
+    functions = (dynamics, outputs)
+    points = start_points(grids[0], theta, delays)
+    scale = parameter_scales(functions, points, theta, parameters.base)
+    method: Method = "central" if derivatives == "central" else "complex"
+    if derivatives == "auto":
+        method = choose_method(functions, points, theta, parameters.base, scale)
+    return Model(dynamics, outputs, delays, method, scale)

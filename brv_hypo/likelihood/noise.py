@@ -1,0 +1,108 @@
+"""Covariance of the measurement noise: whitening with gaps, Eq. 3.11 and Eq. 3.10."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+
+Shape = Literal["diagonal", "full"]
+
+
+def whitening(covariance: FloatArray, measured: BoolArray) -> FloatArray:
+    """W (n, n_outputs, n_outputs) with W'W the inverse covariance of what was measured at each sample.
+
+    `covariance` (n_outputs, n_outputs), `measured` (n_outputs, n). Rows of gaps are zero.
+    """
+    n_outputs, n = measured.shape
+    weights = np.zeros((n, n_outputs, n_outputs))
+    for pattern, where in _patterns(measured):
+        seen = np.ix_(pattern, pattern)
+        block = np.zeros((n_outputs, n_outputs))
+        block[seen] = np.linalg.inv(np.linalg.cholesky(covariance[seen]))
+        weights[where] = block
+    return weights
+
+
+def estimate_covariance(
+    residual: FloatArray,
+    measured: BoolArray,
+    shape: Shape,
+    previous: FloatArray,
+    floor: FloatArray,
+    spread: FloatArray | float = 0.0,
+) -> FloatArray:
+    """B of Eq. 3.11, the mean of v v', (n_outputs, n_outputs), full or diagonal.
+
+    Args:
+        residual: v, (n_outputs, n); its value where nothing was measured is ignored.
+        measured: (n_outputs, n).
+        shape: "diagonal" averages each output over its own samples; "full" fills gaps by their conditional
+            expectation under `previous` (one step of expectation-maximisation; exact where there are none).
+        previous: the covariance before, (n_outputs, n_outputs).
+        floor: least variance of each output, (n_outputs,): noise-free data must not end in a division by zero.
+        spread: sum over samples of the predicted outputs' own covariance (process noise), same shape.
+    """
+    n_outputs, n = residual.shape
+    v = np.where(measured, residual, 0.0)
+    spread = np.broadcast_to(spread, (n_outputs, n_outputs))
+    if shape == "diagonal":
+        count = np.maximum(measured.sum(axis=1), 1)
+        variance = ((v**2).sum(axis=1) + np.diag(spread)) / count
+        return np.diag(np.maximum(variance, floor))
+    total = spread.copy()
+    for pattern, where in _patterns(measured):
+        seen, gap = np.flatnonzero(pattern), np.flatnonzero(~pattern)
+        filled = v[:, where].copy()
+        if gap.size:
+            gain = np.linalg.solve(previous[np.ix_(seen, seen)], previous[np.ix_(seen, gap)]).T
+            filled[gap] = gain @ filled[seen]
+            remaining = previous[np.ix_(gap, gap)] - gain @ previous[np.ix_(seen, gap)]
+            total[np.ix_(gap, gap)] += where.sum() * remaining
+        total += filled @ filled.T
+    covariance = total / n
+    covariance[np.diag_indices(n_outputs)] = np.maximum(np.diag(covariance), floor)
+    return covariance
+
+
+def negative_log_likelihood(residual: FloatArray, measured: BoolArray, covariance: FloatArray) -> float:
+    """NLLF of Eq. 3.10 with erratum E8: 1/2 sum(v' B^-1 v + log det B), over what was measured."""
+    v = np.where(measured, residual, 0.0)
+    total = 0.0
+    for pattern, where in _patterns(measured):
+        seen = covariance[np.ix_(pattern, pattern)]
+        part = v[pattern][:, where]
+        total += 0.5 * float(np.sum(part * np.linalg.solve(seen, part)))
+        total += 0.5 * float(where.sum() * np.linalg.slogdet(seen)[1])
+    return total
+
+
+def noise_from_differences(y: FloatArray, measured: BoolArray) -> FloatArray:
+    """A first guess of the noise covariance, diagonal, from third differences: blind to smooth motion.
+
+    `y` and `measured` are (n_outputs, n).
+    """
+    variance = np.empty(y.shape[0])
+    for i, (row, seen) in enumerate(zip(y, measured, strict=True)):
+        values = row[seen]
+        differences = np.diff(values, 3)
+        size = float(np.mean(values**2)) if values.size else 1.0
+        noise = float(np.mean(differences**2)) / 20.0 if differences.size else size
+        variance[i] = max(noise, 1e-12 * size) or 1.0
+    return np.diag(variance)
+
+
+def _patterns(measured: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:
+    """Each distinct set of outputs measured together, (n_outputs,), and the samples where it holds, (n,)."""
+    if measured.all():
+        yield np.ones(measured.shape[0], bool), np.ones(measured.shape[1], bool)
+        return
+    codes = np.packbits(measured, axis=0).T
+    for code in np.unique(codes, axis=0):
+        where = np.all(codes == code, axis=1)
+        pattern = measured[:, np.argmax(where)]
+        if pattern.any():
+            yield pattern, where

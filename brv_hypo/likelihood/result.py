@@ -1,0 +1,71 @@
+"""What a fit returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.derivatives import Method
+from brv_hypo.likelihood.search import Progress, Status
+from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A maximum-likelihood fit; p free parameters in the order of `names`.
+
+    Attributes:
+        status: "converged", "iteration limit", "stalled", "undetermined" (a state that no output sees) or "diverged".
+        message: cause and remedy where it did not converge.
+        names: the free parameters; a per-segment parameter b is b[0], b[1], ...
+        theta: estimate by name, those held fixed included.
+        std_error: standard error by name, residuals taken as white; nan at a bound or where the data do not
+            determine the parameter.
+        std_error_coloured: the same, corrected for coloured residuals (Morelli and Klein 1997): report this one.
+        covariance: (p, p), residuals taken as white.
+        covariance_coloured: (p, p), corrected.
+        log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant
+            -1/2 N log(2 pi) is left out, as in the report.
+        innovation_covariance: B of Eq. 3.11, (n_outputs, n_outputs).
+        noise_covariance: covariance of the measurement noise; B itself in output error.
+        iterations: Gauss-Newton steps taken.
+        history: NLLF, violation of the dynamics, step length and fraction after each iteration.
+        identifiability: condition, and near-null directions by name.
+        whiteness: test of each output's innovations.
+        states: by segment, (n_states, n).
+        innovations: by segment, measured minus predicted output, (n_outputs, n); nan in gaps.
+        at_bound: parameters that ended at a bound: their errors, and the meaning of the others', are conditional.
+        derivatives: how the functions were differentiated.
+        samples: number of measured values, all outputs and segments.
+    """
+
+    status: Status
+    message: str
+    names: tuple[str, ...]
+    theta: dict[str, float]
+    std_error: dict[str, float]
+    std_error_coloured: dict[str, float]
+    covariance: FloatArray
+    covariance_coloured: FloatArray
+    log_likelihood: float
+    innovation_covariance: FloatArray
+    noise_covariance: FloatArray
+    iterations: int
+    history: tuple[Progress, ...]
+    identifiability: Identifiability
+    whiteness: tuple[Whiteness, ...]
+    states: tuple[FloatArray, ...]
+    innovations: tuple[FloatArray, ...]
+    at_bound: tuple[str, ...]
+    derivatives: Method
+    samples: int
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimate may be used."""
+        return self.status == "converged"
+
+    @property
+    def nllf(self) -> float:
+        """The negative log-likelihood of Eq. 3.10 with erratum E8."""
+        return -self.log_likelihood

@@ -1,0 +1,132 @@
+"""One stretch of measured record, and its time grid for collocation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.interpolation import WIDTH, Interpolator, Stencil
+
+
+@dataclass(frozen=True)
+class History:
+    """What is known before a segment starts, for delayed quantities: t (n,), s; x (n_states, n); u (n_inputs, n)."""
+
+    t: FloatArray
+    x: FloatArray
+    u: FloatArray
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A continuous stretch of record, with its own initial state.
+
+    Attributes:
+        t: sample times, (n,), s, increasing; at least six.
+        u: known inputs, (n_inputs, n); (0, n) where there are none.
+        y: measured outputs, (n_outputs, n); NaN where one was not measured.
+        x0: guess of the initial state, (n_states,), or of the whole history, (n_states, n).
+        x0_std: how well the initial state is known: infinity leaves it free (the default), 0 holds it at
+            x0, anything between is a Gaussian prior; scalar or (n_states,).
+        u_mid: inputs halfway between samples, (n_inputs, n - 1); interpolated by a cubic when left out.
+        history: states and inputs before the start, which delayed quantities need; without it the first
+            sample is held backwards.
+    """
+
+    t: FloatArray
+    u: FloatArray
+    y: FloatArray
+    x0: FloatArray
+    x0_std: float | FloatArray = np.inf
+    u_mid: FloatArray | None = None
+    history: History | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A segment made ready: samples and midpoints, measured mask, interpolator.
+
+    `t` and `u` hold the n samples first and then the n - 1 midpoints, (2 n - 1,) and (n_inputs, 2 n - 1).
+    """
+
+    t: FloatArray
+    u: FloatArray
+    y: FloatArray
+    measured: BoolArray
+    step: FloatArray
+    start: FloatArray
+    start_std: FloatArray
+    interpolator: Interpolator
+    history: History | None = None
+    history_interpolator: Interpolator | None = field(default=None)
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return int(self.y.shape[1])
+
+    @property
+    def samples(self) -> slice:
+        """Where the samples stand in `t` and `u`."""
+        return slice(0, self.n)
+
+    def stencil(self, delay: float) -> Stencil:
+        """Weights of x(t - delay) at all samples and midpoints; delay in s."""
+        return self.interpolator.stencil(self.t - delay)
+
+
+def build_grid(segment: Segment, number: int) -> Grid:
+    """Check a segment and lay out its grid.
+
+    Raises:
+        UsageError: shapes that do not fit together, too few samples, times that do not increase, inputs that are not finite.
+    """
+    t = np.asarray(segment.t, dtype=float)
+    y = np.atleast_2d(np.asarray(segment.y, dtype=float))
+    u = np.asarray(segment.u, dtype=float)
+    u = u.reshape(0, t.size) if u.size == 0 else np.atleast_2d(u)
+    x0 = np.asarray(segment.x0, dtype=float)
+    _check(t, u, y, x0, number)
+    interpolator = Interpolator(t)
+    middle = 0.5 * (t[:-1] + t[1:])
+    u_mid = interpolator.stencil(middle).apply(u) if segment.u_mid is None else np.asarray(segment.u_mid, dtype=float)
+    if u_mid.shape != (u.shape[0], t.size - 1):
+        raise UsageError(
+            f"segment {number}: u_mid has shape {u_mid.shape}, expected {(u.shape[0], t.size - 1)}, one column per interval"
+        )
+    n_states = x0.shape[0]
+    history = segment.history
+    return Grid(
+        t=np.concatenate([t, middle]),
+        u=np.concatenate([u, u_mid], axis=1),
+        y=y,
+        measured=np.isfinite(y),
+        step=np.diff(t),
+        start=x0,
+        start_std=np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (n_states,)),
+        interpolator=interpolator,
+        history=history,
+        history_interpolator=None if history is None else Interpolator(np.asarray(history.t, dtype=float)),
+    )
+
+
+def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: int) -> None:
+    if t.ndim != 1 or t.size < WIDTH:
+        raise UsageError(f"segment {number}: t has shape {t.shape}; expected one dimension and at least {WIDTH} samples")
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
+        raise UsageError(
+            f"segment {number}: the sample times do not increase, or are not finite; remove repeated samples, "
+            "and cut the record into segments where it has gaps"
+        )
+    for name, array in (("u", u), ("y", y)):
+        if array.shape[1:] != t.shape:
+            raise UsageError(f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), one column per sample")
+    if not np.all(np.isfinite(u)):
+        raise UsageError(f"segment {number}: u is not finite everywhere; only y may have gaps (NaN): interpolate u first")
+    if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
+        raise UsageError(
+            f"segment {number}: x0 has shape {x0.shape}; expected finite values, (n_states,) or (n_states, {t.size})"
+        )

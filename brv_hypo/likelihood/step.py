@@ -1,0 +1,240 @@
+"""One Gauss-Newton step: states eliminated segment by segment, then a small least-squares problem in theta."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.collocation import BlockRows, Linearisation, Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.elimination import Eliminated, Quadratic, eliminate
+from brv_hypo.likelihood.noise import whitening
+from brv_hypo.likelihood.parameters import Parameters
+from brv_hypo.likelihood.segment import Grid
+
+_RANK_TOLERANCE = 1e-10
+"""Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
+_ROUNDING = 1e-7
+"""A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that stays the same during a fit.
+
+    `size` (n_states,) is the magnitude of each state; `process_noise` (n_states,) the standard deviation of
+    the noise that drives each state, per root second; 0 makes its dynamics a constraint.
+    """
+
+    model: Model
+    grids: tuple[Grid, ...]
+    parameters: Parameters
+    size: FloatArray
+    process_noise: FloatArray
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance."""
+
+    x: tuple[FloatArray, ...]
+    theta: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """One segment at its linearisation point, states eliminated.
+
+    `residual` (n, n_outputs, 1 + p) holds the whitened residual that a step of the states alone would leave, and its derivative
+    by the p parameters of the segment with the states following; `disturbance` (n, n_states, 1 + p) likewise the whitened process noise.
+    """
+
+    linearisation: Linearisation
+    eliminated: Eliminated
+    residual: FloatArray
+    disturbance: FloatArray
+    whitener: FloatArray
+
+
+@dataclass(frozen=True)
+class Step:
+    """A Gauss-Newton step: in theta, in the states of each segment, and what it promises.
+
+    `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in standard errors
+    (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of the objective, <= 0.
+    """
+
+    theta: FloatArray
+    x: tuple[FloatArray, ...]
+    triangle: FloatArray
+    length: float
+    multiplier: float
+    decrease: float
+
+
+class SingularStatesError(ArithmeticError):
+    """The states of a segment cannot be determined from its outputs; `segment` says which."""
+
+    def __init__(self, segment: int) -> None:
+        super().__init__(f"the states of segment {segment} are not determined by its outputs")
+        self.segment = segment
+
+
+def sensitivities(problem: Problem, iterate: Iterate) -> tuple[Sensitivity, ...]:
+    """Linearise every segment and eliminate its states.
+
+    Raises:
+        SingularStatesError: the outputs leave a state undetermined.
+    """
+    found = []
+    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
+        theta = problem.parameters.of_segment(s, iterate.theta)
+        linearisation = linearise_segment(problem.model, grid, x, theta, problem.parameters.base)
+        whitener = whitening(iterate.covariance, grid.measured)
+        quadratic = _quadratic(problem, grid, x, linearisation, whitener)
+        eliminated = eliminate(quadratic)
+        if eliminated.singular:
+            raise SingularStatesError(s)
+        residual = np.concatenate([quadratic.residual[:, :, None], quadratic.by_parameter], axis=2)
+        residual = residual + quadratic.by_state.dot(eliminated.x)
+        variance = np.where(np.isfinite(quadratic.variance), quadratic.variance, 0.0)
+        disturbance = np.sqrt(variance)[:, :, None] * eliminated.multiplier
+        _drop_rounding(residual, disturbance, quadratic.by_parameter)
+        found.append(Sensitivity(linearisation, eliminated, residual, disturbance, whitener))
+    return tuple(found)
+
+
+def gauss_newton_step(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], frozen: bool = False
+) -> Step:
+    """The step that minimises the linearised problem within the bounds; `frozen` leaves theta where it is."""
+    parameters = problem.parameters
+    p = len(parameters.names)
+    rows = [np.zeros((0, p + 1))]
+    for index, segment in zip(parameters.segment_index, segments, strict=True):
+        local = _triangle(np.concatenate([_flat(segment.residual), _flat(segment.disturbance)]))
+        spread = np.zeros((local.shape[0], p + 1))
+        spread[:, index] = local[:, :-1]
+        spread[:, -1] = local[:, -1]
+        rows.append(spread)
+    data = _triangle(np.concatenate(rows))
+    informed = np.isfinite(parameters.prior_std)
+    prior = np.zeros((p, p + 1))
+    weight = np.where(informed, 1.0 / parameters.prior_std, 0.0)
+    prior[:, :p] = np.diag(weight)
+    prior[:, p] = np.where(informed, weight * (iterate.theta - parameters.prior_mean), 0.0)
+    system = np.concatenate([data, prior[informed]])
+    change = np.zeros(p) if frozen else _bounded_least_squares(system, iterate.theta, parameters)
+    x = tuple(
+        (e.x[:, :, 0] + e.x[:, :, 1:] @ change[index]).T * problem.size[:, None]
+        for e, index in ((s.eliminated, i) for s, i in zip(segments, parameters.segment_index, strict=True))
+    )
+    multiplier = max(
+        float(np.abs(s.eliminated.multiplier[:, :, 0] + s.eliminated.multiplier[:, :, 1:] @ change[i]).max())
+        for s, i in zip(segments, parameters.segment_index, strict=True)
+    )
+    length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
+    promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2))
+    decrease = promised - objective(problem, iterate)[0]
+    return Step(change, x, data[:p, :p], length, multiplier, decrease)
+
+
+def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
+    """Half the weighted sum of squares (outputs, process noise, priors), and the L1 norm of the scaled violated constraints."""
+    total, violation = 0.0, 0.0
+    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
+        theta = problem.parameters.of_segment(s, iterate.theta)
+        defect, output = evaluate_segment(problem.model, grid, x, theta)
+        whitener = whitening(iterate.covariance, grid.measured)
+        residual = whiten(whitener, grid, output)
+        scaled = np.concatenate([_start_defect(problem, grid, x), defect / problem.size])
+        variance = _variance(problem, grid)
+        tight = variance == 0
+        loose = ~tight & np.isfinite(variance)
+        total += 0.5 * float(np.sum(residual**2)) + 0.5 * float(np.sum(scaled[loose] ** 2 / variance[loose]))
+        violation += float(np.sum(np.abs(scaled[tight])))
+    parameters = problem.parameters
+    deviation = (iterate.theta - parameters.prior_mean) / parameters.prior_std
+    return total + 0.5 * float(np.sum(deviation**2)), violation
+
+
+def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> Iterate:
+    """The iterate a fraction of the step further, inside the bounds."""
+    theta = np.clip(iterate.theta + fraction * step.theta, problem.parameters.lower, problem.parameters.upper)
+    return replace(
+        iterate, theta=theta, x=tuple(x + fraction * dx for x, dx in zip(iterate.x, step.x, strict=True))
+    )
+
+
+def whiten(whitener: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
+    """Whitened predicted minus measured output, (n, n_outputs), zero in gaps; `output` is (n, n_outputs)."""
+    difference = np.where(grid.measured.T, output - grid.y.T, 0.0)
+    return (whitener @ difference[:, :, None])[:, :, 0]
+
+
+def _quadratic(
+    problem: Problem, grid: Grid, x: FloatArray, linearisation: Linearisation, whitener: FloatArray
+) -> Quadratic:
+    """One segment's linearisation with outputs whitened and states divided by their size."""
+    size = problem.size
+    outputs, dynamics = linearisation.output_by_state, linearisation.defect_by_state
+    first = np.zeros((1, *linearisation.defect_by_parameter.shape[1:]))
+    return Quadratic(
+        residual=whiten(whitener, grid, linearisation.output),
+        by_state=BlockRows(outputs.offset, whitener[:, None] @ outputs.blocks * size),
+        by_parameter=whitener @ linearisation.output_by_parameter,
+        defect=np.concatenate([_start_defect(problem, grid, x), linearisation.defect / size]),
+        defect_by_state=BlockRows(dynamics.offset, dynamics.blocks * size / size[:, None]),
+        defect_by_parameter=np.concatenate([first, linearisation.defect_by_parameter / size[:, None]]),
+        variance=_variance(problem, grid),
+    )
+
+
+def _drop_rounding(residual: FloatArray, disturbance: FloatArray, direct: FloatArray) -> None:
+    """Zero the columns of parameters that the states can follow entirely: what is left of them is rounding."""
+    left = np.sum(residual[:, :, 1:] ** 2, axis=(0, 1)) + np.sum(disturbance[:, :, 1:] ** 2, axis=(0, 1))
+    void = left <= _ROUNDING**2 * np.sum(direct**2, axis=(0, 1))
+    residual[:, :, 1:][:, :, void] = 0.0
+    disturbance[:, :, 1:][:, :, void] = 0.0
+
+
+def _start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
+    start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
+    return ((x[:, 0] - start) / problem.size)[None]
+
+
+def _variance(problem: Problem, grid: Grid) -> FloatArray:
+    """Diagonal of Q in scaled states, (n, n_states); row 0 is the initial state's."""
+    noise = problem.process_noise**2 * grid.step[:, None]
+    return np.concatenate([grid.start_std[None] ** 2, noise]) / problem.size**2
+
+
+def _flat(columns: FloatArray) -> FloatArray:
+    """(n, m, 1 + p) with the residual first, as rows (n m, p + 1) with the residual last."""
+    rows = columns.reshape(-1, columns.shape[2])
+    return np.concatenate([rows[:, 1:], rows[:, :1]], axis=1)
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    return np.linalg.qr(rows, mode="r") if rows.shape[0] > rows.shape[1] else rows
+
+
+def _bounded_least_squares(system: FloatArray, theta: FloatArray, parameters: Parameters) -> FloatArray:
+    """Minimise |A d + b|, [A b] = `system`, columns scaled and near-null directions left at rest, within the bounds."""
+    p = theta.size
+    norm = np.linalg.norm(system[:, :p], axis=0)
+    norm[norm == 0] = 1.0
+    matrix, right = system[:, :p] / norm, -system[:, p]
+    left, singular, rotation = np.linalg.svd(matrix, full_matrices=False)
+    kept = singular > _RANK_TOLERANCE * singular.max(initial=0.0)
+    change = (rotation[kept].T @ ((left[:, kept].T @ right) / singular[kept])) / norm
+    lower, upper = parameters.lower - theta, parameters.upper - theta
+    if np.all(change >= lower) and np.all(change <= upper):
+        return np.asarray(change)
+    from scipy.optimize import lsq_linear
+
+    bounds = np.minimum(lower, 0.0) * norm, np.maximum(upper, 0.0) * norm
+    return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x / norm)

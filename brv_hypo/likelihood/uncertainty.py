@@ -1,0 +1,146 @@
+"""How well the parameters are known: covariance, its correction for coloured residuals, near-null directions, whiteness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray, IntArray
+
+_NEAR_NULL = 1e-3
+"""Singular value, relative to the largest, of column-scaled sensitivities below which a direction is near-null."""
+_NAMED = 0.1
+"""Least weight with which a parameter is named in a near-null direction."""
+
+
+@dataclass(frozen=True)
+class NearNull:
+    """A combination of parameters that the data hardly see.
+
+    `weights` name the parameters, each scaled by its own information; `relative` is the singular value against the largest.
+    """
+
+    weights: dict[str, float]
+    relative: float
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Condition of the column-scaled sensitivities, and the combinations that the data hardly see, worst first."""
+
+    condition: float
+    near_null: tuple[NearNull, ...]
+
+    def __str__(self) -> str:
+        if not self.near_null:
+            return f"all parameters are seen by the data (condition {self.condition:.3g})"
+        parts = [" ".join(f"{w:+.2f} {name}" for name, w in d.weights.items()) for d in self.near_null]
+        return f"hardly seen by the data (condition {self.condition:.3g}): " + "; ".join(parts)
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Ljung-Box test of one output's innovations: statistic on `lags` lags, p-value, largest autocorrelation and its lag."""
+
+    statistic: float
+    p_value: float
+    lags: int
+    largest: float
+    largest_lag: int
+
+    @property
+    def white(self) -> bool:
+        """Whether whiteness stands at the 1 % level."""
+        return self.p_value >= 0.01
+
+
+def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
+    """Inverse of the information matrix T'T plus priors, (p, p); nan for parameters not in `estimated` (at a bound)."""
+    p = prior_std.size
+    system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, estimated]
+    covariance = np.full((p, p), np.nan)
+    norm = np.linalg.norm(system, axis=0)
+    seen = norm > 0
+    inverse = np.full((estimated.size, estimated.size), np.nan)
+    if seen.any():
+        upper = np.linalg.qr(system[:, seen] / norm[seen], mode="r")
+        if np.linalg.cond(upper) < 1.0 / np.finfo(float).eps:
+            root = np.linalg.inv(upper)
+            inverse[np.ix_(seen, seen)] = root @ root.T / np.outer(norm[seen], norm[seen])
+    covariance[np.ix_(estimated, estimated)] = inverse
+    return covariance
+
+
+def identifiability(triangle: FloatArray, prior_std: FloatArray, names: Sequence[str]) -> Identifiability:
+    """Near-null directions of the column-scaled sensitivities, by the names of their parameters."""
+    system = np.concatenate([triangle, np.diag(1.0 / prior_std)])
+    norm = np.linalg.norm(system, axis=0)
+    _, singular, rotation = np.linalg.svd(system / np.where(norm > 0, norm, 1.0))
+    relative = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
+    directions = []
+    for value, direction in sorted(zip(relative, rotation, strict=True), key=lambda pair: float(pair[0])):
+        if value < _NEAR_NULL:
+            order = np.argsort(-np.abs(direction))
+            weights = {names[i]: float(direction[i]) for i in order if abs(direction[i]) >= _NAMED}
+            directions.append(NearNull(weights, float(value)))
+    condition = float(1.0 / relative[-1]) if relative[-1] > 0 else float("inf")
+    return Identifiability(condition, tuple(directions))
+
+
+def coloured_covariance(
+    covariance: FloatArray, sensitivity: Sequence[FloatArray], residual: Sequence[FloatArray], reach: int
+) -> FloatArray:
+    """Covariance corrected for coloured residuals (Morelli and Klein, J. Aircraft 34, 1997).
+
+    D [sum_i sum_j S_i' B^-1 R(i - j) B^-1 S_j] D with D the covariance for white residuals and R the
+    residuals' autocorrelation, estimated over all segments and tapered (Bartlett) to stay positive.
+
+    Args:
+        covariance: D, (p, p).
+        sensitivity: by segment, whitened, in all parameters, (n, n_outputs, p).
+        residual: by segment, whitened, zero in gaps, (n, n_outputs).
+        reach: longest lag, samples.
+    """
+    p = covariance.shape[0]
+    middle = np.zeros((p, p))
+    correlation = _autocorrelation(residual, reach)
+    for s in sensitivity:
+        for lag in range(min(reach, s.shape[0] - 1) + 1):
+            block = np.einsum("nap,ab,nbq->pq", s[: s.shape[0] - lag], correlation[lag], s[lag:], optimize=True)
+            taper = 1.0 - lag / (reach + 1.0)
+            middle += taper * (block if lag == 0 else block + block.T)
+    return np.asarray(covariance @ middle @ covariance)
+
+
+def _autocorrelation(residual: Sequence[FloatArray], reach: int) -> FloatArray:
+    """R(lag), (reach + 1, n_outputs, n_outputs): mean of v(i) v(i + lag)' over all segments."""
+    n_outputs = residual[0].shape[1]
+    total = np.zeros((reach + 1, n_outputs, n_outputs))
+    seen = np.zeros((n_outputs, n_outputs))
+    for v in residual:
+        for lag in range(min(reach, v.shape[0] - 1) + 1):
+            total[lag] += v[: v.shape[0] - lag].T @ v[lag:]
+        measured = (v != 0).astype(float)
+        seen += np.sqrt(np.outer(measured.sum(axis=0), measured.sum(axis=0)))
+    return total / np.maximum(seen, 1.0)
+
+
+def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, ...]:
+    """Ljung-Box test for each output over all segments; `innovations` (n_outputs, n) each, nan in gaps."""
+    from scipy.special import gammaincc
+
+    tests = []
+    for i in range(innovations[0].shape[0]):
+        rows = [v[i] - np.nanmean(v[i]) if np.isfinite(v[i]).any() else np.zeros(0) for v in innovations]
+        rows = [np.where(np.isfinite(row), row, 0.0) for row in rows]
+        count = sum(int(np.count_nonzero(row)) for row in rows)
+        power = sum(float(row @ row) for row in rows)
+        products = [sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)]
+        r = np.array(products) / power if power > 0 else np.zeros(lags)
+        statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
+        worst = int(np.argmax(np.abs(r)))
+        p_value = float(gammaincc(lags / 2, statistic / 2))
+        tests.append(Whiteness(statistic, p_value, lags, float(r[worst]), worst + 1))
+    return tuple(tests)
