@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +17,22 @@ Theta = tuple[tuple[str, float], ...]
 
 @dataclass(frozen=True)
 class Column:
-    """One candidate: a term of a mechanism at theta, with a course in time; `group` ties vector components."""
+    """One candidate: a term of a mechanism at theta, with a course in time.
+
+    `tied`: the terms of this course are components of one vector and enter together.
+    """
 
     mechanism: str
     term: str
     theta: Theta
     course: TimeFunction
     units: str
-    group: int | None = None
+    tied: bool = False
+
+    @property
+    def vector(self) -> tuple[str, Theta, TimeFunction]:
+        """What the components of one vector share."""
+        return (self.mechanism, self.theta, self.course)
 
     @property
     def delay(self) -> float | None:
@@ -65,18 +73,9 @@ def candidates(
     mechanism: Mechanism, terms: Sequence[tuple[str, str]], knots: FloatArray, thetas: Sequence[Theta]
 ) -> tuple[Column, ...]:
     """All columns of a mechanism: theta x course x term; `terms` are (name, units)."""
-    columns: list[Column] = []
-    group = 0
-    for theta in thetas:
-        for course in courses(mechanism, knots):
-            tie = group if mechanism.terms_enter_together else None
-            columns.extend(
-                Column(mechanism.name, name, theta, course, course.units(units), tie) for name, units in terms
-            )
-            group += 1
-    return tuple(columns)
-
-
-def theta_mapping(theta: Theta) -> Mapping[str, float]:
-    """theta as a mechanism takes it."""
-    return dict(theta)
+    return tuple(
+        Column(mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together)
+        for theta in thetas
+        for course in courses(mechanism, knots)
+        for name, units in terms
+    )

@@ -12,6 +12,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.design.columns import Column, Theta, candidates, theta_grid
 from brv_hypo.design.frame import RateFrame, whiten
+from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.design.whitening import NoiseModel
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.ranking.refine import Refinement, refine
@@ -97,47 +98,57 @@ def extended_bic(rss: float, samples: int, effective: float, parameters: int, se
 
 
 def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> HypothesisFit:
-    """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis."""
+    """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
+
+    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far
+    with the best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term.
+    """
     frame = task.frame.with_mechanisms(mechanisms)
-    columns, searched = _search(task, frame, mechanisms)
+    if not mechanisms:
+        return _solve(task, frame, name, (), task.baseline, 0)
+    offered = _offers(task, frame, mechanisms)
+    searched = len({column for choice in offered for column in choice})
+    best: HypothesisFit | None = None
+    worse = 0
+    for chosen in _best_by_size(task, frame, offered):
+        starts = [chosen] if best is None else [chosen, _extended(task, best, offered)]
+        tried = [_settled(task, frame, name, mechanisms, (*task.baseline, *start), searched) for start in starts if start]
+        challenger = min(tried, key=lambda fit: fit.information)
+        if best is None or challenger.information < best.information:
+            best, worse = challenger, 0
+        else:
+            worse += 1
+        if worse == 2:
+            break
+    assert best is not None
+    return best
+
+
+def _settled(
+    task: Task, frame: RateFrame, name: str, mechanisms: tuple[Mechanism, ...], columns: tuple[Column, ...], searched: int
+) -> HypothesisFit:
+    """Fitted, with C_mw brought up to date where the mechanism uses it, and refined."""
     fit = _solve(task, frame, name, mechanisms, columns, searched)
     if any(mechanism.parameters() for mechanism in mechanisms):
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
         fit = _solve(task, frame, name, mechanisms, fit.columns, searched)
-    if task.refine and fit.selected:
-        fit = _refined(task, fit)
-    return fit
+    return _refined(task, fit) if task.refine else fit
 
 
 def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:
     """The same columns fitted under the task's noise model."""
-    frame = fit.frame
-    if any(mechanism.parameters() for mechanism in fit.mechanisms):
-        frame = frame.with_in_plane_moment(fit.columns, fit.values)
-    renewed = _solve(task, frame, fit.name, fit.mechanisms, fit.columns, fit.searched)
-    return _refined(task, renewed) if task.refine and renewed.selected else renewed
+    return _settled(task, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched)
 
 
-def _search(
-    task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]
-) -> tuple[tuple[Column, ...], int]:
-    """The subset with the least extended BIC, over every theta of mechanisms that allow one theta at a time."""
+def _offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Column, ...]]:
+    """The columns on offer; one set for each theta of mechanisms that allow one theta at a time."""
     grids: list[list[tuple[Theta, ...]]] = [
         [theta_grid(m)] if m.several_parameters_at_once else [(theta,) for theta in theta_grid(m)] for m in mechanisms
     ]
-    searched = sum(len(_columns_of(task, frame, m, theta_grid(m))) for m in mechanisms)
-    forced = task.design(frame, task.baseline)
-    response = task.response
-    best: tuple[float, tuple[Column, ...]] | None = None
-    for choice in itertools.product(*grids):
-        offered = tuple(
-            column for m, thetas in zip(mechanisms, choice, strict=True) for column in _columns_of(task, frame, m, thetas)
-        )
-        score, chosen = _best_subset(task, frame, forced, response, offered, searched)
-        if best is None or score < best[0]:
-            best = (score, chosen)
-    assert best is not None
-    return (*task.baseline, *best[1]), searched
+    return [
+        tuple(c for m, thetas in zip(mechanisms, choice, strict=True) for c in _columns_of(task, frame, m, thetas))
+        for choice in itertools.product(*grids)
+    ]
 
 
 def _columns_of(
@@ -148,29 +159,57 @@ def _columns_of(
     return candidates(mechanism, terms, task.knots if own is None else own, thetas)
 
 
-def _best_subset(
-    task: Task, frame: RateFrame, forced: FloatArray, response: FloatArray, offered: tuple[Column, ...], searched: int
-) -> tuple[float, tuple[Column, ...]]:
-    effective = task.samples * task.efficiency
-    size = forced.shape[1]
-    if not offered:
-        rss = float(np.sum((response - forced @ np.linalg.lstsq(forced, response, rcond=None)[0]) ** 2))
-        return extended_bic(rss, task.samples, effective, size, 0, 0), ()
-    design = np.column_stack([forced, task.design(frame, offered)])
-    groups: dict[tuple[str, int], list[int]] = {}
-    for j, column in enumerate(offered):
-        if column.group is not None:
-            groups.setdefault((column.mechanism, column.group), []).append(size + j)
-    result = best_subsets(
-        design, response, max_terms=min(task.max_terms, len(offered)), forced=tuple(range(size)),
-        groups=tuple(tuple(members) for members in groups.values()) or None,
-    )
-    scored = [
-        (extended_bic(s.rss, task.samples, effective, size + len(s.columns), searched, len(s.columns)),
-         tuple(offered[j - size] for j in s.columns))
-        for s in result.subsets
+def _best_by_size(
+    task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]]
+) -> list[tuple[Column, ...]]:
+    """The subset of least RSS for each number of columns, over all offers; without the empty one."""
+    best: dict[int, tuple[float, tuple[Column, ...]]] = {}
+    forced = task.design(frame, task.baseline)
+    for columns in offered:
+        for rss, chosen in _subsets(task, frame, forced, columns, task.max_terms):
+            if chosen and (len(chosen) not in best or rss < best[len(chosen)][0]):
+                best[len(chosen)] = (rss, chosen)
+    return [best[size][1] for size in sorted(best)]
+
+
+def _extended(task: Task, fit: HypothesisFit, offered: Sequence[tuple[Column, ...]]) -> tuple[Column, ...] | None:
+    """The fitted model's columns with the best further term of its own offer; None where it is full."""
+    size = max((2 if c.tied else 1) for c in fit.selected)
+    if len(fit.selected) + size > task.max_terms:
+        return None
+    forced = task.design(fit.frame, fit.columns)
+    found = [
+        (rss, chosen) for columns in _compatible(fit, offered)
+        for rss, chosen in _subsets(task, fit.frame, forced, columns, size) if chosen
     ]
-    return min(scored, key=lambda pair: pair[0])
+    if not found:
+        return None
+    return (*fit.selected, *min(found, key=lambda pair: pair[0])[1])
+
+
+def _compatible(fit: HypothesisFit, offered: Sequence[tuple[Column, ...]]) -> list[tuple[Column, ...]]:
+    """The offer with the theta that the fit uses, where its mechanism allows one theta at a time."""
+    single = {m.name for m in fit.mechanisms if m.parameters() and not m.several_parameters_at_once}
+    theta = {c.mechanism: c.theta for c in fit.selected if c.mechanism in single}
+    renamed = [tuple(replace(c, theta=theta.get(c.mechanism, c.theta)) for c in columns) for columns in offered]
+    return list(dict.fromkeys(renamed))
+
+
+def _subsets(
+    task: Task, frame: RateFrame, forced: FloatArray, offered: tuple[Column, ...], max_terms: int
+) -> list[tuple[float, tuple[Column, ...]]]:
+    """(RSS, columns) of the best subset of each size beside the forced columns."""
+    size = forced.shape[1]
+    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
+    for j, column in enumerate(offered):
+        if column.tied:
+            vectors.setdefault(column.vector, []).append(size + j)
+    result = best_subsets(
+        np.column_stack([forced, task.design(frame, offered)]), task.response,
+        max_terms=min(max_terms, len(offered)), forced=tuple(range(size)),
+        groups=tuple(tuple(members) for members in vectors.values()) or None,
+    )
+    return [(s.rss, tuple(offered[j - size] for j in s.columns)) for s in result.subsets]
 
 
 def _solve(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,7 +23,7 @@ DesignOf = Callable[[Sequence[Column]], FloatArray]
 class Nonlinear:
     """One continuous parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
 
-    kind: str
+    kind: Literal["theta", "knot"]
     name: str
     mechanism: str
     value: float
@@ -69,6 +70,7 @@ def refine(
     nonlinear = _nonlinear(columns, baseline_size, mechanisms, knots)
     if not nonlinear:
         return Refinement()
+    nonlinear, columns = _scan(nonlinear, columns, design_of, response)
     design = design_of(columns)
     values = _solve(design, response)
     residual = response - design @ values
@@ -92,11 +94,11 @@ def _nonlinear(
     columns: Sequence[Column], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray
 ) -> tuple[Nonlinear, ...]:
     reach = 0.5 * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
-    found: dict[tuple[str, str, float, object], list[int]] = {}
+    found: dict[tuple[Literal["theta", "knot"], str, float, str], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
         for name, value in column.theta:
             found.setdefault(("theta", column.mechanism, value, name), []).append(j)
-        if column.course.kind != "constant" and reach > 0.0 and mechanisms[column.mechanism].name:
+        if column.course.kind != "constant" and reach > 0.0:
             found.setdefault(("knot", column.mechanism, column.course.start, "knot"), []).append(j)
     out = []
     for (kind, mechanism, value, name), members in found.items():
@@ -104,8 +106,30 @@ def _nonlinear(
             bounds = (value - reach, value + reach)
         else:
             bounds = next(p.bounds for p in mechanisms[mechanism].parameters() if p.name == name)
-        out.append(Nonlinear(kind, str(name), mechanism, value, bounds, tuple(members)))
+        out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members)))
     return tuple(out)
+
+
+def _scan(
+    nonlinear: tuple[Nonlinear, ...], columns: tuple[Column, ...], design_of: DesignOf, response: FloatArray,
+    points: int = 7,
+) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...]]:
+    """One coordinate at a time over its bounds: the column of a jump in an oscillating quantity has several minima."""
+    settled = []
+    for parameter in nonlinear:
+        others = [j for j in range(len(columns)) if j not in parameter.columns]
+        basis, _ = np.linalg.qr(design_of([columns[j] for j in others]))
+        left = response - basis @ (basis.T @ response)
+        scores = {}
+        for value in (parameter.value, *np.linspace(*parameter.bounds, points)):
+            moved = parameter.moved(columns, float(value))
+            own = design_of([moved[j] for j in parameter.columns])
+            own = own - basis @ (basis.T @ own)
+            scores[float(value)] = float(np.sum((left - own @ _solve(own, left)) ** 2))
+        best = min(scores, key=lambda value: scores[value])
+        columns = parameter.moved(columns, best)
+        settled.append(replace(parameter, value=best))
+    return tuple(settled), columns
 
 
 def _slopes(

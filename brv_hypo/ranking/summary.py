@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.design.columns import BASELINE, Column
+from brv_hypo.design.columns import BASELINE, Column, Theta
+from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.fit import HypothesisFit, Task
 from brv_hypo.ranking.heldout import HeldOut, measured_moments
@@ -115,12 +116,11 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
         if parameter.kind == "theta":
             found.append(DerivedEstimate(name=f"{parameter.mechanism} {parameter.name}", value=parameter.value,
                                          std_error=sigma, units="s"))
-    groups: dict[tuple[str, int], list[int]] = {}
+    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
     for j, column in enumerate(fit.columns):
-        if column.group is not None:
-            groups.setdefault((column.mechanism, column.group), []).append(j)
-    for (name, _), members in groups.items():
-        course = fit.columns[members[0]].course
+        if column.tied:
+            vectors.setdefault(column.vector, []).append(j)
+    for (name, _, course), members in vectors.items():
         values = {fit.columns[j].term: float(fit.values[j]) for j in members}
         covariance = fit.covariance[np.ix_(members, members)]
         region = None if course.kind == "constant" else (course.start, end)
