@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import mechanisms
+from brv_hypo.cli import compare, mechanisms, records
+from brv_hypo.cli.guard import guarded
 
 app = typer.Typer(
     name="brv-hypo",
@@ -38,6 +39,9 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
+app.command("compare")(guarded(compare.compare))
+app.command("inspect")(guarded(records.inspect))
+app.command("import")(guarded(records.import_))
 app.add_typer(mechanisms.app, name="mechanisms")
 
 

@@ -32,7 +32,7 @@ def listing(
     from brv_hypo.report.mechanisms import listing_data, listing_table
 
     found = installed()
-    session.conclude(listing_table(found, verbose=verbose))
+    session.present(listing_table(found, verbose=verbose), conclusion="\n".join(found))
     session.write_json(listing_data(found))
 
 
@@ -75,10 +75,11 @@ def check(
     from brv_hypo.report.mechanisms import conformance_data, conformance_table
 
     outcomes = conformance(find_installed(name))
-    session.show(conformance_table(name, outcomes))
-    session.write_json(conformance_data(name, outcomes))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
+    passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
+    session.present(conformance_table(name, outcomes), conclusion=passed)
+    session.write_json(conformance_data(name, outcomes))
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
         raise typer.Exit(1)
-    session.conclude(f"'{name}' passes all {len(outcomes)} checks.")
+    session.show(passed)

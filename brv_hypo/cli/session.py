@@ -9,15 +9,22 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from brv_hypo.errors import UsageError
 
 STANDARD_OUTPUT = "-"
+
+
+class Progress(Protocol):
+    """Reports the stage that long work has reached and, where known, the fraction (0 to 1) done."""
+
+    def __call__(self, stage: str, fraction: float | None = None) -> None:
+        """Show the stage."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +71,13 @@ class Session:
     def show(self, *renderables: Any) -> None:
         """Print for a human reader; silent with -q or where standard output belongs to JSON."""
         if not self.quiet:
-            self.conclude(*renderables)
+            self._print(*renderables)
 
-    def conclude(self, *renderables: Any) -> None:
-        """Print what even -q lets through: the conclusion."""
+    def present(self, view: Any, conclusion: str) -> None:
+        """Print the view; with -q the conclusion alone; nothing where standard output belongs to JSON."""
+        self._print(conclusion if self.quiet else view)
+
+    def _print(self, *renderables: Any) -> None:
         if self.json_only:
             return
         from rich.console import Console
@@ -90,24 +100,39 @@ class Session:
         else:
             write_whole(Path(self.json), text)
 
-    def write_report(self, page: Callable[[], str]) -> None:
-        """The HTML report, where it was asked for; `page` is called only then."""
+    def write_report(self, page: str) -> None:
+        """The HTML report, where it was asked for."""
         if self.report is not None:
-            write_whole(self.report, page())
+            write_whole(self.report, page)
 
     @contextmanager
-    def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
-        """A bar on standard error for `callback(stage, fraction done)`; only on a terminal, never with -q."""
+    def progress(self, title: str) -> Iterator[Progress]:
+        """A bar on standard error that a `Progress` moves; drawn only on a terminal, and never with -q."""
         if self.quiet or not sys.stderr.isatty():
-            yield lambda stage, fraction: None
+            yield _silent
             return
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
 
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(title, total=1.0)
-            yield lambda stage, fraction: bar.update(task, description=stage, completed=fraction)
+        columns = (
+            BarColumn(bar_width=24),
+            TimeElapsedColumn(),
+            TextColumn("{task.description}", markup=False),
+        )
+        with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(title, total=None)
+
+            def advance(stage: str, fraction: float | None = None) -> None:
+                bar.update(
+                    task, description=stage, total=None if fraction is None else 1.0, completed=fraction
+                )
+
+            yield advance
+
+
+def _silent(stage: str, fraction: float | None = None) -> None:
+    """No bar."""
 
 
 def as_json(result: Any) -> str:

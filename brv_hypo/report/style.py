@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from rich import box
+from rich.console import Group, RenderableType
 from rich.table import Table
+from rich.text import Text
 
 NOT_A_NUMBER = "–"
 
@@ -17,6 +20,7 @@ def plain_table(title: str | None = None) -> Table:
         title_justify="left",
         title_style="bold",
         box=box.SIMPLE_HEAD,
+        show_edge=False,
         pad_edge=False,
         padding=(0, 1, 0, 0),
     )
@@ -38,3 +42,21 @@ def percent(value: float | None) -> str:
     if 0.0 < value < 0.005:
         return "<1 %"
     return f"{100.0 * value:.0f} %"
+
+
+def interval(region: tuple[float, float] | None) -> str:
+    """A region of time; a dash where it is the whole."""
+    return NOT_A_NUMBER if region is None else f"{region[0]:.2f}–{region[1]:.2f}"
+
+
+def bullets(messages: Iterable[str], heading: str, style: str = "dim") -> RenderableType:
+    """The messages as a list under a heading; nothing where there are none."""
+    grid = Table.grid(padding=(0, 1))
+    for message in dict.fromkeys(messages):
+        grid.add_row(" -", message, style=style)
+    return Group(Text(heading, style), grid) if grid.row_count else Group()
+
+
+def warning_list(messages: Iterable[str]) -> RenderableType:
+    """What limits the result."""
+    return bullets(messages, "Warnings", "yellow")

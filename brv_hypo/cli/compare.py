@@ -1,0 +1,59 @@
+"""`brv-hypo compare`: competing mechanisms on one flight or several, ranked, with a verdict."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.session import Session
+
+Mechanisms = Annotated[
+    str | None,
+    typer.Option(
+        "--mechanisms",
+        metavar="NAME,NAME",
+        help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; all installed if left out.",
+    ),
+]
+
+
+def compare(
+    flights: options.FlightFiles,
+    mechanisms: Mechanisms = None,
+    config: options.Config = None,
+    json: options.Json = None,
+    report: options.Report = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    seed: options.Seed = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Fit competing mechanisms, rank them and give a verdict."""
+    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
+    session.claim()
+    from brv_hypo import compare as rank
+    from brv_hypo import load_flight
+    from brv_hypo.ranking import read_compare_config
+    from brv_hypo.report.compare import comparison_view
+
+    settings = read_compare_config(config, **chosen(mechanisms))
+    records = [load_flight(path).window(start, stop) for path in flights]
+    with session.progress("comparing") as progress:
+        comparison = rank(records, settings, progress=progress)
+    session.present(comparison_view(comparison, verbose=verbose), conclusion=comparison.verdict.reason)
+    session.write_json(comparison)
+    if report is not None:
+        from brv_hypo.report.pages import comparison_page
+
+        session.write_report(comparison_page(comparison))
+
+
+def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
+    """The setting that `--mechanisms` makes: its names; nothing where it was left out."""
+    if mechanisms is None:
+        return {}
+    return {"mechanisms": tuple(name.strip() for name in mechanisms.split(",") if name.strip())}

@@ -1,0 +1,54 @@
+"""`brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.session import Session
+
+
+def inspect(
+    flight: options.FlightFile,
+    json: options.Json = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Show channels, units, rates, gaps, noise, spikes, and what is usable."""
+    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
+    session.claim()
+    from brv_hypo.flight import inspect_flight, load_flight
+    from brv_hypo.report.flight import inspection_data, inspection_line, inspection_view
+
+    windowed = start is not None or stop is not None
+    inspection = inspect_flight(load_flight(flight).window(start, stop) if windowed else flight)
+    session.present(inspection_view(inspection), conclusion=inspection_line(inspection))
+    session.write_json(inspection_data(inspection))
+
+
+def import_(
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="Foreign record: csv, parquet or mat.")],
+    mapping: Annotated[
+        Path, typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
+    ],
+    output: options.Output,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Bring a foreign record in, through a map of its names and units."""
+    session = Session(force=force, quiet=quiet, verbose=verbose)
+    session.claim(output)
+    from brv_hypo.flight import import_record, save_flight
+    from brv_hypo.report.style import bullets
+
+    flight = import_record(data, mapping)
+    save_flight(flight, output, overwrite=force)
+    session.show(bullets(flight.notes, "Notes"))
+    session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
