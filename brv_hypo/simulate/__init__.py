@@ -1,1 +1,26 @@
-"""."""
+"""6-DOF flights with planted mechanisms and instrument errors, the truth set apart.
+
+    simulate, simulate_batch        simulator.py: a configuration -> `SimulatedFlight` (result.py)
+    SimulationConfig                config.py: the schema of configs/*.yaml
+    load_config, config_path        loading.py: files and names; variation.py: flights that differ in a few numbers
+    the equations of motion         dynamics.py, on rotation.py and atmosphere.py
+    planted mechanisms              planting.py, their past in history.py
+    Runge-Kutta                     integration.py
+    Appendix B                      instruments.py
+"""
+
+from brv_hypo.simulate.config import SimulationConfig
+from brv_hypo.simulate.loading import config_names, config_path, load_config
+from brv_hypo.simulate.result import SimulatedFlight, Truth
+from brv_hypo.simulate.simulator import simulate, simulate_batch
+
+__all__ = [
+    "SimulatedFlight",
+    "SimulationConfig",
+    "Truth",
+    "config_names",
+    "config_path",
+    "load_config",
+    "simulate",
+    "simulate_batch",
+]

@@ -1,0 +1,102 @@
+"""Fixed-step Runge-Kutta of fourth order, landing on every instant at which the moments may jump or kink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.simulate.dynamics import ATTITUDE, System
+from brv_hypo.simulate.history import History
+from brv_hypo.simulate.planting import Planted
+
+# Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
+_ASIDE = 1e-10
+_SAME = 1e-9
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes (n,) s of the integration; `breaks` (n,) marks jumps; `samples` (m,) are indices of the sample times."""
+
+    nodes: FloatArray
+    breaks: BoolArray
+    samples: IntArray
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Integrated flights: nodes (n,) s, states and rates (n, 13, flights); `samples` index the nodes."""
+
+    nodes: FloatArray
+    states: FloatArray
+    rates: FloatArray
+    samples: IntArray
+
+
+def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks: FloatArray) -> Grid:
+    """Uniform nodes from `start`, `step` apart, with `breaks` (s) inserted where they do not fall on one."""
+    uniform = start + step * np.arange((samples - 1) * steps_per_sample + 1)
+    inside = np.unique(breaks[(breaks >= start - _SAME) & (breaks <= uniform[-1] + _SAME)])
+    offset = np.abs(inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)])
+    extra = inside[offset > _SAME]
+    extra = extra[np.diff(extra, prepend=-np.inf) > _SAME]
+    nodes = np.sort(np.concatenate([uniform, extra]))
+    marked = np.zeros(nodes.size, dtype=np.bool_)
+    nearest = np.clip(np.searchsorted(nodes, inside - _SAME), 0, nodes.size - 1)
+    marked[nearest] = True
+    return Grid(nodes, marked, np.searchsorted(nodes, uniform[::steps_per_sample]).astype(np.int64))
+
+
+def break_times(planted: tuple[Planted, ...], others: FloatArray, start: float) -> FloatArray:
+    """Where moments jump or kink (s): region edges, `others`, and what follows from them one and two delays later."""
+    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in planted)]))
+    first = np.unique(np.concatenate([others, *(item.edges() for item in planted)]))
+    # The start is a kink only for those who look back at it.
+    seen = np.concatenate([first, [start]]) if delays.size > 1 else first
+    later = np.unique(seen[:, None] + delays)
+    return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + delays)]))
+
+
+def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | None = None) -> Trajectory:
+    """The trajectory from `state` (13, flights); `progress` is called with the fraction done."""
+    nodes, flights = on.nodes, state.shape[1]
+    history = History(system, nodes, on.breaks, flights)
+    looks_back = bool(system.planted)
+
+    def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
+        instant = np.full(flights, time)
+        air = system.air_data(instant, value)
+        motion = system.motion(instant, value, air, near, history.past if looks_back else None)
+        return system.state_rate(value, air, motion), motion.windward_meridian
+
+    near = np.zeros(flights)
+    history.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
+    for node in range(nodes.size - 1):
+        begin, end = nodes[node], nodes[node + 1]
+        step = end - begin
+        after = begin + _ASIDE if on.breaks[node] else begin
+        before = end - _ASIDE if on.breaks[node + 1] else end
+        k1, near = rate(after, state, near)
+        history.store(node, state, k1, near)
+        k2, _ = rate(begin + 0.5 * step, state + (0.5 * step) * k1, near)
+        k3, _ = rate(begin + 0.5 * step, state + (0.5 * step) * k2, near)
+        k4, _ = rate(before, state + step * k3, near)
+        state = _normalised(state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+        if on.breaks[node + 1]:
+            history.store_before(node + 1, rate(before, state, near)[0])
+        if progress is not None and node % 64 == 0:
+            progress(node / nodes.size)
+    final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
+    history.store(nodes.size - 1, state, *rate(final, state, near))
+    return Trajectory(nodes, history.states, history.rates, on.samples)
+
+
+def _normalised(state: FloatArray) -> FloatArray:
+    """The state with a unit quaternion."""
+    state[ATTITUDE] /= np.sqrt(np.sum(state[ATTITUDE] ** 2, axis=0))
+    return state
