@@ -22,6 +22,8 @@ class MomentEstimate:
     `body` (n,) is C_m + i C_n; `sigma` (n,) the standard deviation of each of its two components;
     `filter_half_width` samples and `noise_correlation` (2 half_width + 1,) describe the colour: the
     correlation of the error at lag 0, 1, ... samples. `usable` (n,) is False where no estimate is made.
+    The error is so correlated in the axes that turn with (1 - Ix/I) of the roll: multiply `body` by
+    exp(i spin_angle), `spin_angle` (n,) rad, and by the dynamic pressure, to have it stationary.
     """
 
     body: ComplexArray
@@ -29,6 +31,7 @@ class MomentEstimate:
     usable: BoolArray
     filter_half_width: int
     noise_correlation: FloatArray
+    spin_angle: FloatArray
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,69 @@
+"""Attitude from rate gyros: the roll angle, and the de-rolled axes in the axes of the first sample.
+
+The de-rolled axes turn with the body but for its roll: x is the body's, and a transverse pair is y + i z times
+exp(i roll). What is left to integrate varies with the slow pitching motion only, whatever the roll rate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+
+
+def running_integral(time: FloatArray, values: FloatArray) -> FloatArray:
+    """Integral of `values` (n, ...) from the first sample to each, along the first axis; fourth order."""
+    return np.asarray(CubicSpline(time, values).antiderivative()(time))
+
+
+def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
+    """Rotation matrices (n, 3, 3) from de-rolled axes to those of the first sample.
+
+    `transverse_rate` (n,) is (q + i r) exp(i roll) in rad/s.
+    """
+    angle = CubicSpline(time, transverse_rate).antiderivative()(time)
+    steps = np.diff(angle, prepend=angle[:1])
+    return _matrices(_running_product(_quaternions(steps)))
+
+
+def _quaternions(steps: ComplexArray) -> FloatArray:
+    """Unit quaternions (n, 4), scalar first, of rotation vectors (0, Re, Im) in rad."""
+    half = 0.5 * np.abs(steps)
+    scale = 0.5 * np.sinc(half / np.pi)
+    return np.stack([np.cos(half), np.zeros_like(half), scale * steps.real, scale * steps.imag], axis=1)
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Quaternion products a b, (n, 4)."""
+    a0, a1, a2, a3 = a.T
+    b0, b1, b2, b3 = b.T
+    return np.stack(
+        [
+            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+            a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+            a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
+            a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
+        ],
+        axis=1,
+    )
+
+
+def _running_product(quaternions: FloatArray) -> FloatArray:
+    """Products of the first 1, 2, ... n, by doubling: log2(n) vectorised passes."""
+    product = quaternions.copy()
+    reach = 1
+    while reach < product.shape[0]:
+        product[reach:] = _product(product[:-reach], product[reach:])
+        reach *= 2
+    return np.asarray(product / np.linalg.norm(product, axis=1, keepdims=True))
+
+
+def _matrices(quaternions: FloatArray) -> FloatArray:
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)

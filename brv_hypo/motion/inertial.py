@@ -1,0 +1,149 @@
+"""What the instruments say before any wind is assumed: attitude, forces at the c.g., noise levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.differentiation import Derivative, differentiate
+from brv_hypo.motion.noise import white_noise_level
+
+FEWEST_SAMPLES = 16
+
+
+@dataclass(frozen=True)
+class InertialRecord:
+    """A flight, integrated; transverse pairs are y + i z, arrays are over time (n,).
+
+    `roll` rad, the integral of p; `attitude` (n, 3, 3) turns body axes into those of the first sample;
+    `transverse_rate` q + i r, smoothed, and `spin_rate` its derivative with the filter's error (`Derivative`, of the rate
+    in the axes that turn with (1 - Ix/I) of the roll); `force` (n, 3) specific force at the c.g. in body axes, m/s^2;
+    `measured` where the instruments were read, not bridged; `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise;
+    `force_sigma` (n,) m/s^2 that of the transverse force once moved to the c.g.
+    """
+
+    flight: Flight
+    roll: FloatArray
+    attitude: FloatArray
+    transverse_rate: ComplexArray
+    rate_change: ComplexArray
+    spin_rate: Derivative
+    spin_angle: FloatArray
+    force: FloatArray
+    measured: BoolArray
+    gyro_sigma: float
+    accel_sigma: float
+    force_sigma: FloatArray
+
+    @property
+    def time(self) -> FloatArray:
+        """Time since the first sample, s."""
+        return self.flight.time - self.flight.time[0]
+
+    @property
+    def transverse_force(self) -> ComplexArray:
+        """Specific force f_y + i f_z at the c.g., m/s^2."""
+        return np.asarray(self.force[:, 1] + 1j * self.force[:, 2])
+
+    @property
+    def force_scale(self) -> FloatArray:
+        """q_inf S / m in m/s^2: specific force per unit force coefficient (Eq. 2.2)."""
+        vehicle = self.flight.vehicle
+        return np.asarray(self.flight.dynamic_pressure * vehicle.reference_area / vehicle.mass)
+
+    @property
+    def moment_scale(self) -> FloatArray:
+        """q_inf S d / I in 1/s^2: angular acceleration per unit moment coefficient (Eq. 2.3)."""
+        return np.asarray(self.flight.dynamic_pressure * self.flight.vehicle.moment_scale)
+
+    @property
+    def force_inertial(self) -> FloatArray:
+        """Specific force at the c.g. in the axes of the first sample (n, 3), m/s^2."""
+        return np.asarray(np.einsum("nij,nj->ni", self.attitude, self.force))
+
+    def to_body(self, vectors: FloatArray) -> FloatArray:
+        """Vectors (n, 3) in the axes of the first sample, turned into body axes."""
+        return np.asarray(np.einsum("nji,nj->ni", self.attitude, vectors))
+
+
+def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRecord:
+    """Integrate the gyros and move the accelerometers to the c.g.
+
+    Raises UnanswerableError where the record is too short for any of it.
+    """
+    _refuse_what_cannot_be_integrated(flight)
+    gyro_sigma = config.gyro_sigma or _pooled(flight, ("q", "r"))
+    accel_sigma = config.accel_sigma or _pooled(flight, ("ay", "az"))
+    time = flight.time - flight.time[0]
+    roll = running_integral(time, flight.p)
+    spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
+    spin = differentiate((flight.q + 1j * flight.r) * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments)
+    rate = spin.value * np.exp(-1j * spin_angle)
+    turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate
+    change = spin.rate * np.exp(-1j * spin_angle) - turning
+    derolled = derolled_attitude(time, (flight.q + 1j * flight.r) * np.exp(1j * roll))
+    force, force_sigma = _force_at_cg(flight, rate, change, spin, gyro_sigma, accel_sigma)
+    return InertialRecord(
+        flight=flight, roll=roll, attitude=derolled @ _roll_matrices(roll), transverse_rate=rate, rate_change=change,
+        spin_rate=spin, spin_angle=spin_angle, force=force, measured=_measured(flight),
+        gyro_sigma=gyro_sigma, accel_sigma=accel_sigma, force_sigma=force_sigma,
+    )
+
+
+def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
+    longest = max(b - a for a, b in flight.segments)
+    if longest < FEWEST_SAMPLES:
+        raise UnanswerableError(
+            f"the longest stretch without a gap has {longest} samples; reconstruction needs at least "
+            f"{FEWEST_SAMPLES}. Widen --start and --stop, or bridge the gaps of the record."
+        )
+    for name in ("velocity", "dynamic_pressure"):
+        lowest = float(np.min(getattr(flight, name)))
+        if not lowest > 0.0:
+            raise UnanswerableError(
+                f"{name} falls to {lowest:.3g}; angles and coefficients need it above zero throughout. "
+                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and --stop."
+            )
+
+
+def _pooled(flight: Flight, names: tuple[str, str]) -> float:
+    levels = [white_noise_level(getattr(flight, name), flight.segments) for name in names]
+    return float(np.sqrt(np.mean(np.square(levels))))
+
+
+def _measured(flight: Flight) -> BoolArray:
+    inside = np.zeros(flight.samples, dtype=bool)
+    for start, stop in flight.segments:
+        inside[start:stop] = True
+    return inside
+
+
+def _roll_matrices(roll: FloatArray) -> FloatArray:
+    """Rotations (n, 3, 3) from body to de-rolled axes."""
+    matrices = np.zeros((roll.size, 3, 3))
+    matrices[:, 0, 0] = 1.0
+    matrices[:, 1, 1] = matrices[:, 2, 2] = np.cos(roll)
+    matrices[:, 1, 2], matrices[:, 2, 1] = -np.sin(roll), np.sin(roll)
+    return matrices
+
+
+def _force_at_cg(
+    flight: Flight, rate: ComplexArray, change: ComplexArray, spin: Derivative, gyro_sigma: float, accel_sigma: float
+) -> tuple[FloatArray, FloatArray]:
+    """Specific force at the c.g. (n, 3) and its transverse noise (n,), from CONVENTIONS (errata E10, E11)."""
+    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
+    sensed = np.stack([flight.ax, flight.ay, flight.az], axis=1)
+    if not np.any(arm):
+        return sensed, np.full(flight.samples, accel_sigma)
+    roll_rate = differentiate(flight.p.astype(complex), flight.step, _pooled(flight, ("p", "p")), flight.segments)
+    omega = np.stack([flight.p, rate.real, rate.imag], axis=1)
+    acceleration = np.stack([roll_rate.rate.real, change.real, change.imag], axis=1)
+    moved = sensed - np.cross(acceleration, arm) - np.cross(omega, np.cross(omega, arm))
+    gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
+    return moved, np.sqrt(accel_sigma**2 + (np.linalg.norm(arm) * gyro_sigma * gain) ** 2)

@@ -1,0 +1,71 @@
+"""What limits a reconstruction, as far as the record itself tells, and what would help."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brv_hypo.motion.frames import angle_of_attack
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.methods import WindHistory
+from brv_hypo.motion.reconstruction import MomentEstimate
+from brv_hypo.motion.wind import gravity_magnitude
+
+_FEW_SAMPLES = 25.0
+_POORLY_KNOWN = 0.1
+_NOISY_MOMENTS = 0.2
+
+
+def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
+    """Warnings, most telling first."""
+    checks = (_alpha_error(wind), _moment_noise(moments), _samples_per_cycle(record), _gravity(record, wind))
+    return tuple(text for text in checks if text is not None)
+
+
+def _alpha_error(wind: WindHistory) -> str | None:
+    alpha = angle_of_attack(wind.crossflow)
+    share = float(np.sqrt(np.mean(wind.alpha_sigma**2) / max(np.mean(alpha**2), 1e-300)))
+    if share < _POORLY_KNOWN:
+        return None
+    return (
+        f"the angle of attack is known to {100.0 * share:.0f} % of its rms only; a longer window, or one of higher dynamic "
+        "pressure, ties the attitude to the wind better"
+    )
+
+
+def _moment_noise(moments: MomentEstimate) -> str | None:
+    if not moments.usable.any():
+        return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
+    size = float(np.sqrt(np.mean(np.abs(moments.body[moments.usable]) ** 2) / 2.0))
+    share = float(np.sqrt(np.mean(moments.sigma[moments.usable] ** 2))) / max(size, 1e-300)
+    if share < _NOISY_MOMENTS:
+        return None
+    return f"gyro noise makes {100.0 * share:.0f} % of the moments' rms; only strong mechanisms can be told apart"
+
+
+def _samples_per_cycle(record: InertialRecord) -> str | None:
+    """Samples in one cycle of the fastest strong motion, from the rms rate of change of the moments' axes."""
+    spin = record.spin_rate
+    value = spin.value[spin.interior]
+    value = value - value.mean() if value.size else value
+    power = float(np.mean(np.abs(value) ** 2)) if value.size else 0.0
+    if power == 0.0:
+        return None
+    frequency = float(np.sqrt(np.mean(np.abs(spin.rate[spin.interior]) ** 2) / power))
+    samples = 2.0 * np.pi / (frequency * record.flight.step)
+    if samples > _FEW_SAMPLES:
+        return None
+    return (
+        f"{samples:.0f} samples per cycle of the oscillation at {record.flight.sample_rate:.3g} Hz: differentiated gyros are "
+        "noisy, and delays shorter than a few samples cannot be told from none"
+    )
+
+
+def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
+    expected = gravity_magnitude(record.flight)
+    found = float(np.linalg.norm(wind.gravity))
+    if expected is None or found == 0.0 or found < 2.0 * expected:
+        return None
+    return (
+        f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind shear, gyro bias or "
+        "a wrong accelerometer position are likely"
+    )

@@ -1,0 +1,126 @@
+"""Method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity in one least-squares problem.
+
+Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A tie
+(normal force, static moment) sees the crossflow at each sample through a slowly varying, unknown slope. Gravity, the
+biases and the slope's coefficients are globals. The walk is linear, the globals nearly: a few Gauss-Newton steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.methods.tied_walk import TiedFit, TiedWalk
+from brv_hypo.motion.methods.wind_history import WindHistory
+from brv_hypo.motion.ties import TieModel, force_tie, moment_tie
+
+_SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
+_OUTLIER = 6.0
+# The force alone is enough where alpha is then known to this share of its rms.
+_ENOUGH = 0.1
+
+
+def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
+    """The default method; see the module's description."""
+    problem = TiedWalk(record, config)
+    warnings: list[str] = []
+    force, moment = force_tie(record), moment_tie(record)
+    if config.ties == "moment":
+        fit = _with_moment(problem, (), moment)
+    else:
+        fit = _with_force(problem, force)
+        alone = _relative_error(fit)
+        if config.ties == "both" or (config.ties == "auto" and alone > _ENOUGH):
+            fit = _with_moment(problem, fit.ties, moment)
+            warnings.append(
+                f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment was used to tie "
+                "the attitude to the wind as well. Better accelerometers or a window of higher dynamic pressure would do "
+                "without it"
+            )
+    return _history(problem, fit, tuple(warnings))
+
+
+def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
+    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to what is left over."""
+    fit = _choose_slope(problem, (), tie)
+    residual = fit.solution.residuals[-1]
+    clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
+    sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
+    return problem.solve((replace(fit.ties[-1], sigma=sigma),), fit)
+
+
+def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
+    """Fit by the static moment too, its noise set so that anomalies in it count for what they are: not white."""
+    tie = tie.with_slope_count(problem.record.time, 4)
+    tie = replace(tie, sigma=tie.sigma + 0.1 * _rms(tie.observed, tie.sigma))
+    fit = problem.solve_from_scratch((*others, tie))
+    for _ in range(2):
+        tie = replace(tie, sigma=_coloured_sigma(fit.solution.residuals[-1], tie.sigma))
+        fit = problem.solve((*others, tie), fit)
+    fit = _choose_slope(problem, others, tie)
+    sigma = _coloured_sigma(fit.solution.residuals[-1], tie.sigma)
+    return problem.solve((*others, replace(fit.ties[-1], sigma=sigma)), fit)
+
+
+def _choose_slope(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
+    """The slope's course in time, by the Bayesian information criterion (Schwarz, Ann. Stat. 6:461, 1978)."""
+    best = problem.solve_from_scratch((*others, tie.with_slope_count(problem.record.time, 1)))
+    best_score, fit = best.score, best
+    worse = 0
+    for count in _SLOPE_COUNTS[1:]:
+        fit = problem.solve((*others, tie.with_slope_count(problem.record.time, count)), fit)
+        if fit.score < best_score:
+            best, best_score, worse = fit, fit.score, 0
+        else:
+            worse += 1
+        if worse == 2:
+            break
+    return best
+
+
+def _misfit(residual: FloatArray, sigma: FloatArray) -> float:
+    """Residual over stated noise, by the median: spikes do not count."""
+    seen = np.isfinite(sigma)
+    return float(np.median(np.abs(residual[seen]) / sigma[seen]) / np.sqrt(2.0 * np.log(2.0)))
+
+
+def _rms(values: FloatArray, sigma: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(values[np.isfinite(sigma)]) ** 2)))
+
+
+def _coloured_sigma(residual: FloatArray, sigma: FloatArray) -> FloatArray:
+    """White noise (n,) of as much information as the residual: its local rms times the root of its correlation time."""
+    seen = np.isfinite(sigma)
+    values = residual[seen]
+    width = max(values.size // 12, 8)
+    local = np.sqrt(np.convolve(np.pad(np.abs(values) ** 2 / 2.0, width, mode="reflect"), np.ones(2 * width + 1) / (2 * width + 1), "valid"))
+    spectrum = np.abs(np.fft.fft(values / local, 2 * values.size)) ** 2
+    correlation = np.abs(np.fft.ifft(spectrum)[: values.size])
+    first_low = int(np.argmax(correlation < 0.1 * correlation[0]))
+    samples = 1.0 + 2.0 * float(np.sum(correlation[1 : first_low + 1]) / correlation[0])
+    answer = np.full(residual.size, np.inf)
+    answer[seen] = local * np.sqrt(samples)
+    return answer
+
+
+def _relative_error(fit: TiedFit) -> float:
+    radial, _ = fit.sigmas()
+    return float(np.sqrt(np.mean(radial**2) / max(np.mean(np.abs(fit.crossflow) ** 2), 1e-300)))
+
+
+def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> WindHistory:
+    radial, tangential = fit.sigmas()
+    slope = np.full(fit.crossflow.size, np.nan)
+    accel_sigma = problem.record.accel_sigma
+    for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
+        if tie.name == "force":
+            slope = tie.slope(coefficients).real
+            accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
+    return WindHistory(
+        crossflow=fit.crossflow, radial_sigma=radial, tangential_sigma=tangential, gravity=fit.start.gravity,
+        normal_force_slope=slope, accel_sigma=accel_sigma, warnings=warnings,
+    )

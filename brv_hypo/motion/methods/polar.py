@@ -1,0 +1,53 @@
+"""Appendix A: the wind from the instruments at one instant, in polar coordinates (A.11 to A.20, erratum E9)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.differentiation import differentiate
+from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.methods.wind_history import WindHistory, open_loop
+from brv_hypo.motion.wind import WindStart
+
+
+def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
+    """Start from the best-conditioned instant, then the attitude about a fixed velocity as in method 2.
+
+    The meridian is where the transverse force points away from (A.11). The transverse rate then is
+    (q + i r) exp(i phi_w) = alpha_rate + i alpha psi_c_rate (A.15 to A.17 as one complex equation), with
+    psi_c_rate = p - phi_w_rate (A.16), whose imaginary part gives alpha without the square root of A.18.
+    One instant cannot tell gravity: the velocity keeps its direction.
+    """
+    spin = np.exp(1j * record.roll)
+    force = differentiate(record.transverse_force * spin, record.flight.step, record.accel_sigma, record.flight.segments)
+    alpha, meridian, sigma = _polar_angles(record, force.value, force.rate, force.rate_gain, force.value_gain)
+    best = int(np.argmin(np.where(record.measured & force.interior, sigma, np.inf)))
+    xi = crossflow(alpha[best : best + 1], meridian[best : best + 1])[0]
+    body = np.array([np.sqrt(max(1.0 - abs(xi) ** 2, 0.0)), xi.real, xi.imag])
+    start = WindStart(record.attitude[best] @ body, np.zeros(3))
+    warning = (
+        f"the start is from the single instant {record.flight.time[best]:.3f} s, taking the transverse force to lie in the "
+        "plane of the angle of attack; method joint uses the whole record"
+    )
+    return open_loop(record, start, float(sigma[best]), forces=False, warnings=(warning,))
+
+
+def _polar_angles(
+    record: InertialRecord, force: ComplexArray, change: ComplexArray, rate_gain: FloatArray, value_gain: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """alpha, phi_w (n,) rad at every instant, and the standard deviation of either part of the direction, rad."""
+    windward = -force * np.exp(-1j * record.roll)
+    meridian = np.arctan2(windward.real, windward.imag)
+    size_squared = np.maximum(np.abs(force) ** 2, 1e-300)
+    precession_rate = (change * np.conj(force)).imag / size_squared
+    turned = record.transverse_rate * np.exp(1j * meridian)
+    alpha = turned.imag / np.where(precession_rate == 0.0, 1e-300, precession_rate)
+    size = np.sqrt(size_squared)
+    tangential = np.abs(alpha) * record.accel_sigma * value_gain / size
+    radial = np.hypot(record.gyro_sigma, alpha * record.accel_sigma * rate_gain / size) / np.abs(precession_rate)
+    flipped = alpha < 0.0
+    sigma = np.where(flipped, np.inf, np.hypot(radial, tangential))
+    return np.abs(alpha), meridian, sigma

@@ -1,0 +1,35 @@
+"""Moment coefficients from the gyros: Euler's equations inverted (Eq. 2.3, Section 3.2.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.reconstruction import MomentEstimate
+
+
+def moment_estimate(record: InertialRecord) -> MomentEstimate:
+    """C_m + i C_n and its noise.
+
+    With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I (C_m + i C_n):
+    it is y that is differentiated.
+    """
+    spin = record.spin_rate
+    turned = np.exp(-1j * record.spin_angle)
+    return MomentEstimate(
+        body=np.asarray(spin.rate * turned / record.moment_scale),
+        sigma=np.asarray(record.gyro_sigma * spin.rate_gain / record.moment_scale),
+        usable=record.measured & spin.interior,
+        filter_half_width=spin.half_width,
+        noise_correlation=spin.noise_correlation,
+        spin_angle=record.spin_angle,
+    )
+
+
+def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray) -> FloatArray:
+    """C_N0 + C_Nalpha alpha (n,) fitted to the in-plane moment by weighted least squares."""
+    root = np.sqrt(weight)
+    columns = np.column_stack([np.ones_like(alpha), alpha])
+    answer = np.linalg.lstsq(columns * root[:, None], in_plane * root, rcond=None)[0]
+    return np.asarray(columns @ answer)

@@ -1,0 +1,74 @@
+"""From a flight record to its wind-relative motion and moments: the entrance of this package."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
+from brv_hypo.motion.history import recorded
+from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.limits import limits_of
+from brv_hypo.motion.methods import METHODS, WindHistory
+from brv_hypo.motion.moments import moment_estimate, static_in_plane
+from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import MomentEstimate, Reconstruction
+
+
+def reconstruct(flight: Flight, config: ReconstructionConfig | None = None) -> Reconstruction:
+    """Wind-relative motion and moments of `flight`, with standard deviations.
+
+    Raises UnanswerableError where the record is too short, or the vehicle is not in the air.
+    """
+    config = config or ReconstructionConfig()
+    record = inertial_record(flight, config)
+    wind = METHODS[config.method](record, config)
+    moments = moment_estimate(record)
+    warnings = (*wind.warnings, *limits_of(record, wind, moments))
+    return Reconstruction(
+        flight=flight,
+        method=config.method,
+        motion=recorded(_motion(record, wind, moments)),
+        moments=moments,
+        alpha_sigma=wind.alpha_sigma,
+        phi_w_sigma=wind.phi_w_sigma,
+        gravity_body=wind.gravity,
+        normal_force_slope=wind.normal_force_slope,
+        gyro_sigma=record.gyro_sigma,
+        accel_sigma=wind.accel_sigma,
+        status="degraded" if warnings else "ok",
+        warnings=warnings,
+    )
+
+
+def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> Motion:
+    flight = record.flight
+    xi = wind.crossflow
+    alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
+    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(record, wind))
+    in_plane = plane_from_body(moments.body, meridian).real
+    weight = np.where(moments.usable, 1.0 / moments.sigma**2, 0.0)
+    unknown = np.full(flight.samples, np.nan)
+    return Motion(
+        time=flight.time, alpha=alpha, alpha_rate=alpha_rate, windward_meridian=meridian,
+        windward_meridian_rate=meridian_rate, p=flight.p, q=record.transverse_rate.real, r=record.transverse_rate.imag,
+        velocity=flight.velocity, dynamic_pressure=flight.dynamic_pressure,
+        mach=unknown if flight.mach is None else flight.mach,
+        reynolds=unknown if flight.reynolds is None else flight.reynolds,
+        in_plane_moment=static_in_plane(in_plane, alpha, weight), reference_length=flight.vehicle.reference_length,
+    )
+
+
+def _crossflow_rate(record: InertialRecord, wind: WindHistory) -> ComplexArray:
+    """Rate of the crossflow (n,), 1/s, from the kinematics: Eq. 3.1 with gravity, per unit of speed."""
+    flight, xi = record.flight, wind.crossflow
+    forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
+    acceleration = record.force + record.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
+    transverse = acceleration[:, 1] + 1j * acceleration[:, 2]
+    along = acceleration[:, 0] * forward + (transverse * np.conj(xi)).real
+    turning = -1j * flight.p * xi + 1j * record.transverse_rate * forward
+    return np.asarray(turning + (transverse - xi * along) / flight.velocity)
+
+

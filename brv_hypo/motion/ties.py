@@ -1,0 +1,124 @@
+"""What ties the attitude to the wind: the normal force, and the static moment.
+
+Both oppose the crossflow, with a slope that varies slowly and is not known beforehand. Each model is linear in
+its unknowns, given the crossflow xi:
+
+    force    f_y + i f_z = -(q_inf S / m) C_N(t) (alpha / sin alpha) xi + b
+    moment   C_m + i C_n = -i C_m_alpha(t) (alpha / sin alpha) xi + C_mq omega d / 2V + trim
+
+The moment's slope is complex, so that an out-of-plane moment does not turn the wind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.frames import angle_of_attack
+from brv_hypo.motion.inertial import InertialRecord
+
+
+# How far the accelerometers may be misaligned with the spin axis, rad (and a body-fixed force, per axial force).
+_MISALIGNMENT = 2e-3
+
+
+@dataclass(frozen=True)
+class TieModel:
+    """One kind of observation of the crossflow.
+
+    `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance; `slope_basis` (n, k);
+    `nuisance` (n, m) complex columns with real coefficients, each expected within its `nuisance_sigma` (m,);
+    `sigma` (n,), inf where nothing is seen; `complex_slope`: whether the slope's coefficients are complex;
+    `accelerometers`: whether a constant accelerometer bias adds to the observation.
+    """
+
+    name: str
+    observed: ComplexArray
+    scale: ComplexArray
+    slope_basis: FloatArray
+    nuisance: ComplexArray
+    nuisance_sigma: FloatArray
+    sigma: FloatArray
+    complex_slope: bool
+    accelerometers: bool
+
+    @property
+    def unknowns(self) -> int:
+        """How many real coefficients the model has."""
+        return self.slope_basis.shape[1] * (2 if self.complex_slope else 1) + self.nuisance.shape[1]
+
+    def slope(self, coefficients: FloatArray) -> ComplexArray:
+        """Slope (n,) of the first coefficients."""
+        k = self.slope_basis.shape[1]
+        real = self.slope_basis @ coefficients[:k]
+        if not self.complex_slope:
+            return real.astype(complex)
+        return np.asarray(real + 1j * (self.slope_basis @ coefficients[k : 2 * k]))
+
+    def columns(self, xi: ComplexArray) -> ComplexArray:
+        """Derivative of the observation with respect to the coefficients, (n, unknowns)."""
+        slopes = (self.scale * effective(xi))[:, None] * self.slope_basis
+        parts = [slopes, 1j * slopes] if self.complex_slope else [slopes]
+        return np.concatenate([*parts, self.nuisance], axis=1)
+
+    def prior_information(self) -> FloatArray:
+        """Inverse variances (unknowns,) of the coefficients; zero where nothing is known."""
+        slopes = self.unknowns - self.nuisance.shape[1]
+        return np.concatenate([np.zeros(slopes), 1.0 / self.nuisance_sigma**2])
+
+    def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
+        """The same model with a slope of `count` coefficients in time."""
+        return replace(self, slope_basis=slope_basis(time, count))
+
+
+def effective(xi: ComplexArray) -> ComplexArray:
+    """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
+    size = np.maximum(np.abs(xi), 1e-12)
+    return np.asarray(xi * (angle_of_attack(xi) / size))
+
+
+def slope_basis(time: FloatArray, count: int) -> FloatArray:
+    """B-splines (n, count) in time: a constant, a line, a parabola, then cubics with even knots."""
+    degree = min(count - 1, 3)
+    inner = np.linspace(time[0], time[-1], count - degree + 1)
+    knots = np.concatenate([[inner[0]] * degree, inner, [inner[-1]] * degree])
+    return np.asarray(BSpline.design_matrix(time, knots, degree).toarray())
+
+
+def force_tie(record: InertialRecord) -> TieModel:
+    """The normal force as seen by the accelerometers; they may be misaligned with the spin axis."""
+    axial = record.force[:, 0].astype(complex)
+    return TieModel(
+        name="force",
+        observed=record.transverse_force,
+        scale=-record.force_scale.astype(complex),
+        slope_basis=slope_basis(record.time, 1),
+        nuisance=np.stack([axial, 1j * axial], axis=1),
+        nuisance_sigma=np.full(2, _MISALIGNMENT),
+        sigma=np.where(record.measured, record.force_sigma, np.inf),
+        complex_slope=False,
+        accelerometers=True,
+    )
+
+
+def moment_tie(record: InertialRecord) -> TieModel:
+    """The static moment as seen by the differentiated gyros."""
+    flight = record.flight
+    moment = (record.spin_rate.rate * np.exp(-1j * record.spin_angle)) / record.moment_scale
+    rate = record.transverse_rate * flight.vehicle.reference_length / (2.0 * flight.velocity)
+    ones = np.ones(record.time.size, dtype=complex)
+    noise = record.gyro_sigma * record.spin_rate.rate_gain / record.moment_scale
+    return TieModel(
+        name="moment",
+        observed=moment,
+        scale=np.full(record.time.size, -1j),
+        slope_basis=slope_basis(record.time, 1),
+        nuisance=np.stack([ones, 1j * ones, rate], axis=1),
+        nuisance_sigma=np.full(3, np.inf),
+        sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
+        complex_slope=True,
+        accelerometers=False,
+    )

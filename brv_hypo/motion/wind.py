@@ -1,0 +1,92 @@
+"""Direction of the velocity in the axes of the first sample, and what it depends on (Eq. 3.1, with gravity).
+
+In axes that do not turn, Eq. 3.1 is a quadrature: V(t) = V_0 + integral of specific force + g t. It is linear
+in the velocity at the start and in gravity. The speed is taken from the record's `velocity` channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.attitude import running_integral
+from brv_hypo.motion.inertial import InertialRecord
+
+# Surface gravity m/s^2 and mean radius m.
+_PLANETS = {"earth": (9.80665, 6.371e6), "mars": (3.721, 3.3895e6), "venus": (8.87, 6.0518e6), "titan": (1.352, 2.5747e6)}
+
+
+@dataclass(frozen=True)
+class WindStart:
+    """Direction of the velocity at the first sample (3,), a unit vector, and gravity (3,) m/s^2, in its body axes."""
+
+    direction: FloatArray
+    gravity: FloatArray
+
+
+def gravity_magnitude(flight: Flight) -> float | None:
+    """Gravity in m/s^2 at the record's mean altitude; None for a planet that is not known."""
+    if flight.planet not in _PLANETS:
+        return None
+    surface, radius = _PLANETS[flight.planet]
+    height = 0.0 if flight.altitude is None else float(np.nanmean(flight.altitude))
+    return surface * (radius / (radius + height)) ** 2
+
+
+def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
+    """Unit velocity (n, 3) in the axes of the first sample; `forces` False leaves the aerodynamic forces out."""
+    speed = record.flight.velocity
+    if forces:
+        velocity = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+    else:
+        turned = running_integral(record.time, start.gravity / speed[:, None])
+        velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
+    return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
+
+
+def force_impulse(record: InertialRecord) -> FloatArray:
+    """Integral of the specific force (n, 3) in the axes of the first sample, m/s."""
+    return running_integral(record.time, record.force_inertial)
+
+
+def body_crossflow(record: InertialRecord, direction: FloatArray) -> ComplexArray:
+    """Crossflow (v + i w) / V (n,) of a velocity direction (n, 3)."""
+    body = record.to_body(direction)
+    return np.asarray(body[:, 1] + 1j * body[:, 2])
+
+
+def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two axes (n, 3) across the velocity, carried along with it by the smallest turn from the first sample's."""
+    first = direction[0]
+    helper = np.eye(3)[int(np.argmin(np.abs(first)))]
+    third = np.cross(first, helper)
+    third /= np.linalg.norm(third)
+    second = np.cross(third, first)
+    both = first + direction
+    size = 1.0 + direction @ first
+    return (
+        second - ((direction @ second) / size)[:, None] * both,
+        third - ((direction @ third) / size)[:, None] * both,
+    )
+
+
+def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:
+    """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
+
+    The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity and
+    forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves it out.
+    """
+    speed = record.flight.velocity
+    nose = record.attitude[:, :, 0] * speed[:, None]
+    target = nose - (force_impulse(record) if forces else 0.0)
+    if gravity_size == 0.0:
+        direction = target.sum(axis=0)
+        return WindStart(direction / np.linalg.norm(direction), np.zeros(3))
+    ridge = float(np.sqrt(np.mean(np.abs(target - target.mean(axis=0)) ** 2)) / (gravity_size or 30.0))
+    columns = np.column_stack([np.ones(record.time.size), record.time])
+    normal = columns.T @ columns + np.diag([0.0, ridge**2])
+    velocity, gravity = np.linalg.solve(normal, columns.T @ target)
+    return WindStart(velocity / np.linalg.norm(velocity), gravity)

@@ -1,0 +1,150 @@
+"""A compact 6-DOF truth, independent of the package: body axes, flat planet, DOP853 to 1e-10.
+
+The aerodynamics are those of CONVENTIONS, linear in alpha: axial force, normal force, static moment, pitch damping.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from brv_hypo.flight.record import Flight, Vehicle
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A vehicle, its flight and its instruments, SI; angles in rad."""
+
+    name: str
+    vehicle: Vehicle
+    axial: float
+    normal_slope: float
+    static_slope: float
+    damping: float
+    speed: float
+    altitude: float
+    flight_path: float
+    roll_rate: float
+    alpha: float
+    precession: float
+    trim: complex = 0.0
+    gravity: float = 9.80665
+    density: float = 1.225
+    scale_height: float = 7200.0
+    planet: str = "earth"
+    duration: float = 5.4
+    sample_rate: float = 200.0
+    gyro_noise: float = np.radians(0.02)
+    accel_noise: float = 0.05
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    accel_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+CONE = Scenario(
+    "cone", Vehicle(110.0, 2.2, 24.0, 0.5, 0.19635, (0.05, 0.02, -0.03)),
+    axial=0.12, normal_slope=1.8, static_slope=-0.55, damping=-2.0, speed=7000.0, altitude=22000.0, flight_path=-0.5,
+    roll_rate=6.0, alpha=np.radians(2.0), precession=0.6,
+)
+CAPSULE = Scenario(
+    "capsule", Vehicle(50.0, 2.6, 2.2, 0.83, 0.541, (0.0, 0.0, 0.0)),
+    axial=1.5, normal_slope=0.15, static_slope=-0.12, damping=-0.3, speed=4000.0, altitude=45000.0, flight_path=-0.3,
+    roll_rate=1.0, alpha=np.radians(4.0), precession=0.5, duration=20.0,
+)
+SLENDER = Scenario(
+    "slender", Vehicle(180.0, 4.0, 160.0, 0.438, 0.1507, (0.3, 0.0, 0.05)),
+    axial=0.3, normal_slope=4.0, static_slope=-3.0, damping=-60.0, speed=1200.0, altitude=25000.0, flight_path=-1.0,
+    roll_rate=8.0, alpha=np.radians(3.0), precession=0.4, duration=20.0,
+)
+SCENARIOS = (CONE, CAPSULE, SLENDER)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Exact channels at the sample times, before the instruments."""
+
+    scenario: Scenario
+    time: np.ndarray
+    rates: np.ndarray
+    force: np.ndarray
+    velocity: np.ndarray
+    altitude: np.ndarray
+    pressure: np.ndarray
+    alpha: np.ndarray
+    meridian: np.ndarray
+    moment: np.ndarray
+    gravity_body: np.ndarray
+
+
+def fly(scenario: Scenario) -> Truth:
+    """Integrate the equations of motion."""
+    time = np.arange(round(scenario.duration * scenario.sample_rate) + 1) / scenario.sample_rate
+    pitch = scenario.flight_path
+    velocity = scenario.speed * np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
+    along = velocity / scenario.speed
+    side = np.array([0.0, 1.0, 0.0])
+    up = np.cross(side, along)
+    # The nose stands off the velocity by alpha; the transverse rate precesses it about the velocity.
+    nose = np.cos(scenario.alpha) * along + np.sin(scenario.alpha) * (0.6 * side + 0.8 * up)
+    body_y = np.cross(up, nose)
+    body_y /= np.linalg.norm(body_y)
+    matrix = np.stack([nose, body_y, np.cross(nose, body_y)], axis=1)
+    density = scenario.density * np.exp(-scenario.altitude / scenario.scale_height)
+    stiffness = np.sqrt(0.5 * density * scenario.speed**2 * scenario.vehicle.moment_scale * abs(scenario.static_slope))
+    turn = scenario.precession * stiffness * scenario.alpha * matrix.T @ (0.6 * side + 0.8 * up)
+    state = np.concatenate([velocity, [0.0, 0.0, -scenario.altitude], matrix.ravel(), [scenario.roll_rate, turn[1], turn[2]]])
+    answer = solve_ivp(
+        lambda t, x: _derivative(scenario, x)[0], (0.0, time[-1]), state, method="DOP853", t_eval=time, rtol=1e-10,
+        atol=1e-10,
+    )
+    rows = [_derivative(scenario, column)[1] for column in answer.y.T]
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    force, speed, pressure, xi, moment, omega, change, gravity = columns
+    r = np.array(scenario.vehicle.accelerometer_position)
+    sensed = force + np.cross(change, r) + np.cross(omega, np.cross(omega, r))
+    return Truth(
+        scenario, time, omega, sensed, speed, -answer.y[5], pressure, np.arcsin(np.abs(xi)),
+        np.unwrap(np.arctan2(xi.real, xi.imag)), moment, gravity[0],
+    )
+
+
+def _derivative(s: Scenario, x: np.ndarray) -> tuple[np.ndarray, tuple]:
+    velocity, matrix, omega = x[:3], x[6:15].reshape(3, 3), x[15:]
+    speed = np.linalg.norm(velocity)
+    body = matrix.T @ velocity
+    alpha = np.arctan2(np.hypot(body[1], body[2]), body[0])
+    meridian = np.arctan2(body[1], body[2])
+    pressure = 0.5 * s.density * np.exp(x[5] / s.scale_height) * speed**2
+    v = s.vehicle
+    windward = np.array([np.sin(meridian), np.cos(meridian)])
+    force = pressure * v.reference_area / v.mass * np.concatenate([[-s.axial], -s.normal_slope * alpha * windward])
+    d = v.reference_length
+    moment = (
+        s.static_slope * alpha * np.exp(-1j * meridian)
+        + s.damping * (omega[1] + 1j * omega[2]) * d / (2 * speed) + s.trim
+    )
+    coupling = 1.0 - v.inertia_ratio
+    scale = pressure * v.moment_scale
+    change = np.array([
+        0.0,
+        coupling * omega[0] * omega[2] + scale * moment.real,
+        -coupling * omega[0] * omega[1] + scale * moment.imag,
+    ])
+    gravity = np.array([0.0, 0.0, s.gravity])
+    skew = np.array([[0, -omega[2], omega[1]], [omega[2], 0, -omega[0]], [-omega[1], omega[0], 0]])
+    rate = np.concatenate([matrix @ force + gravity, velocity, (matrix @ skew).ravel(), change])
+    xi = (body[1] + 1j * body[2]) / speed
+    return rate, (force, speed, pressure, xi, moment, omega.copy(), change, matrix.T @ gravity)
+
+
+def observe(truth: Truth, seed: int, **changes: object) -> Flight:
+    """The record that noisy, biased instruments make of it."""
+    s = replace(truth.scenario, **changes)
+    rng = np.random.default_rng(seed)
+    rates = truth.rates + np.array(s.gyro_bias) + s.gyro_noise * rng.standard_normal(truth.rates.shape)
+    force = truth.force + np.array(s.accel_bias) + s.accel_noise * rng.standard_normal(truth.force.shape)
+    return Flight(
+        time=100.0 + truth.time, p=rates[:, 0], q=rates[:, 1], r=rates[:, 2], ax=force[:, 0], ay=force[:, 1], az=force[:, 2],
+        velocity=truth.velocity, dynamic_pressure=truth.pressure, vehicle=s.vehicle, altitude=truth.altitude, planet=s.planet,
+    )
