@@ -32,32 +32,65 @@ class Tie:
 
 
 @dataclass(frozen=True)
-class WalkSolution:
-    """Walk (n,) and globals (k,) with their covariances.
+class WalkEquations:
+    """The problem once the walk is eliminated: normal equations of the globals.
 
-    `walk_variance` (n,) per part, given the globals; `sensitivity` (n, k): the walk's change per unit of each global;
-    `covariance` (k, k) of the globals; `cost`: minus twice the log-likelihood but for a constant, without the prior;
-    `residuals`: of each tie (n,).
+    `walk` (n,) at theta = 0 and `sensitivity` (n, k), its change per unit of each global; `walk_variance` (n,) per part,
+    given the globals; `gram` (k + 1, k + 1): inner products of residual (first) and columns, whitened.
+    """
+
+    ties: tuple[Tie, ...]
+    walk: ComplexArray
+    sensitivity: ComplexArray
+    walk_variance: FloatArray
+    gram: FloatArray
+
+    def solve(self, prior_mean: FloatArray, prior_information: FloatArray) -> WalkSolution:
+        """Walk and globals averaged over Gaussian priors of the globals, each weighted by its evidence.
+
+        `prior_mean` (k,); `prior_information` (m, k), the diagonals of m priors, zero where nothing is known: in the
+        same places for all of them.
+        """
+        normal = self.gram[1:, 1:] + prior_information[:, :, None] * np.eye(prior_mean.size)
+        right = self.gram[1:, 0] + prior_information * prior_mean
+        scale = 1.0 / np.sqrt(np.maximum(np.einsum("mii->mi", normal), 1e-300))
+        inverse = np.linalg.pinv(normal * scale[:, :, None] * scale[:, None, :], hermitian=True)
+        covariance = inverse * scale[:, :, None] * scale[:, None, :]
+        theta = np.einsum("mij,mj->mi", covariance, right)
+        misfit = self.gram[0, 0] - np.einsum("mi,mi->m", theta, right) + prior_information @ prior_mean**2
+        _, log_volume = np.linalg.slogdet(normal)
+        known = prior_information[0] > 0.0
+        evidence = -0.5 * (misfit + log_volume - np.sum(np.log(prior_information[:, known]), axis=1))
+        weight = np.exp(evidence - evidence.max())
+        weight /= weight.sum()
+        mean = weight @ theta
+        spread = theta - mean
+        mixed = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * spread).T @ spread
+        return self._at(mean, mixed)
+
+    def _at(self, theta: FloatArray, covariance: FloatArray) -> WalkSolution:
+        walk = self.walk + self.sensitivity @ theta
+        residuals = tuple(tie.residual - tie.columns @ theta - tie.gain * walk for tie in self.ties)
+        cost = float(self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta)
+        return WalkSolution(walk, theta, covariance, cost, residuals)
+
+
+@dataclass(frozen=True)
+class WalkSolution:
+    """Walk (n,), globals (k,) and their covariance (k, k).
+
+    `cost`: minus twice the log-likelihood but for a constant, without the prior; `residuals`: of each tie (n,).
     """
 
     walk: ComplexArray
     theta: FloatArray
-    walk_variance: FloatArray
-    sensitivity: ComplexArray
     covariance: FloatArray
     cost: float
     residuals: tuple[ComplexArray, ...]
 
 
-def solve_walk(
-    ties: Sequence[Tie], step_variance: FloatArray, start_variance: float,
-    prior_mean: FloatArray, prior_information: FloatArray,
-) -> WalkSolution:
-    """Most probable walk and globals.
-
-    `step_variance` (n - 1,) per part; the walk starts at 0 with `start_variance`. The globals have a Gaussian prior of
-    `prior_mean` (k,) and diagonal `prior_information` (k,), zero where nothing is known.
-    """
+def walk_equations(ties: Sequence[Tie], step_variance: FloatArray, start_variance: float) -> WalkEquations:
+    """Eliminate the walk, which starts at 0 with `start_variance`; `step_variance` (n - 1,) per part."""
     n = ties[0].residual.size
     information = np.zeros((2, n))
     information[1, 0] = 1.0 / start_variance
@@ -66,24 +99,13 @@ def solve_walk(
     information[0, 1:] = -1.0 / step_variance
     for tie in ties:
         information[1] += np.abs(tie.gain) ** 2 / tie.sigma**2
-    factor = (cholesky_banded(information), False)
-
     stacked = [np.column_stack([tie.residual, tie.columns]) for tie in ties]
     weighted = [values / (tie.sigma**2)[:, None] for tie, values in zip(ties, stacked, strict=True)]
     seen = sum(np.conj(tie.gain)[:, None] * values for tie, values in zip(ties, weighted, strict=True))
-    answer = _solve_complex(factor, np.asarray(seen))
+    answer = _solve_complex((cholesky_banded(information), False), np.asarray(seen))
     gram = sum((np.conj(raw).T @ values).real for raw, values in zip(stacked, weighted, strict=True))
-    gram = gram - (np.conj(seen).T @ answer).real
-
-    normal = gram[1:, 1:] + np.diag(prior_information)
-    right = gram[1:, 0] + prior_information * prior_mean
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    covariance = scale[:, None] * np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * scale
-    theta = covariance @ right
-    walk = answer[:, 0] - answer[:, 1:] @ theta
-    residuals = tuple(tie.residual - tie.columns @ theta - tie.gain * walk for tie in ties)
-    cost = float(gram[0, 0] - 2.0 * theta @ gram[1:, 0] + theta @ gram[1:, 1:] @ theta)
-    return WalkSolution(walk, theta, _inverse_diagonal(information), -answer[:, 1:], covariance, cost, residuals)
+    gram = np.asarray(gram - (np.conj(seen).T @ answer).real)
+    return WalkEquations(tuple(ties), answer[:, 0], -answer[:, 1:], _inverse_diagonal(information), gram)
 
 
 def _solve_complex(factor: tuple[FloatArray, bool], right: ComplexArray) -> ComplexArray:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 
@@ -64,10 +64,14 @@ class TieModel:
         parts = [slopes, 1j * slopes] if self.complex_slope else [slopes]
         return np.concatenate([*parts, self.nuisance], axis=1)
 
-    def prior_information(self) -> FloatArray:
-        """Inverse variances (unknowns,) of the coefficients; zero where nothing is known."""
+    def prior_sigma(self) -> FloatArray:
+        """How large each coefficient (unknowns,) may be; inf where nothing is known."""
         slopes = self.unknowns - self.nuisance.shape[1]
-        return np.concatenate([np.zeros(slopes), 1.0 / self.nuisance_sigma**2])
+        return np.concatenate([np.full(slopes, np.inf), self.nuisance_sigma])
+
+    def is_error(self) -> IntArray:
+        """1 for the coefficients (unknowns,) that are errors of the instruments, else 0."""
+        return np.isfinite(self.prior_sigma()).astype(np.int64)
 
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
         """The same model with a slope of `count` coefficients in time."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.random_walk import Tie, WalkSolution, solve_walk
+from brv_hypo.motion.random_walk import Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.ties import TieModel, effective
 from brv_hypo.motion.wind import (
     WindStart,
@@ -23,6 +24,7 @@ from brv_hypo.motion.wind import (
 )
 
 _MOST_STEPS = 15
+_LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
 _FREE_GRAVITY = 30.0
 # Three parts each of gravity and gyro bias, two of accelerometer bias.
 _SHARED = 8
@@ -69,7 +71,7 @@ class TiedWalk:
         self.step_variance = _step_variance(record)
         size = self.gravity_size or _FREE_GRAVITY
         biases = np.concatenate([np.full(3, config.gyro_bias_sigma), np.full(2, config.accel_bias_sigma)])
-        self.prior_information = 1.0 / np.concatenate([np.full(3, size), np.maximum(biases, 1e-12)]) ** 2
+        self.prior_sigma = np.concatenate([np.full(3, size), np.maximum(biases, 1e-12)])
         nose_start = start_from_nose(record, self.gravity_size)
         self.nose_start = nose_start
         nominal = self.speed[:, None] * self.direction(nose_start)
@@ -123,7 +125,8 @@ class TiedWalk:
             if coefficients is None:
                 coefficients = tuple(self._first_coefficients(tie, xi) for tie in ties)
             drift = self._drift(direction)
-            solution = self._linear(ties, coefficients, xi, turn, offset, drift, start)
+            equations = self._linear(ties, coefficients, xi, turn, offset, drift)
+            solution = equations.solve(*self._prior(ties, coefficients, start))
             shift = (solution.walk + drift @ solution.theta[:_SHARED]) / self.speed
             moved = nominal + turn * shift
             change = float(np.max(np.abs(moved - xi)))
@@ -133,25 +136,25 @@ class TiedWalk:
             current = moved
             if change < 1e-9:
                 break
-        response = solution.sensitivity.copy()
+        response = equations.sensitivity.copy()
         response[:, :_SHARED] += drift
         unknowns = sum(tie.unknowns for tie in ties)
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
         fit = TiedFit(
             ties=ties, start=start, coefficients=coefficients, biases=biases, crossflow=current, solution=solution,
-            response=response / self.speed[:, None], wander=np.sqrt(solution.walk_variance) / self.speed, turn=turn,
+            response=response / self.speed[:, None], wander=np.sqrt(equations.walk_variance) / self.speed, turn=turn,
             score=solution.cost + unknowns * float(np.log(seen)),
         )
         return fit
 
     def _linear(
         self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], xi: ComplexArray, turn: ComplexArray,
-        offset: ComplexArray, drift: ComplexArray, start: WindStart,
-    ) -> WalkSolution:
-        """One linear solution about the crossflow `xi`, which lies `offset` from the nominal one in wind axes."""
+        offset: ComplexArray, drift: ComplexArray,
+    ) -> WalkEquations:
+        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes."""
         unknowns = [tie.unknowns for tie in ties]
         first = np.cumsum([_SHARED, *unknowns])
-        rows, information = [], [self.prior_information]
+        rows = []
         for tie, values, at in zip(ties, coefficients, first, strict=False):
             own = tie.columns(xi)
             stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
@@ -163,11 +166,21 @@ class TiedWalk:
                 columns[:, 6:8] += np.array([1.0, 1j])
             columns[:, at : at + tie.unknowns] = own
             rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
-            information.append(tie.prior_information())
-        prior = np.concatenate(information)
-        mean = -np.concatenate([start.gravity, np.zeros(5), *coefficients])
-        mean[3:_SHARED] = 0.0
-        return solve_walk(rows, self.step_variance, (0.3 * self.speed[0]) ** 2, mean, prior)
+        return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
+
+    def _prior(
+        self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], start: WindStart
+    ) -> tuple[FloatArray, FloatArray]:
+        """Prior mean (k,) of the globals as they are counted here, from the nominal, and informations (m, k).
+
+        How large the instruments' errors are is itself unknown: gyro bias, accelerometer bias and misalignment each
+        may be any of `_LEVELS` of the largest expected.
+        """
+        mean = -np.concatenate([start.gravity, np.zeros(_SHARED - 3), *coefficients])
+        sigma = np.concatenate([self.prior_sigma, *(tie.prior_sigma() for tie in ties)])
+        group = np.concatenate([np.repeat([0, 1, 2], [3, 3, 2]), *(3 * tie.is_error() for tie in ties)])
+        levels = [np.array([1.0, *chosen])[group] for chosen in product(_LEVELS, repeat=int(group.max()))]
+        return mean, 1.0 / (sigma * np.array(levels)) ** 2
 
     def _drift(self, direction: FloatArray) -> ComplexArray:
         """Transverse velocity (n, 8) in wind axes per unit of gravity, gyro bias, accelerometer bias."""
