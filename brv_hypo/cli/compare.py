@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.session import Session
+
+if TYPE_CHECKING:
+    from brv_hypo.ranking import Comparison
 
 Mechanisms = Annotated[
     str | None,
@@ -35,18 +38,25 @@ def compare(
     """Fit competing mechanisms, rank them and give a verdict."""
     session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim()
-    from brv_hypo import compare as rank
-    from brv_hypo import load_flight
+    from brv_hypo.flight import load_flight
+    from brv_hypo.ranking import compare as rank
     from brv_hypo.ranking import read_compare_config
-    from brv_hypo.report.compare import comparison_view
 
     settings = read_compare_config(config, **chosen(mechanisms))
     records = [load_flight(path).window(start, stop) for path in flights]
     with session.progress("comparing") as progress:
         comparison = rank(records, settings, progress=progress)
-    session.present(comparison_view(comparison, verbose=verbose), conclusion=comparison.verdict.reason)
+    report_comparison(session, comparison)
+
+
+def report_comparison(session: Session, comparison: Comparison) -> None:
+    """To the terminal, and to JSON and HTML where they were asked for."""
+    from brv_hypo.report.compare import comparison_view
+
+    view = comparison_view(comparison, verbose=session.verbose)
+    session.present(view, conclusion=comparison.verdict.reason)
     session.write_json(comparison)
-    if report is not None:
+    if session.report is not None:
         from brv_hypo.report.pages import comparison_page
 
         session.write_report(comparison_page(comparison))

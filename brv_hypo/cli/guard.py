@@ -34,13 +34,13 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
         except KeyboardInterrupt:
             _end("brv-hypo: interrupted; no output was written", INTERRUPTED)
         except Exception as fault:
+            message = (
+                f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
+            )
             if kwargs.get("verbose"):
                 traceback.print_exc()
-            _end(
-                f"brv-hypo: a fault of the program, not of your data: {type(fault).__name__}: {fault}. "
-                "Run again with -v for the traceback, and report it.",
-                PROGRAM_FAULT,
-            )
+                _end(f"{message}the traceback above.", PROGRAM_FAULT)
+            _end(f"{message}the traceback that -v prints.", PROGRAM_FAULT)
 
     return run
 

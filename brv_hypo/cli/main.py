@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import compare, mechanisms, records
+from brv_hypo.cli import compare, mechanisms, records, simulate
 from brv_hypo.cli.guard import guarded
 
 app = typer.Typer(
@@ -39,6 +39,8 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
+app.command("demo")(guarded(simulate.demo))
+app.command("simulate")(guarded(simulate.simulate))
 app.command("compare")(guarded(compare.compare))
 app.command("inspect")(guarded(records.inspect))
 app.command("import")(guarded(records.import_))

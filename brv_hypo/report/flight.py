@@ -21,6 +21,7 @@ def inspection_view(inspection: Inspection) -> RenderableType:
         Text(_usable(inspection)),
         Text(),
         channel_table(inspection),
+        Text(),
         vehicle_line(inspection),
         bullets(inspection.notes, "Notes"),
         warning_list(inspection.warnings),

@@ -27,10 +27,10 @@ def plain_table(title: str | None = None) -> Table:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number at `digits` significant digits; a dash where there is none."""
+    """At `digits` significant digits, without an exponent below a million; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
-    return f"{value:.{digits}g}"
+    return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
 
 
 def percent(value: float | None) -> str:

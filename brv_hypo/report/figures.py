@@ -1,0 +1,153 @@
+"""Figures: from results to plotly figures, one function for each; they compute nothing and write nothing.
+
+Colours are Okabe and Ito's (2008), told apart by colour-blind readers; measured data are black.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.ranking.result import Series
+
+MEASURED = "#1a1a1a"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+FONT = "system-ui, -apple-system, 'Segoe UI', Helvetica, Arial, sans-serif"
+MILLI = 1e3
+"""Moment coefficients are drawn in thousandths."""
+MOST_POINTS = 6000
+"""Points drawn of a history; a longer one is thinned, which no screen shows."""
+PLANES = ("in-plane C<sub>N</sub>′", "out-of-plane C<sub>Z</sub>′")
+
+Moments = tuple[Sequence[float], Sequence[float]]
+
+
+def motion_figure(series: Series) -> go.Figure:
+    """Angle of attack and windward meridian over time."""
+    figure = _stack(("angle of attack, deg", "windward meridian, deg"))
+    kept = _thinned(len(series.time_s))
+    for row, values in enumerate((series.alpha_rad, series.windward_meridian_rad), start=1):
+        figure.add_trace(_line(series.time_s, np.degrees(values), kept, MEASURED), row=row, col=1)
+    return _finished(figure, legend=False)
+
+
+def moment_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
+    """Measured moments within two standard deviations, and what each hypothesis makes of them."""
+    figure = _stack([f"{plane}, 10⁻³" for plane in PLANES])
+    kept = _thinned(len(series.time_s))
+    for row, measured in enumerate(series.measured, start=1):
+        band = _band(series.time_s, np.asarray(measured), np.asarray(series.sigma), kept)
+        figure.add_trace(band, row=row, col=1)
+        figure.add_trace(_dots(series.time_s, np.asarray(measured), kept, row == 1), row=row, col=1)
+        for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
+            line = _line(series.time_s, MILLI * np.asarray(moments[row - 1]), kept, colour, name, row == 1)
+            figure.add_trace(line, row=row, col=1)
+    return _finished(figure)
+
+
+def residual_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
+    """Measured less fitted moments of each hypothesis, before a band of two standard deviations."""
+    figure = _stack([f"residual of {plane}, 10⁻³" for plane in PLANES])
+    kept = _thinned(len(series.time_s))
+    for row, measured in enumerate(series.measured, start=1):
+        band = _band(series.time_s, np.zeros(len(series.time_s)), np.asarray(series.sigma), kept)
+        figure.add_trace(band, row=row, col=1)
+        for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
+            left = MILLI * (np.asarray(measured) - np.asarray(moments[row - 1]))
+            figure.add_trace(_line(series.time_s, left, kept, colour, name, row == 1), row=row, col=1)
+    return _finished(figure)
+
+
+def probability_figure(probability: Mapping[str, float]) -> go.Figure:
+    """Probability of each hypothesis, the likeliest on top."""
+    names = sorted(probability, key=lambda name: probability[name])
+    figure = go.Figure(
+        go.Bar(
+            x=[probability[name] for name in names],
+            y=names,
+            orientation="h",
+            marker_color=COLOURS[0],
+            text=[f"{probability[name]:.2f}" for name in names],
+            textposition="auto",
+        )
+    )
+    figure.update_xaxes(title="probability", range=[0, 1])
+    return _finished(figure, legend=False, height=90 + 34 * len(names))
+
+
+def _stack(titles: Sequence[str]) -> go.Figure:
+    """Rows over one time axis, each with the title of its vertical axis."""
+    figure = make_subplots(rows=len(titles), cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    for row, title in enumerate(titles, start=1):
+        figure.update_yaxes(title_text=title, row=row, col=1)
+    figure.update_xaxes(title_text="time, s", row=len(titles), col=1)
+    return figure
+
+
+def _thinned(size: int) -> slice:
+    return slice(None, None, max(1, -(-size // MOST_POINTS)))
+
+
+def _line(
+    time: Sequence[float], values: FloatArray, kept: slice, colour: str, name: str = "", legend: bool = False
+) -> go.Scatter:
+    return go.Scatter(
+        x=_compact(time[kept]),
+        y=_compact(values[kept]),
+        mode="lines",
+        name=name,
+        legendgroup=name,
+        showlegend=legend,
+        line={"color": colour, "width": 1.4},
+    )
+
+
+def _dots(time: Sequence[float], values: FloatArray, kept: slice, legend: bool) -> go.Scatter:
+    return go.Scatter(
+        x=_compact(time[kept]),
+        y=_compact(MILLI * values[kept]),
+        mode="markers",
+        name="measured",
+        legendgroup="measured",
+        showlegend=legend,
+        marker={"color": MEASURED, "size": 2.5},
+    )
+
+
+def _band(time: Sequence[float], centre: FloatArray, sigma: FloatArray, kept: slice) -> go.Scatter:
+    """Two standard deviations on either side of `centre`, as one closed area."""
+    upper, lower = MILLI * (centre + 2.0 * sigma)[kept], MILLI * (centre - 2.0 * sigma)[kept]
+    there = np.asarray(time[kept])
+    return go.Scatter(
+        x=_compact(np.concatenate([there, there[::-1]])),
+        y=_compact(np.concatenate([upper, lower[::-1]])),
+        fill="toself",
+        fillcolor="rgba(120, 120, 120, 0.22)",
+        line={"width": 0},
+        hoverinfo="skip",
+        name="±2 sigma",
+        showlegend=False,
+    )
+
+
+def _compact(values: Sequence[float] | FloatArray) -> FloatArray:
+    """Single precision: half the page, and finer than any screen."""
+    return np.asarray(values, dtype=np.float32)
+
+
+def _finished(figure: go.Figure, *, legend: bool = True, height: int = 520) -> go.Figure:
+    """The house style: white, thin axes, one font."""
+    figure.update_layout(
+        template="simple_white",
+        font={"family": FONT, "size": 13},
+        height=height,
+        margin={"l": 70, "r": 20, "t": 24, "b": 50},
+        showlegend=legend,
+        legend={"orientation": "h", "yanchor": "bottom", "y": 1.02, "x": 0.0},
+        hovermode="x unified",
+    )
+    return figure

@@ -1,0 +1,127 @@
+"""Reports as one HTML file that opens offline: plotly's script is in it, once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import plotly.graph_objects as go
+from plotly.io import to_html
+from plotly.offline import get_plotlyjs
+
+from brv_hypo.ranking.result import Comparison, RankedHypothesis, Series
+from brv_hypo.report import figures, rows
+
+LEADING = 2
+"""Hypotheses that are drawn besides `none`; more lines than this hide each other."""
+
+_STYLE = f"""
+body {{ font: 16px/1.5 {figures.FONT}; color: #1a1a1a; max-width: 60rem; margin: 2.5rem auto;
+  padding: 0 1.25rem; }}
+h1 {{ font-size: 1.5rem; font-weight: 600; margin-bottom: .25rem; }}
+h2 {{ font-size: 1.1rem; font-weight: 600; margin: 2.25rem 0 .5rem; }}
+.quiet {{ color: #595959; font-size: .9rem; }}
+.verdict {{ border-left: 4px solid #0072B2; padding: .4rem 1rem; margin: 1.25rem 0; font-size: 1.1rem; }}
+.wide {{ overflow-x: auto; }}
+table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }}
+th, td {{ text-align: right; padding: .25rem .9rem .25rem 0; white-space: nowrap; }}
+th {{ font-weight: 600; border-bottom: 1px solid #1a1a1a; }}
+td.text, th.text {{ text-align: left; }}
+tr.stands td {{ font-weight: 600; }}
+"""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One headed part of a page, in HTML."""
+
+    heading: str
+    content: str
+
+
+def page(title: str, subtitle: str, verdict: str, blocks: Sequence[Block]) -> str:
+    """The whole document."""
+    body = "\n".join(
+        f"<section><h2>{escape(block.heading)}</h2>\n{block.content}</section>"
+        for block in blocks
+        if block.content
+    )
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n<script>{get_plotlyjs()}</script>\n</head>\n<body>\n"
+        f'<h1>{escape(title)}</h1>\n<p class="quiet">{escape(subtitle)}</p>\n'
+        f'<p class="verdict">{escape(verdict)}</p>\n{body}\n</body>\n</html>\n'
+    )
+
+
+def drawn(figure: go.Figure) -> str:
+    """A figure as HTML that relies on the page's script."""
+    return str(to_html(figure, full_html=False, include_plotlyjs=False, config={"displaylogo": False}))
+
+
+def table(
+    headings: Sequence[str], lines: Sequence[Sequence[str]], *, text: int, marked: Sequence[int] = ()
+) -> str:
+    """A table; the first `text` columns are text, the others numbers; the rows `marked` are bold."""
+
+    def cells(tag: str, values: Sequence[str]) -> str:
+        return "".join(
+            f"<{tag}{' class=text' if i < text else ''}>{escape(value)}</{tag}>"
+            for i, value in enumerate(values)
+        )
+
+    body = "\n".join(
+        f"<tr{' class=stands' if i in marked else ''}>{cells('td', row)}</tr>" for i, row in enumerate(lines)
+    )
+    return f'<div class="wide"><table><tr>{cells("th", headings)}</tr>\n{body}</table></div>'
+
+
+def bullets(messages: Sequence[str]) -> str:
+    """A list; nothing where there are none."""
+    items = "".join(f"<li>{escape(message)}</li>" for message in dict.fromkeys(messages))
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """Ranking, verdict and warnings, and the histories with what the leading hypotheses make of them."""
+    names = ", ".join(flight.title or flight.path for flight in comparison.flights)
+    ranking = table(
+        rows.RANKING_HEADINGS,
+        rows.ranking_rows(comparison),
+        text=rows.RANKING_TEXT_COLUMNS,
+        marked=rows.standing_rows(comparison),
+    )
+    blocks = [
+        Block("Ranking", ranking),
+        Block("Probability", drawn(figures.probability_figure(comparison.verdict.probability))),
+        Block("Warnings", bullets(rows.warning_texts(comparison))),
+    ]
+    for flight, series in zip(comparison.flights, comparison.series, strict=False):
+        which = f": {flight.title or flight.path}" if len(comparison.flights) > 1 else ""
+        blocks.extend(_histories(series, leading(comparison), which))
+    blocks.extend(Block(f"Terms of {row.mechanism}", _terms(row)) for row in comparison.ranking if row.terms)
+    blocks.append(Block("Notes", bullets(rows.note_texts(comparison))))
+    subtitle = "; ".join(rows.flight_texts(comparison))
+    return page(f"Mechanisms compared: {names}", subtitle, comparison.verdict.reason, blocks)
+
+
+def leading(comparison: Comparison) -> list[str]:
+    """The hypotheses to draw: the first of the ranking, and `none` for contrast."""
+    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
+    return [*first, "none"]
+
+
+def _histories(series: Series, names: Sequence[str], which: str) -> list[Block]:
+    fitted = {name: series.fitted[name] for name in names if name in series.fitted}
+    return [
+        Block(f"Moments, measured and fitted{which}", drawn(figures.moment_figure(series, fitted))),
+        Block(f"Residuals{which}", drawn(figures.residual_figure(series, fitted))),
+        Block(f"Motion{which}", drawn(figures.motion_figure(series))),
+    ]
+
+
+def _terms(hypothesis: RankedHypothesis) -> str:
+    terms = table(rows.TERM_HEADINGS, rows.term_rows(hypothesis.terms), text=rows.TERM_TEXT_COLUMNS)
+    return terms + bullets(rows.derived_texts(hypothesis.derived))

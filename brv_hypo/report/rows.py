@@ -1,0 +1,95 @@
+"""The rows of a comparison's tables, the same in the terminal and on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from brv_hypo.ranking.result import Comparison, DerivedEstimate, TermEstimate
+from brv_hypo.report.style import interval, number, percent
+
+RANKING_HEADINGS = ("mechanism", "rank", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
+RANKING_TEXT_COLUMNS = 1
+TERM_HEADINGS = ("term", "channel", "unit", "value", "sigma", "F", "region, s", "delay, s")
+TERM_TEXT_COLUMNS = 3
+
+
+def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """One row for each hypothesis, likeliest first; "of none" is the held-out error over that of `none`."""
+    return [
+        (
+            row.mechanism,
+            str(row.rank),
+            "failed" if row.status == "failed" else str(row.n_terms),
+            number(row.f_ratio),
+            number(row.cp, 4),
+            number(row.prediction_error),
+            percent(row.prediction_ratio),
+            f"{row.r2:.4f}",
+            percent(comparison.verdict.probability.get(row.mechanism)),
+        )
+        for row in comparison.ranking
+    ]
+
+
+def standing_rows(comparison: Comparison) -> list[int]:
+    """Which rows the verdict lets stand."""
+    return [i for i, row in enumerate(comparison.ranking) if row.mechanism in comparison.verdict.equivalent]
+
+
+def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
+    """One row for each coefficient."""
+    return [
+        (
+            term.name,
+            term.channel,
+            term.units,
+            number(term.value, 4),
+            number(term.std_error, 2),
+            number(term.f_ratio),
+            interval(term.region_s),
+            number(term.delay_s),
+        )
+        for term in terms
+    ]
+
+
+def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
+    """What follows from the coefficients, one line each; angles in degrees too."""
+    lines = []
+    for item in derived:
+        unit = "" if item.units == "1" else f" {item.units}"
+        line = f"{item.name} = {number(item.value, 4)} ± {number(item.std_error, 2)}{unit}"
+        if item.units == "rad":
+            line += f" ({np.degrees(item.value):.1f} ± {np.degrees(item.std_error):.1f} deg)"
+        lines.append(line + (f" in {interval(item.region_s)} s" if item.region_s else ""))
+    return lines
+
+
+def flight_texts(comparison: Comparison) -> list[str]:
+    """One line for each flight, and one for how well the motion is known."""
+    lines = [
+        f"{flight.title or flight.path}: {flight.samples} samples, "
+        f"{interval((flight.start_s, flight.stop_s))} s, {flight.sample_rate_hz:.4g} Hz"
+        for flight in comparison.flights
+    ]
+    known = comparison.reconstruction
+    alpha = number(float(np.degrees(known.alpha_rms_sigma_rad)), 2)
+    meridian = number(known.phi_w_rms_sigma_rad, 2)
+    lines.append(
+        f"motion by the {known.method} method: alpha ± {alpha} deg, "
+        f"windward meridian ± {meridian} rad (1 sigma, rms)"
+    )
+    return lines
+
+
+def note_texts(comparison: Comparison) -> list[str]:
+    """What reading changed in the records, and remarks on the fits."""
+    flights = [note for flight in comparison.flights for note in flight.notes]
+    return flights + [f"{row.mechanism}: {note}" for row in comparison.ranking for note in row.notes]
+
+
+def warning_texts(comparison: Comparison) -> list[str]:
+    """What limits the result."""
+    return [*comparison.reconstruction.warnings, *comparison.warnings]
