@@ -1,1 +1,33 @@
-"""."""
+"""Exact subset regression: the best models of every size out of a set of columns, with a certificate.
+
+A map, in the order in which data flow:
+
+    best.py         ``best_subsets``, the entrance
+    frame.py        weights, forced columns, scaling, aliases, triangular factor
+    constraints.py  groups and parents
+    board.py        the best subsets so far and the thresholds that they set
+    heuristics.py   good subsets to start from
+    pieces.py       the tree cut into pieces of independent columns
+    search.py       choice of kernel, time limit, certificate
+    nodes.py, tree_numpy.py   the tree in numpy
+    fit.py, criteria.py, finish.py   final fits in extended precision and their criteria
+    result.py       what is returned
+"""
+
+from brv_hypo.subset.best import best_subsets
+from brv_hypo.subset.constraints import Group, at_most_one, together
+from brv_hypo.subset.criteria import Criteria
+from brv_hypo.subset.frame import Alias
+from brv_hypo.subset.result import Certificate, Subset, SubsetResult
+
+__all__ = [
+    "Alias",
+    "Certificate",
+    "Criteria",
+    "Group",
+    "Subset",
+    "SubsetResult",
+    "at_most_one",
+    "best_subsets",
+    "together",
+]

@@ -1,0 +1,95 @@
+"""The best subsets found so far, size by size, and the thresholds that they set for pruning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cmp_to_key
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.subset.frame import RANK_TOLERANCE, Frame
+
+EPS = float(np.finfo(np.float64).eps)
+# Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
+TIE = 1e-11
+
+
+class Board:
+    """The ``capacity`` best subsets of each size 1..max_size, each residual re-evaluated by QR.
+
+    ``ceiling`` (max_size + 1,) bars subsets above a fixed residual: it turns the search for the best into the
+    enumeration of all that lie below.
+    """
+
+    def __init__(
+        self, frame: Frame, max_size: int, capacity: int, margin: float, ceiling: FloatArray | None = None
+    ) -> None:
+        self.frame = frame
+        self.max_size = max_size
+        self.capacity = capacity
+        self.margin = margin
+        self.ceiling = np.full(max_size + 1, np.inf) if ceiling is None else ceiling
+        self.limits = self.ceiling * (1.0 + margin)
+        self.limits[0] = -np.inf
+        self.perfect = (100.0 * EPS) ** 2 * frame.rss_forced
+        self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(max_size + 1)]
+        self._seen: set[tuple[int, ...]] = set()
+
+    def rows(self, size: int) -> list[tuple[float, tuple[int, ...]]]:
+        """(residual sum of squares, candidate positions) of one size, best first."""
+        return self._rows[size]
+
+    def offer_all(self, subsets: Iterable[Sequence[int]]) -> None:
+        """Offer every subset."""
+        for subset in subsets:
+            self.offer(subset)
+
+    def offer(self, subset: Sequence[int]) -> None:
+        """Take in a subset of candidate positions where it is allowed, of full rank and good enough."""
+        key = tuple(sorted(subset))
+        size = len(key)
+        if not 0 < size <= self.max_size or key in self._seen:
+            return
+        self._seen.add(key)
+        if self.frame.constraints.active and not self.frame.constraints.allows(key):
+            return
+        rss = residual(self.frame, key)
+        if rss is None or rss > self.ceiling[size]:
+            return
+        rows = self._rows[size]
+        rows.append((rss, key))
+        rows.sort(key=cmp_to_key(self._compare))
+        del rows[self.capacity :]
+        self._lower_limit(size)
+
+    def worst(self, size: int) -> float:
+        """The residual that a newcomer must beat."""
+        rows = self._rows[size]
+        return min(rows[-1][0], self.ceiling[size]) if len(rows) == self.capacity else self.ceiling[size]
+
+    def full(self, size: int) -> bool:
+        """Whether all places of a size are taken."""
+        return len(self._rows[size]) == self.capacity
+
+    def _lower_limit(self, size: int) -> None:
+        worst = self.worst(size)
+        # A perfect fit cannot be beaten; searching for its equals would visit every superset.
+        self.limits[size] = worst * (1.0 + self.margin) if worst > self.perfect else -np.inf
+
+    def _compare(self, a: tuple[float, tuple[int, ...]], b: tuple[float, tuple[int, ...]]) -> int:
+        low = max(min(a[0], b[0]), self.perfect)
+        tie = TIE + 16.0 * EPS * float(np.sqrt(self.frame.rss_forced / low)) if low > 0.0 else TIE
+        if abs(a[0] - b[0]) > tie * low:
+            return -1 if a[0] < b[0] else 1
+        return -1 if a[1] < b[1] else 1
+
+
+def residual(frame: Frame, subset: Sequence[int]) -> float | None:
+    """Residual sum of squares by QR of the columns themselves; None where they are dependent."""
+    k = len(subset)
+    factor = np.linalg.qr(np.column_stack([frame.R[:, list(subset)], frame.z]), mode="r")
+    if np.abs(factor.diagonal()[:k]).min(initial=np.inf) <= RANK_TOLERANCE:
+        return None
+    tail = factor[k:, k]
+    return frame.rss_full + float(tail @ tail)

@@ -1,0 +1,159 @@
+"""The selection criteria of Section 3.3.2 of the report, with AIC, BIC and a held-out error.
+
+n rows, p coefficients (forced ones included), k of them chosen, RSS the residual sum of squares, RSS_0 that of
+the forced columns alone, s^2 the residual variance of the complete model, e the residuals, h the leverages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.subset.fit import LeastSquares
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Criteria of one subset; nan where the data do not define one (no degrees of freedom left).
+
+    ======================= ======================================== =========================================
+    field                   formula                                  source
+    ======================= ======================================== =========================================
+    rss                     sum of e^2                               report 3.3.2 (a)
+    adjusted_rss            RSS / (n - p)                            (b); Hocking, Biometrics 32 (1976) 1
+    r2, adjusted_r2         1 - RSS/RSS_0, 1 - (RSS/(n-p))/(RSS_0/(n-p+k))  Hocking 1976
+    prediction_error        RSS (n + p) / (n (n - p))                (c); Akaike, Ann. I. Stat. Math. 21 (1969) 243
+    cp                      RSS / s^2 - n + 2 p                      (d); Mallows, Technometrics 15 (1973) 661
+    f_ratio                 ((RSS_0 - RSS) / k) / (RSS / (n - p))    (e); total equation F
+    expected_variance       p RSS / (n (n - p))                      (f); Helms, Comm. Stat. 3 (1974) 261
+    point_error             s^2 (1 - g) + bias^2 + 2 s^2 g_A         (g); Allen, Technometrics 13 (1971) 469
+    press                   sum of (e / (1 - h))^2                   Allen, Technometrics 16 (1974) 125
+    aic                     n log(RSS / n) + 2 p                     Akaike, IEEE TAC 19 (1974) 716
+    bic                     n log(RSS / n) + p log n                 Schwarz, Ann. Stat. 6 (1978) 461
+    held_out                mean square error on blocks of rows, each predicted from the others
+    ======================= ======================================== =========================================
+
+    In (g), at a point x: g = x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the
+    difference of their predictions. Without a point, the average over the rows of the data is given.
+    """
+
+    rss: float
+    adjusted_rss: float
+    r2: float
+    adjusted_r2: float
+    prediction_error: float
+    cp: float
+    f_ratio: float
+    expected_variance: float
+    point_error: float
+    press: float
+    aic: float
+    bic: float
+    held_out: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What criteria compare with: the forced and the complete model, blocks to hold out, Allen's point."""
+
+    rss_forced: float
+    n_forced: int
+    complete: LeastSquares
+    complete_rank: int
+    blocks: IntArray
+    complete_prediction: float | None = None
+    complete_leverage: float | None = None
+
+    @property
+    def variance(self) -> float:
+        """Residual variance of the complete model; nan without degrees of freedom."""
+        free = self.complete.residuals.size - self.complete_rank
+        return self.complete.rss / free if free > 0 else float("nan")
+
+
+def evaluate(
+    fit: LeastSquares, reference: Reference, at_point: tuple[float, float] | None = None
+) -> Criteria:
+    """All criteria of one fit; ``at_point`` holds its prediction and leverage at Allen's point."""
+    n, p = fit.basis.shape
+    k, rss, free = p - reference.n_forced, fit.rss, n - p
+    if free <= 0:
+        nan = float("nan")
+        return Criteria(rss, nan, _ratio(reference.rss_forced - rss, reference.rss_forced), *[nan] * 10)
+    mean_square = rss / free
+    mean_square_forced = reference.rss_forced / (free + k)
+    variance = reference.variance
+    log_likelihood = n * float(np.log(rss / n)) if rss > 0 else -np.inf
+    return Criteria(
+        rss=rss,
+        adjusted_rss=mean_square,
+        r2=1.0 - _ratio(rss, reference.rss_forced),
+        adjusted_r2=1.0 - _ratio(mean_square, mean_square_forced),
+        prediction_error=mean_square * (n + p) / n,
+        cp=_ratio(rss, variance) - n + 2 * p,
+        f_ratio=_ratio((reference.rss_forced - rss) / k, mean_square) if k else float("nan"),
+        expected_variance=mean_square * p / n,
+        point_error=_point_error(rss, n, p, reference, at_point),
+        press=press(fit),
+        aic=log_likelihood + 2 * p,
+        bic=log_likelihood + p * float(np.log(n)),
+        held_out=held_out_error(fit, reference.blocks),
+    )
+
+
+def press(fit: LeastSquares) -> float:
+    """Allen's PRESS: each row predicted from all the others."""
+    left = 1.0 - np.sum(fit.basis**2, axis=1)
+    if left.min() <= 1e-12:
+        return float("nan")
+    return float(np.sum((fit.residuals / left) ** 2))
+
+
+def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
+    """Mean square error of rows predicted without their block, from one factorisation.
+
+    With Q_B the block's rows of the basis, its held-out residuals are
+    (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
+    """
+    k = fit.basis.shape[1]
+    total = 0.0
+    for block in np.unique(blocks):
+        rows = blocks == block
+        Q, e = fit.basis[rows], fit.residuals[rows]
+        inner = np.eye(k) - Q.T @ Q
+        if k and np.linalg.eigvalsh(inner)[0] < 1e-10:
+            return float("nan")
+        total += float(np.sum((e + Q @ np.linalg.solve(inner, Q.T @ e)) ** 2))
+    return total / blocks.size
+
+
+def contiguous_blocks(n: int, count: int) -> IntArray:
+    """Label n rows, in their order, with ``count`` blocks of nearly equal length."""
+    return np.minimum(np.arange(n) * count // max(n, 1), count - 1)
+
+
+def point_values(
+    columns: Sequence[int], fit: LeastSquares, X: FloatArray, point: FloatArray
+) -> tuple[float, float]:
+    """Prediction and leverage x'(X'X)^-1 x of a fit at a point (all columns of X)."""
+    x = point[list(columns)]
+    weights = np.linalg.lstsq(X[:, list(columns)].T.astype(np.float64), x, rcond=None)[0]
+    return float(x @ fit.coefficients), float(weights @ weights)
+
+
+def _point_error(
+    rss: float, n: int, p: int, reference: Reference, at_point: tuple[float, float] | None
+) -> float:
+    variance = reference.variance
+    if at_point is None or reference.complete_prediction is None or reference.complete_leverage is None:
+        bias2 = (rss - reference.complete.rss) / n
+        return variance * (1.0 - reference.complete_rank / n) + bias2 + 2.0 * variance * p / n
+    bias = at_point[0] - reference.complete_prediction
+    return variance * (1.0 - reference.complete_leverage) + bias**2 + 2.0 * variance * at_point[1]
+
+
+def _ratio(a: float, b: float) -> float:
+    return a / b if b > 0 else float("nan")

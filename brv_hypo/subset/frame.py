@@ -1,0 +1,212 @@
+"""From (X, y) to the searched problem: weights, forced columns, scaling, aliases, triangular factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.errors import UsageError
+from brv_hypo.subset.constraints import (
+    Constraints,
+    Groups,
+    Parents,
+    build_constraints,
+    constrained_columns,
+)
+
+# Relative size of what is left of a column below which it counts as lying in a span.
+SPAN_TOLERANCE = 1e-12
+# Distance of two unit columns below which they are one column under two names.
+ALIAS_TOLERANCE = 1e-11
+# Smallest diagonal of the triangular factor of unit columns that counts as full rank.
+RANK_TOLERANCE = 1e-13
+
+
+class Alias(NamedTuple):
+    """A column that equals a combination of others: ``x[column] = sum(weight * x[other])``."""
+
+    column: int
+    combination: tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The least-squares frame in which the search runs.
+
+    ``X`` (n, p) and ``y`` (n,) are the weighted data in the precision given. ``R`` (m, m) and ``z`` (m,) are the
+    triangular factor of the m candidates with the forced columns projected out, scaled to unit length, and
+    of the response. ``rss_forced`` and ``rss_full`` are the residual sums of squares of the forced and of
+    the complete model.
+    """
+
+    X: FloatArray
+    y: FloatArray
+    weights: FloatArray | None
+    forced: tuple[int, ...]
+    candidates: IntArray
+    R: FloatArray
+    z: FloatArray
+    rss_forced: float
+    rss_full: float
+    rank: int
+    condition: float
+    aliases: tuple[Alias, ...]
+    constraints: Constraints
+
+    @property
+    def n_candidates(self) -> int:
+        """Number of candidates searched over."""
+        return int(self.candidates.size)
+
+
+def build_frame(
+    X: ArrayLike,
+    y: ArrayLike,
+    forced: Sequence[int],
+    weights: ArrayLike | None,
+    groups: Groups | None,
+    parents: Parents | None,
+) -> Frame:
+    """Check the input and reduce it to a triangular problem.
+
+    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of
+    range.
+    """
+    X_given, y_given = _checked_data(X, y)
+    w = _checked_weights(weights, y_given.size)
+    if w is not None:
+        root = np.sqrt(w).astype(X_given.dtype)
+        X_given, y_given = X_given * root[:, None], y_given * root
+    forced_columns = _checked_forced(forced, X_given.shape[1])
+
+    X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
+    basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
+    free = np.array([j for j in range(X64.shape[1]) if j not in set(forced_columns)], dtype=np.int64)
+    projected, norms = _project_out(basis, X64[:, free])
+    rest, _ = _project_out(basis, y64[:, None])
+    rest = rest[:, 0]
+    original = np.linalg.norm(X64[:, free], axis=0)
+    inside = norms <= SPAN_TOLERANCE * original
+    aliases += _span_aliases(X64, kept_forced, free[inside])
+    free, units = free[~inside], projected[:, ~inside] / norms[~inside]
+    unmergeable = constrained_columns(groups, parents)
+    keep, duplicates = _representatives(units, free, norms[~inside], unmergeable)
+    aliases += duplicates
+    free, units = free[keep], units[:, keep]
+
+    R, z, rss_full = _triangular_factor(units, rest)
+    singular = np.linalg.svd(R, compute_uv=False) if free.size else np.ones(1)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if free.size else 0
+    condition = float(singular[0] / singular[-1]) if rank == free.size else float("inf")
+    settled = {*forced_columns, *(a.column for a in aliases if set(dict(a.combination)) <= set(kept_forced))}
+    return Frame(
+        X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z,
+        rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=condition,
+        aliases=tuple(aliases),
+        constraints=build_constraints(free.tolist(), settled, X64.shape[1], groups, parents),
+    )  # fmt: skip
+
+
+def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    X_array, y_array = np.asarray(X), np.asarray(y)
+    if X_array.ndim != 2 or y_array.ndim != 1 or X_array.shape[0] != y_array.size:
+        raise UsageError(
+            f"X has shape {X_array.shape} and y {y_array.shape}; expected (n, p) and (n,): "
+            "one row per sample, one column per term"
+        )
+    # Extended precision is kept for the final fit; anything else becomes double.
+    wanted = np.longdouble if X_array.dtype == np.longdouble else np.float64
+    X_array, y_array = X_array.astype(wanted), y_array.astype(wanted)
+    bad_columns = np.flatnonzero(~np.isfinite(X_array).all(axis=0))
+    if bad_columns.size or not np.isfinite(y_array).all():
+        where = f"columns {bad_columns.tolist()} of X" if bad_columns.size else "y"
+        raise UsageError(f"{where} hold values that are not finite; drop or mask those rows before the search")
+    return X_array, y_array
+
+
+def _checked_weights(weights: ArrayLike | None, n: int) -> FloatArray | None:
+    if weights is None:
+        return None
+    w = np.asarray(weights, dtype=np.float64)
+    if w.shape != (n,) or not np.isfinite(w).all() or (w < 0).any():
+        raise UsageError(f"weights have shape {w.shape}; expected {n} finite values >= 0, one per row")
+    return w
+
+
+def _checked_forced(forced: Sequence[int], p: int) -> tuple[int, ...]:
+    columns = tuple(dict.fromkeys(int(j) for j in forced))
+    outside = [j for j in columns if not 0 <= j < p]
+    if outside:
+        raise UsageError(f"forced names columns {outside}, but X has columns 0..{p - 1}; use forced=() for none")
+    return columns
+
+
+def _forced_basis(
+    X: FloatArray, forced: tuple[int, ...]
+) -> tuple[FloatArray, tuple[int, ...], list[Alias]]:
+    """Orthonormal basis of the forced columns; dependent ones are reported and left out."""
+    basis = np.empty((X.shape[0], 0))
+    kept: list[int] = []
+    aliases: list[Alias] = []
+    for j in forced:
+        rest, norm = _project_out(basis, X[:, [j]])
+        if norm[0] <= SPAN_TOLERANCE * np.linalg.norm(X[:, j]):
+            aliases += _span_aliases(X, tuple(kept), np.array([j]))
+            continue
+        basis = np.column_stack([basis, rest / norm[0]])
+        kept.append(j)
+    return basis, tuple(kept), aliases
+
+
+def _project_out(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Remove the basis from the columns, twice for orthogonality to rounding; also their norms."""
+    rest = columns - basis @ (basis.T @ columns)
+    rest -= basis @ (basis.T @ rest)
+    return rest, np.linalg.norm(rest, axis=0)
+
+
+def _span_aliases(X: FloatArray, kept: tuple[int, ...], inside: IntArray) -> list[Alias]:
+    if not len(inside):
+        return []
+    weights = np.linalg.lstsq(X[:, list(kept)], X[:, inside], rcond=None)[0]
+    return [Alias(int(j), _combination(kept, weights[:, i])) for i, j in enumerate(inside)]
+
+
+def _combination(columns: Sequence[int], weights: FloatArray) -> tuple[tuple[int, float], ...]:
+    largest = np.abs(weights).max(initial=0.0)
+    return tuple((int(c), float(w)) for c, w in zip(columns, weights, strict=True) if abs(w) > 1e-9 * largest)
+
+
+def _representatives(
+    units: FloatArray, free: IntArray, norms: FloatArray, unmergeable: set[int]
+) -> tuple[IntArray, list[Alias]]:
+    """The first of every class of parallel columns, and the rest as aliases of it.
+
+    A column that a rule names stands for itself: its twin may be allowed where it is not.
+    """
+    correlation = np.abs(units.T @ units)
+    suspects = np.argwhere(np.triu(correlation > 1.0 - 1e-12, k=1))
+    merged: dict[int, int] = {}
+    aliases = []
+    for i, j in suspects:
+        if i in merged or j in merged or free[i] in unmergeable or free[j] in unmergeable:
+            continue
+        sign = np.sign(units[:, i] @ units[:, j])
+        if np.linalg.norm(units[:, i] - sign * units[:, j]) <= ALIAS_TOLERANCE:
+            merged[int(j)] = int(i)
+            aliases.append(Alias(int(free[j]), ((int(free[i]), float(sign * norms[j] / norms[i])),)))
+    return np.array([i for i in range(free.size) if i not in merged], dtype=np.int64), aliases
+
+
+def _triangular_factor(units: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """R, Q'y and the residual of the complete model; R is padded to square when there are few rows."""
+    m = units.shape[1]
+    full = np.linalg.qr(np.column_stack([units, rest]), mode="r")
+    padded = np.zeros((m + 1, m + 1))
+    padded[: full.shape[0]] = full
+    return padded[:m, :m].copy(), padded[:m, m].copy(), float(padded[m, m] ** 2)

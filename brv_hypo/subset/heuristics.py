@@ -1,0 +1,104 @@
+"""Good subsets found quickly: forward, best swap, and passing on between neighbouring sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.subset.board import Board
+from brv_hypo.subset.frame import Frame
+from brv_hypo.subset.pieces import propagate
+
+MOST_SWAPS = 30
+
+
+def seed_board(board: Board) -> None:
+    """Fill the board with good subsets of every size; exactness never depends on them."""
+    frame = board.frame
+    if frame.constraints.active:
+        _constrained_forward(board)
+        return
+    work = _Workspace(frame)
+    best: list[list[int]] = []
+    chosen: list[int] = []
+    for _ in range(min(board.max_size, frame.rank)):
+        ranked = work.additions(chosen)
+        board.offer_all([[*chosen, int(j)] for j in ranked[: board.capacity + 1]])
+        chosen = work.swapped([*chosen, int(ranked[0])], board)
+        best.append(chosen)
+    for size in range(len(best) - 2, 0, -1):
+        smaller = work.without_least([*best[size + 1]])
+        best[size] = work.swapped(smaller, board)
+
+
+class _Workspace:
+    """Gains of adding and of exchanging columns, from the Gram matrix of the candidates."""
+
+    def __init__(self, frame: Frame) -> None:
+        self._G = frame.R.T @ frame.R
+        self._b = frame.R.T @ frame.z
+
+    def additions(self, chosen: list[int]) -> IntArray:
+        """Candidates, best addition first."""
+        W, _, _ = self._regression(chosen)
+        gains = _gain(*self._left(chosen, W))
+        gains[chosen] = -np.inf
+        return np.argsort(-gains, kind="stable")
+
+    def swapped(self, chosen: list[int], board: Board) -> list[int]:
+        """Take the best exchange of one column, again and again, until none helps."""
+        board.offer(chosen)
+        for _ in range(MOST_SWAPS):
+            W, beta, spread = self._regression(chosen)
+            d, c = self._left(chosen, W)
+            # With column i of the subset out, S_jj and c_j of every column j outside grow by rank one.
+            net = _gain(d + W**2 / spread[:, None], c + W * (beta / spread)[:, None])
+            net -= (beta**2 / spread)[:, None]
+            net[:, chosen] = -np.inf
+            i, j = np.unravel_index(int(net.argmax()), net.shape)
+            if net[i, j] <= 1e-10 * board.frame.rss_full:
+                break
+            chosen = [*chosen[:i], *chosen[i + 1 :], int(j)]
+            board.offer(chosen)
+        return chosen
+
+    def without_least(self, chosen: list[int]) -> list[int]:
+        """Leave out the column whose loss costs least."""
+        _, beta, spread = self._regression(chosen)
+        least = int((beta**2 / spread).argmin())
+        return chosen[:least] + chosen[least + 1 :]
+
+    def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Coefficients of all columns and of the response on the chosen ones, and the diagonal of the inverse."""
+        inverse = np.linalg.pinv(self._G[np.ix_(chosen, chosen)], hermitian=True)
+        return inverse @ self._G[chosen], inverse @ self._b[chosen], inverse.diagonal()
+
+    def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Squared length of what is left of every column, and its product with what is left of the response."""
+        return self._G.diagonal() - np.sum(self._G[chosen] * W, axis=0), self._b - self._b[chosen] @ W
+
+
+def _gain(d: FloatArray, c: FloatArray) -> FloatArray:
+    solid = d > 1e-11
+    return np.asarray(np.where(solid, c**2 / np.where(solid, d, 1.0), -1.0))
+
+
+def _constrained_forward(board: Board) -> None:
+    """Forward selection by whole closures: each step takes the allowed closure with the best gain a column."""
+    frame = board.frame
+    work = _Workspace(frame)
+    included: tuple[int, ...] = ()
+    undecided = tuple(range(frame.n_candidates))
+    while undecided:
+        for candidate in work.additions(list(included)).tolist():
+            if candidate not in undecided:
+                continue
+            allowed = propagate(
+                frame.constraints, (*included, candidate), [u for u in undecided if u != candidate]
+            )
+            if allowed is not None and len(allowed[0]) <= board.max_size:
+                included, undecided = allowed
+                board.offer(included)
+                break
+        else:
+            return

@@ -1,0 +1,174 @@
+"""Nodes of the include/drop tree in numpy: one through Schur complements, one through triangular factors.
+
+Dropping column j raises the bound (the residual with all undecided columns in) by beta_j^2 / H_jj, where
+S is the Schur complement of the undecided columns given the included ones, H = S^-1 and beta = H c.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.subset.pieces import Piece
+
+
+class Node(Protocol):
+    """What the tree needs of a node; ``labels`` are the undecided candidates, in the order of all arrays."""
+
+    @property
+    def included(self) -> tuple[int, ...]:
+        """Candidates already in."""
+        ...
+
+    @property
+    def labels(self) -> IntArray:
+        """Undecided candidates."""
+        ...
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the included candidates."""
+        ...
+
+    @property
+    def bound(self) -> float:
+        """Residual sum of squares with every undecided candidate in."""
+        ...
+
+    def rises(self) -> FloatArray:
+        """Rise of the bound on dropping each undecided candidate."""
+        ...
+
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """S and c over the undecided candidates."""
+        ...
+
+    def include(self, label: int) -> Node:
+        """The node with one more candidate in."""
+        ...
+
+    def drop(self, label: int) -> Node:
+        """The node with one candidate fewer to decide."""
+        ...
+
+
+@dataclass(frozen=True)
+class SchurNode:
+    """Rank-one steps on full-length arrays; ``alive`` marks the undecided. Including leaves H alone, dropping S."""
+
+    piece: Piece
+    included: tuple[int, ...]
+    alive: BoolArray
+    S: FloatArray
+    c: FloatArray
+    rss: float
+    H: FloatArray
+    beta: FloatArray
+    bound: float
+
+    @classmethod
+    def start(cls, piece: Piece) -> SchurNode:
+        """S from R'R and H from the inverse of R, never from the inverse of S."""
+        inverse = np.linalg.solve(piece.R, np.eye(piece.z.size))
+        return cls(
+            piece, piece.included, np.ones(piece.z.size, dtype=np.bool_), piece.R.T @ piece.R,
+            piece.R.T @ piece.z, piece.rss, inverse @ inverse.T, inverse @ piece.z, piece.bound,
+        )  # fmt: skip
+
+    @cached_property
+    def _at(self) -> IntArray:
+        return np.flatnonzero(self.alive)
+
+    @cached_property
+    def labels(self) -> IntArray:
+        """Undecided candidates."""
+        return np.asarray(self.piece.labels[self._at])
+
+    def rises(self) -> FloatArray:
+        """Rise of the bound on dropping each undecided candidate."""
+        return np.asarray(self.beta[self._at] ** 2 / self.H.diagonal()[self._at])
+
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """S and c over the undecided candidates."""
+        return self.S[self._at[:, None], self._at], self.c[self._at]
+
+    def include(self, label: int) -> SchurNode:
+        """Rank-one step on S."""
+        j = self.piece.position[label]
+        row, pivot, alive = self.S[j], self.S[j, j], self.alive.copy()
+        alive[j] = False
+        scaled = row / pivot
+        return replace(
+            self, included=(*self.included, label), alive=alive, S=self.S - scaled[:, None] * row,
+            c=self.c - scaled * self.c[j], rss=self.rss - float(self.c[j] ** 2 / pivot),
+        )  # fmt: skip
+
+    def drop(self, label: int) -> SchurNode:
+        """Rank-one step on H."""
+        j = self.piece.position[label]
+        row, pivot, alive = self.H[j], self.H[j, j], self.alive.copy()
+        alive[j] = False
+        scaled = row / pivot
+        return replace(
+            self, alive=alive, H=self.H - scaled[:, None] * row, beta=self.beta - scaled * self.beta[j],
+            bound=self.bound + float(self.beta[j] ** 2 / pivot),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TriangularNode:
+    """The same node by orthogonal steps on R: slower, and exact to rounding where the columns are ill-conditioned."""
+
+    included: tuple[int, ...]
+    labels: IntArray
+    R: FloatArray
+    z: FloatArray
+    bound: float
+
+    @classmethod
+    def start(cls, piece: Piece) -> TriangularNode:
+        """The piece as it stands."""
+        return cls(piece.included, piece.labels, piece.R, piece.z, piece.bound)
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the included candidates."""
+        return self.bound + float(self.z @ self.z)
+
+    def rises(self) -> FloatArray:
+        """Rise of the bound on dropping each undecided candidate; zero where the factor is singular."""
+        try:
+            inverse = np.linalg.solve(self.R, np.column_stack([self.z, np.eye(self.z.size)]))
+        except np.linalg.LinAlgError:
+            return np.zeros(self.z.size)
+        return np.asarray(inverse[:, 0] ** 2 / np.sum(inverse[:, 1:] ** 2, axis=1))
+
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """S and c over the undecided candidates."""
+        return self.R.T @ self.R, self.R.T @ self.z
+
+    def include(self, label: int) -> TriangularNode:
+        """Rotate the column to the front and strike its row."""
+        j = self._position(label)
+        others = np.delete(np.arange(self.z.size), j)
+        factor = np.linalg.qr(np.column_stack([self.R[:, [j]], self.R[:, others], self.z]), mode="r")
+        return replace(
+            self, included=(*self.included, label), labels=self.labels[others], R=factor[1:, 1:-1],
+            z=factor[1:, -1],
+        )  # fmt: skip
+
+    def drop(self, label: int) -> TriangularNode:
+        """Strike the column and triangularise again; the last entry of z goes to the bound."""
+        others = np.delete(np.arange(self.z.size), self._position(label))
+        factor = np.linalg.qr(np.column_stack([self.R[:, others], self.z]), mode="r")
+        return replace(
+            self, labels=self.labels[others], R=factor[:-1, :-1], z=factor[:-1, -1],
+            bound=self.bound + float(factor[-1, -1] ** 2),
+        )  # fmt: skip
+
+    def _position(self, label: int) -> int:
+        return int(np.flatnonzero(self.labels == label)[0])

@@ -1,0 +1,123 @@
+"""Pieces of the search tree: what is in, what is undecided, and the factor to start from.
+
+The fast kernels need the undecided columns to be independent. Where they are not, the tree is cut along the
+dependency: a subset of full rank leaves out at least one of the columns that take part in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.subset.constraints import Constraints
+from brv_hypo.subset.frame import RANK_TOLERANCE, Frame
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A subtree: all subsets that hold ``included`` and otherwise draw on ``undecided``.
+
+    ``R`` (u, u) and ``z`` (u,) are the triangular problem left after ``included``; ``bound`` is the residual sum
+    of squares with every undecided column in.
+    """
+
+    included: tuple[int, ...]
+    undecided: tuple[int, ...]
+    R: FloatArray
+    z: FloatArray
+    bound: float
+
+    @cached_property
+    def labels(self) -> IntArray:
+        """The undecided columns as an array."""
+        return np.array(self.undecided, dtype=np.int64)
+
+    @cached_property
+    def position(self) -> dict[int, int]:
+        """Where each undecided column stands."""
+        return {label: i for i, label in enumerate(self.undecided)}
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the included columns alone."""
+        return self.bound + float(self.z @ self.z)
+
+    @property
+    def singular(self) -> bool:
+        """Whether the undecided columns are dependent."""
+        return bool(np.abs(self.R.diagonal()).min(initial=np.inf) <= RANK_TOLERANCE)
+
+
+def propagate(
+    constraints: Constraints, included: Sequence[int], undecided: Sequence[int]
+) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+    """Carry out what the rules imply; None where no allowed subset is left."""
+    if not constraints.active:
+        return tuple(included), tuple(undecided)
+    inside = np.zeros(constraints.possible.size, dtype=np.bool_)
+    alive = inside.copy()
+    inside[list(included)] = True
+    alive[list(undecided)] = True
+    brought = constraints.requires[inside].any(axis=0) & ~inside
+    barred = constraints.excludes[inside].any(axis=0)
+    if (brought & ~alive).any() or ((inside | brought) & barred).any() or not constraints.possible[inside].all():
+        return None
+    alive &= ~brought & ~barred & constraints.possible
+    inside |= brought
+    alive &= ~(constraints.requires & ~(inside | alive)[None, :]).any(axis=1)
+    order = [*included, *np.flatnonzero(brought)]
+    return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
+
+
+def make_piece(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...]) -> Piece | None:
+    """Factorise one piece from the root factor; None where the included columns are dependent."""
+    s, u = len(included), len(undecided)
+    columns = [*included, *undecided]
+    factor = np.linalg.qr(np.column_stack([frame.R[:, columns], frame.z]), mode="r")
+    padded = np.zeros((s + u + 1, s + u + 1))
+    padded[: factor.shape[0]] = factor
+    if np.abs(padded.diagonal()[:s]).min(initial=np.inf) <= RANK_TOLERANCE:
+        return None
+    tail = padded[s + u :, s + u]
+    return Piece(
+        included, undecided, padded[s : s + u, s : s + u], padded[s : s + u, s + u],
+        frame.rss_full + float(tail @ tail),
+    )  # fmt: skip
+
+
+def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece]:
+    """Cut the whole tree into pieces whose undecided columns are independent.
+
+    A piece with two places left or fewer is passed on as it is: pairs are scored without the inverse.
+    """
+    stack = [((), tuple(range(frame.n_candidates)))]
+    while stack:
+        allowed = propagate(frame.constraints, *stack.pop())
+        if allowed is None or len(allowed[0]) > max_size:
+            continue
+        piece = make_piece(frame, *allowed)
+        if piece is None:
+            continue
+        dependent = _dependency(piece.R)
+        if not dependent or max_size - len(piece.included) <= 2:
+            yield piece
+            continue
+        involved = [piece.undecided[i] for i in dependent]
+        for i in range(len(involved)):
+            kept = piece.included + tuple(involved[:i])
+            rest = tuple(j for j in piece.undecided if j not in involved[: i + 1])
+            stack.append((kept, rest))
+
+
+def _dependency(R: FloatArray) -> list[int]:
+    """Positions of the columns in the first linear dependency; empty where the factor has full rank."""
+    weak = np.flatnonzero(np.abs(R.diagonal()) <= RANK_TOLERANCE)
+    if not weak.size:
+        return []
+    j = int(weak[0])
+    weights = np.linalg.solve(R[:j, :j], R[:j, j])
+    return [*np.flatnonzero(np.abs(weights) > 1e-10 * np.abs(weights).max(initial=0.0)).tolist(), j]

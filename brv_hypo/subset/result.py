@@ -1,0 +1,77 @@
+"""What a search returns: subsets, their certificate, what was set aside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.subset.criteria import Criteria
+from brv_hypo.subset.frame import Alias
+
+
+@dataclass(frozen=True)
+class Subset:
+    """One subset and its fit.
+
+    ``columns``: chosen columns of X, ascending, without the forced ones. ``terms``: the forced columns, then the
+    chosen ones; ``coefficients`` and ``std_errors`` (ordinary, from RSS / (n - p)) follow its order.
+    """
+
+    columns: tuple[int, ...]
+    rss: float
+    terms: tuple[int, ...]
+    coefficients: FloatArray
+    std_errors: FloatArray
+    criteria: Criteria
+
+    @property
+    def size(self) -> int:
+        """Number of chosen columns."""
+        return len(self.columns)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What the search has proved.
+
+    ``exact``: no allowed subset of a returned size beats the returned ones. ``gap``: where the time limit struck,
+    the largest relative amount, over the sizes, by which the best RSS could still be too high (0.0 when
+    exact). ``margin``: relative allowance for rounding with which branches were cut. ``nodes``: nodes
+    visited. ``kernel``: ``numpy`` or ``numba``, ``schur`` or ``givens``. ``status`` says in words how it ended.
+    """
+
+    exact: bool
+    nodes: int
+    margin: float
+    gap: float
+    seconds: float
+    kernel: str
+    condition: float
+    status: str
+
+
+@dataclass(frozen=True)
+class SubsetResult:
+    """Subsets by size, then by residual sum of squares.
+
+    ``baseline`` is the forced model alone. ``aliases`` lists columns that equal a combination of others;
+    unless a rule names them they are not searched, and stand-ins of the same span can be read off here.
+    """
+
+    subsets: tuple[Subset, ...]
+    certificate: Certificate
+    aliases: tuple[Alias, ...]
+    baseline: Subset
+    notes: tuple[str, ...] = field(default=())
+
+    def best(self, size: int) -> Subset:
+        """The best subset of a size; KeyError where the search has none."""
+        for subset in self.subsets:
+            if subset.size == size:
+                return subset
+        sizes = sorted({s.size for s in self.subsets})
+        raise KeyError(f"no subset of {size} columns: the search returned sizes {sizes}")
+
+    def of_size(self, size: int) -> tuple[Subset, ...]:
+        """All subsets returned of a size, best first."""
+        return tuple(s for s in self.subsets if s.size == size)

@@ -1,0 +1,118 @@
+"""The include/drop tree in plain numpy: no compiler to wait for, enough for the problems of every day."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.subset.board import Board
+from brv_hypo.subset.frame import RANK_TOLERANCE
+from brv_hypo.subset.nodes import Node, SchurNode, TriangularNode
+from brv_hypo.subset.pieces import Piece, propagate
+
+# A pair whose 2x2 determinant is smaller than this share of its diagonal is scored by QR, not in closed form.
+WEAK_PAIR = 1e-7
+
+
+class NumpyTree:
+    """Depth-first search of pieces; ``spend`` is called at every node and may raise to stop it."""
+
+    def __init__(self, board: Board, *, triangular: bool, spend: Callable[[], None]) -> None:
+        self._board = board
+        self._kind: type[SchurNode | TriangularNode] = TriangularNode if triangular else SchurNode
+        self._spend = spend
+        self._constraints = board.frame.constraints
+
+    def run(self, piece: Piece) -> None:
+        """Search the piece to the end; better subsets go to the board."""
+        self._board.offer(piece.included)
+        room = self._board.max_size - len(piece.included)
+        if room <= 0 or not piece.undecided:
+            return
+        if piece.singular:
+            self._score(TriangularNode.start(piece), min(room, 2))
+        else:
+            self._visit(self._kind.start(piece))
+
+    def _visit(self, node: Node | None) -> None:
+        while node is not None and node.labels.size:
+            self._spend()
+            rises = node.rises()
+            quota = self._quota(node, rises)
+            if quota <= 2:
+                self._score(node, quota)
+                return
+            branch = int(rises.argmax())
+            label = int(node.labels[branch])
+            child = self._include(node, label)
+            if child is not None:
+                self._board.offer(child.included)
+                self._visit(child)
+            if node.bound + rises[branch] > self._board.limits[len(node.included) + 1 :].max():
+                return
+            node = self._drop(node, label)
+
+    def _quota(self, node: Node, rises: FloatArray) -> int:
+        """Largest number of further columns with which a subset may still beat the board.
+
+        A subset with t of them leaves out at least one of the t + 1 columns of the largest rise.
+        """
+        size = len(node.included)
+        room = min(self._board.max_size - size, rises.size)
+        ranked = np.append(np.sort(rises)[::-1], 0.0)
+        least = node.bound + ranked[1 : room + 1]
+        open_sizes = np.flatnonzero(least <= self._board.limits[size + 1 : size + 1 + room])
+        return int(open_sizes[-1]) + 1 if open_sizes.size else 0
+
+    def _include(self, node: Node, label: int) -> Node | None:
+        if not self._constraints.active:
+            return node.include(label)
+        undecided = [u for u in node.labels.tolist() if u != label]
+        allowed = propagate(self._constraints, (*node.included, label), undecided)
+        if allowed is None or len(allowed[0]) > self._board.max_size:
+            return None
+        child = node
+        for new in allowed[0][len(node.included) :]:
+            child = child.include(new)
+        return _drop_all(child, set(undecided) - set(allowed[0]) - set(allowed[1]))
+
+    def _drop(self, node: Node, label: int) -> Node | None:
+        dropped = node.drop(label)
+        if not self._constraints.active:
+            return dropped
+        undecided = dropped.labels.tolist()
+        allowed = propagate(self._constraints, dropped.included, undecided)
+        return None if allowed is None else _drop_all(dropped, set(undecided) - set(allowed[1]))
+
+    def _score(self, node: Node, quota: int) -> None:
+        """Score all singles, and all pairs where the quota is two, in closed form without division."""
+        if quota <= 0:
+            return
+        size = len(node.included)
+        limits = self._board.limits
+        S, c = node.normal()
+        d = S.diagonal()
+        solid = d > RANK_TOLERANCE**2
+        single = solid & (c**2 >= (node.rss - limits[size + 1]) * d)
+        self._offer(node, np.flatnonzero(single)[:, None])
+        if quota < 2 or d.size < 2:
+            return
+        squares = np.multiply.outer(d, d)
+        det = squares - S * S
+        half = np.multiply.outer(c * c, d) - np.multiply.outer(c, c) * S
+        hit = (half + half.T >= (node.rss - limits[size + 2]) * det) | (det < WEAK_PAIR * squares)
+        rows, cols = np.nonzero(np.triu(hit, k=1))
+        usable = solid[rows] & solid[cols]
+        self._offer(node, np.column_stack([rows, cols])[usable])
+
+    def _offer(self, node: Node, extra: IntArray) -> None:
+        for labels in node.labels[extra].tolist():
+            self._board.offer((*node.included, *labels))
+
+
+def _drop_all(node: Node, labels: set[int]) -> Node:
+    for label in sorted(labels):
+        node = node.drop(label)
+    return node
