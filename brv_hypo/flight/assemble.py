@@ -13,7 +13,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.flight.derive import derive
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
-from brv_hypo.flight.refusal import refusal
+from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.resample import BRIDGED_SECONDS, bridge, joined, longest_gap, regularise, runs
 from brv_hypo.flight.schema import INERTIAL_CHANNELS, MINIMUM_SAMPLES, Record, VehicleRecord, validated
 from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
@@ -33,10 +33,11 @@ def assemble(record: Record) -> Flight:
     despiked = {
         name: without_spikes(record.time, values, spikes[name]) for name, values in record.channels.items()
     }
-    time, recorded, resampled = regularise(record.time, despiked)
-    bridged, gap_notes = _bridged(time, _without_empty(recorded))
-    channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
-    segments, cut_notes = _segments(time, channels)
+    with naming(record.path):
+        time, recorded, resampled = regularise(record.time, despiked)
+        bridged, gap_notes = _bridged(time, _without_empty(recorded))
+        channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
+        segments, cut_notes = _segments(time, channels)
     first, last = segments[0][0], segments[-1][1]
     whole, filled = _filled(channels, segments)
     return Flight(
@@ -55,7 +56,7 @@ def assemble(record: Record) -> Flight:
 def unassemble(flight: Flight) -> Record:
     """The record of a flight: NaN outside its segments, so that a cut outlives a round trip.
 
-    Raises UsageError where the flight could not be read back: built by hand, of wrong shapes or values.
+    Raises FlightRecordError where the flight, built by hand perhaps, is not a valid record.
     """
     usable = np.zeros(flight.time.size, dtype=np.bool_)
     for start, stop in flight.segments:
@@ -67,9 +68,7 @@ def unassemble(flight: Flight) -> Record:
         {
             "time": flight.time,
             "channels": {
-                name: np.where(usable, values, np.nan)
-                for name, values in present.items()
-                if values is not None
+                name: _masked(values, usable) for name, values in present.items() if values is not None
             },
             "vehicle": validated(VehicleRecord, vehicle, group="vehicle"),
             "planet": flight.planet,
@@ -79,6 +78,11 @@ def unassemble(flight: Flight) -> Record:
             "notes": flight.notes,
         },
     )
+
+
+def _masked(values: FloatArray, usable: BoolArray) -> FloatArray:
+    """`values` with NaN where not `usable`; a wrong shape is left for the schema to refuse."""
+    return np.where(usable, values, np.nan) if values.shape == usable.shape else values
 
 
 def _without_empty(channels: Mapping[str, FloatArray]) -> Channels:

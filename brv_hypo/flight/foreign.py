@@ -30,7 +30,7 @@ from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.assemble import assemble
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree
 from brv_hypo.flight.record import Flight
-from brv_hypo.flight.refusal import refusal
+from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.schema import (
     CHANNEL_DIMENSIONS,
     VEHICLE_DIMENSIONS,
@@ -89,14 +89,12 @@ def import_record(data: str | Path, map_path: str | Path) -> Flight:
     source, mapping = Path(data), read_map(map_path)
     wanted = {name: entry.column for name, entry in mapping.channels.items()}
     columns = _read_columns(source, tuple(dict.fromkeys(wanted.values())), mapping.delimiter)
-    try:
+    with naming(source):
         arrays = {
             name: _channel(columns[entry.column], entry, name) for name, entry in mapping.channels.items()
         }
         record = _record(arrays, mapping, source)
-        return assemble(record)
-    except FlightRecordError as error:
-        raise FlightRecordError(f"{source}: {error}") from error
+    return assemble(record)
 
 
 def read_map(path: str | Path) -> RecordMap:

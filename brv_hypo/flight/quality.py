@@ -13,12 +13,13 @@ from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.resample import dominant_frequency, runs
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
-from brv_hypo.flight.spikes import MAD_TO_SIGMA, find_spikes
+from brv_hypo.flight.spikes import MAD_TO_SIGMA, find_spikes, without_spikes
 from brv_hypo.flight.store import read_record
 from brv_hypo.flight.units import SI
 
-NOISE_ORDERS = (4, 6, 8)
-WHITE_WITHIN = 1.25
+ORDER = 6
+LEVEL_WITHIN = 1.5
+AGREES_WITHIN = 1.25
 FEWEST_DIFFERENCES = 50
 FEWEST_SAMPLES_PER_CYCLE = 10.0
 
@@ -115,22 +116,35 @@ def inspect_flight(flight: Flight | str | Path) -> Inspection:
 def white_noise(values: FloatArray) -> Noise:
     """White-noise sigma of `values` (n,), NaN where missing, from the median absolute sixth difference.
 
-    A difference of order d scales a sinusoid by (2 sin(w h / 2))^d and white noise by sqrt(binomial(2 d, d)):
-    at 16 samples a cycle, 1e-4 of the amplitude is left beside the noise. Orders 4, 6 and 8 agree for white
-    noise alone.
+    The sixth difference scales a sinusoid by (2 sin(w h / 2))^6 and white noise by sqrt(binomial(12, 6)): at
+    16 samples a cycle, 1e-4 of the amplitude is left beside the noise. It is trusted where the periodogram of
+    the longest run is level (within 1.5) over the upper half of the band, and at that sigma (within 1.25).
+    Spikes spoil the periodogram: take them out first.
     """
-    estimates = [_difference_sigma(values, order) for order in NOISE_ORDERS]
-    low, high = min(estimates), max(estimates)
-    enough = np.count_nonzero(np.isfinite(np.diff(values, NOISE_ORDERS[-1]))) >= FEWEST_DIFFERENCES
-    return Noise(estimates[1], bool(enough and 0.0 < high <= WHITE_WITHIN * low))
-
-
-def _difference_sigma(values: FloatArray, order: int) -> float:
-    differences = np.diff(values, order)
+    differences = np.diff(values, ORDER)
     differences = differences[np.isfinite(differences)]
-    if differences.size == 0:
-        return float("nan")
-    return MAD_TO_SIGMA * float(np.median(np.abs(differences))) / math.sqrt(math.comb(2 * order, order))
+    if differences.size < FEWEST_DIFFERENCES:
+        return Noise(_sigma(differences) if differences.size else float("nan"), trusted=False)
+    sigma = _sigma(differences)
+    start, stop = max(runs(np.isfinite(values)), key=lambda run: run[1] - run[0])
+    levels = _upper_band(values[start:stop])
+    level = float(np.median(levels))
+    agrees = 0.0 < sigma <= AGREES_WITHIN * level and level <= AGREES_WITHIN * sigma
+    return Noise(sigma, trusted=agrees and bool(levels.max() <= LEVEL_WITHIN * levels.min()))
+
+
+def _sigma(differences: FloatArray) -> float:
+    return MAD_TO_SIGMA * float(np.median(np.abs(differences))) / math.sqrt(math.comb(2 * ORDER, ORDER))
+
+
+def _upper_band(values: FloatArray) -> FloatArray:
+    """White-noise sigma (4,) that each quarter of the upper half of the band would have; Hann window."""
+    if values.size < FEWEST_DIFFERENCES:
+        return np.zeros(4)
+    window = np.hanning(values.size)
+    power = np.abs(np.fft.rfft((values - np.mean(values)) * window)) ** 2 / np.sum(window**2)
+    quarters = np.array_split(power[power.size // 2 : -1], 4)
+    return np.sqrt([float(np.mean(quarter)) for quarter in quarters])
 
 
 def _channels(record: Record, ready: Flight) -> list[ChannelQuality]:
@@ -139,15 +153,16 @@ def _channels(record: Record, ready: Flight) -> list[ChannelQuality]:
     for name in (*CHANNELS, *OPTIONAL_CHANNELS):
         if name in record.channels:
             units = record.recorded_units.get(name, SI[CHANNEL_DIMENSIONS[name]])
-            found.append(_channel(name, record.channels[name], units, derived=False))
+            found.append(_channel(name, record.time, record.channels[name], units, derived=False))
         elif (values := getattr(ready, name)) is not None:
-            found.append(_channel(name, values, SI[CHANNEL_DIMENSIONS[name]], derived=True))
+            found.append(_channel(name, ready.time, values, SI[CHANNEL_DIMENSIONS[name]], derived=True))
     return found
 
 
-def _channel(name: str, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:
+def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:
     missing = np.isnan(values)
     known = values[~missing]
+    spikes = find_spikes(values)
     return ChannelQuality(
         name=name,
         units=units,
@@ -155,10 +170,10 @@ def _channel(name: str, values: FloatArray, units: str, *, derived: bool) -> Cha
         derived=derived,
         missing=int(np.count_nonzero(missing)),
         longest_gap=max((stop - start for start, stop in runs(missing)), default=0),
-        spikes=0 if derived else int(np.count_nonzero(find_spikes(values))),
+        spikes=int(np.count_nonzero(spikes)),
         minimum=float(known.min()) if known.size else float("nan"),
         maximum=float(known.max()) if known.size else float("nan"),
-        noise=white_noise(values),
+        noise=white_noise(without_spikes(time, values, spikes)),
     )
 
 

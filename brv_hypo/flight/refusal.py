@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 from brv_hypo.errors import FlightRecordError
 
 
@@ -10,3 +14,12 @@ def refusal(dataset: str, found: str, expected: str, cause: str, remedy: str) ->
     return FlightRecordError(
         f"dataset '{dataset}': found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}."
     )
+
+
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Put the file in front of whatever is refused inside."""
+    try:
+        yield
+    except FlightRecordError as error:
+        raise FlightRecordError(f"{path or 'flight'}: {error}") from error

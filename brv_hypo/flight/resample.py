@@ -2,11 +2,11 @@
 
 Uniform: every stamp lies within 1 % of the step from the grid that fits them best; such a record keeps its
 stamps. Missing rows in an otherwise uniform record become missing samples. Any other record is resampled to
-its median step by a cubic spline through the samples that it has; a grid point between two samples further
-apart than 1.5 steps, or beside a missing sample, is missing.
+its mean step (of intervals up to 2.5 times the median) by a cubic spline through the samples that it has; a
+grid point between two samples further apart than 1.5 steps, or beside a missing sample, is missing.
 
 Bridged (cubic spline): a gap of at most `longest_gap`, that is 5 samples and an eighth of the dominant
-transverse oscillation, where a cubic is within 0.5 % of the amplitude; 1 s in the slowly varying air data.
+transverse oscillation, where a cubic is within 1 % of the amplitude; 1 s in the slowly varying air data.
 Longer gaps cut.
 """
 
@@ -21,6 +21,7 @@ from brv_hypo.flight.refusal import refusal
 
 UNIFORM_WITHIN = 0.01
 MISSING_BEYOND_STEPS = 1.5
+GAP_BEYOND_MEDIANS = 2.5
 LARGEST_GROWTH = 50
 BRIDGED_SAMPLES = 5
 BRIDGED_CYCLES = 1.0 / 8.0
@@ -49,7 +50,7 @@ def regularise(
     slope, offset = np.polyfit(index, time - time[0], 1)
     deviation = float(np.max(np.abs(time - time[0] - offset - slope * index)) / slope)
     if deviation > UNIFORM_WITHIN:
-        return _resampled(time, channels, step, deviation)
+        return _resampled(time, channels, deviation)
     if index[-1] + 1 == time.size:
         return time, dict(channels), ()
     grid = time[0] + offset + slope * np.arange(index[-1] + 1)
@@ -93,12 +94,14 @@ def joined(values: FloatArray) -> FloatArray:
 
 
 def _resampled(
-    time: FloatArray, channels: Mapping[str, FloatArray], step: float, deviation: float
+    time: FloatArray, channels: Mapping[str, FloatArray], deviation: float
 ) -> tuple[FloatArray, Channels, tuple[str, ...]]:
+    intervals = np.diff(time)
+    step = float(np.mean(intervals[intervals <= GAP_BEYOND_MEDIANS * np.median(intervals)]))
     grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-12)) + 1)
     note = (
         f"time is not uniform (a stamp is {100.0 * deviation:.2g} % of the step off): resampled to "
-        f"{1.0 / step:.6g} Hz, the median rate, by a cubic spline"
+        f"{1.0 / step:.6g} Hz, the mean rate, by a cubic spline"
     )
     return grid, {name: _interpolated(time, values, grid, step) for name, values in channels.items()}, (note,)
 

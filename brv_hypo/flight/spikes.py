@@ -2,7 +2,7 @@
 
 A run of one or two samples is a spike where all of these hold:
 - it stands out by more than 8 robust standard deviations from the cubic through two samples on either side;
-- that is more than twice the largest second difference among its 8 neighbours on either side, with the run
+- that is more than twice the largest second difference among its 4 neighbours on either side, with the run
   replaced by the cubic. A sinusoid of any frequency reaches (2 sin(w h / 2))^2 / 6 < 2/3 of it, a step or a
   kink 1;
 - spikes take up at most 2 % of the channel: more of them are its noise, and it is left as it is.
@@ -22,7 +22,7 @@ from brv_hypo.flight.resample import bridge
 
 SIGMAS = 8.0
 TIMES_CURVATURE = 2.0
-NEIGHBOURS = 8
+NEIGHBOURS = 4
 LONGEST_SPIKE = 2
 LARGEST_FRACTION = 0.02
 PASSES = 4

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.errors import UsageError
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
 from brv_hypo.flight.record import Flight
-from brv_hypo.flight.refusal import refusal
+from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.schema import (
     CHANNEL_DIMENSIONS,
     FORMAT,
@@ -97,10 +97,8 @@ def read_record(path: str | Path) -> Record:
     Raises FlightRecordError with the file, the dataset, what was found and expected, and the remedy.
     """
     tree = read_tree(path, without=("truth",))
-    try:
+    with naming(path):
         return _record_from(tree, str(path))
-    except FlightRecordError as error:
-        raise FlightRecordError(f"{path}: {error}") from error
 
 
 def _record_from(tree: Tree, path: str) -> Record:

@@ -1,0 +1,98 @@
+"""Spikes: isolated ones are found; no clean motion, step, kink or noise is touched."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from brv_hypo.flight import despiked
+from brv_hypo.flight.spikes import find_spikes
+from tests.flight.records import flight, motion
+
+SAMPLES = 600
+
+
+@given(st.floats(2.0, 2000.0), st.floats(0.0, 6.3), st.floats(0.0, 0.1), st.integers(0, 2**31))
+@settings(max_examples=150, deadline=None)
+def test_clean_oscillation_is_untouched_up_to_the_nyquist_frequency(
+    samples_per_cycle: float, phase: float, growth: float, seed: int
+) -> None:
+    index = np.arange(SAMPLES)
+    envelope = np.exp(growth * index * (100.0 / SAMPLES))
+    noise = 1e-3 * np.random.default_rng(seed).standard_normal(SAMPLES)
+    wave = envelope * np.sin(2.0 * np.pi * index / samples_per_cycle + phase)
+    assert not np.any(find_spikes(wave))
+    assert not np.any(find_spikes(wave + noise))
+
+
+@given(
+    st.integers(0, SAMPLES), st.floats(-100.0, 100.0), st.integers(0, 3), st.sampled_from([0.0, 1e-6, 1.0])
+)
+@settings(max_examples=150, deadline=None)
+def test_a_jump_of_any_derivative_is_untouched(at: int, size: float, order: int, sigma: float) -> None:
+    index = np.arange(SAMPLES)
+    after = np.where(index >= at, np.maximum(index - at, 0.0) ** order, 0.0)
+    noise = sigma * np.random.default_rng(at).standard_normal(SAMPLES)
+    assert not np.any(find_spikes(size * after + np.sin(index / 20.0) + noise))
+
+
+def test_white_noise_is_untouched() -> None:
+    rng = np.random.default_rng(11)
+    found = sum(int(np.count_nonzero(find_spikes(rng.standard_normal(2000)))) for _ in range(300))
+    assert found == 0  # 600,000 draws
+
+
+@pytest.mark.parametrize("quantum", [1.0, 0.1])
+def test_rounding_of_a_channel_at_rest_is_untouched(quantum: float) -> None:
+    rng = np.random.default_rng(5)
+    assert not np.any(find_spikes(quantum * np.rint(0.3 * rng.standard_normal(4000))))
+    ticks = np.zeros(500)
+    ticks[[50, 200, 201, 400]] = quantum
+    assert not np.any(find_spikes(ticks))
+
+
+@given(
+    st.lists(st.integers(0, 24), min_size=1, max_size=5, unique=True),
+    st.floats(40.0, 1e4),
+    st.integers(1, 2),
+    st.booleans(),
+)
+@settings(max_examples=100, deadline=None)
+def test_isolated_spikes_are_found_exactly(
+    slots: list[int], height: float, length: int, downward: bool
+) -> None:
+    rng = np.random.default_rng(2)
+    values = 50.0 * np.sin(np.arange(SAMPLES) / 30.0) + rng.standard_normal(SAMPLES)
+    expected = np.zeros(SAMPLES, dtype=bool)
+    for slot in slots:
+        expected[20 + 22 * slot : 20 + 22 * slot + length] = True
+    values[expected] += -height if downward else height
+    np.testing.assert_array_equal(find_spikes(values), expected)
+
+
+def test_spikes_close_together_and_beside_gaps_are_found() -> None:
+    values = np.random.default_rng(2).standard_normal(SAMPLES)
+    values[[100, 105, 110]] += [100.0, -70.0, 40.0]
+    values[200:210] = np.nan
+    values[213] += 80.0
+    assert np.flatnonzero(find_spikes(values)).tolist() == [100, 105, 110, 213]
+
+
+def test_a_channel_full_of_outliers_is_left_alone() -> None:
+    values = np.random.default_rng(2).standard_normal(SAMPLES)
+    values[10::20] += 200.0
+    assert not np.any(find_spikes(values))
+
+
+def test_despiking_restores_the_motion_and_says_so() -> None:
+    clean = motion()
+    q = clean["q"].copy()
+    q[[100, 250]] += [1.0, -0.5]
+    spiked = flight(q=q)
+    found = despiked(spiked)
+    np.testing.assert_allclose(found.q, clean["q"], atol=6e-3)
+    assert np.flatnonzero(found.q != q).tolist() == [100, 250]
+    assert found.notes == ("q: 2 spike samples replaced by a cubic spline, the first at 11.000 s",)
+    assert despiked(found) is found
