@@ -1,0 +1,77 @@
+"""Mechanisms are found by entry point, by name, with helpful refusals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.mechanisms import find, find_installed, installed, mechanisms, parse_hypothesis
+
+BUILT_IN = ("bodyfixed", "damping", "inplane", "lag", "sticking")
+
+
+def test_the_five_built_ins_are_installed_with_their_package_and_version():
+    found = installed()
+    assert set(BUILT_IN) <= set(found)
+    assert {found[name].package for name in BUILT_IN} == {"brv-hypo"}
+    assert all(found[name].version for name in BUILT_IN)
+
+
+def test_every_listed_mechanism_is_a_moment_mechanism():
+    assert set(BUILT_IN) <= {mechanism.name for mechanism in mechanisms()}
+    assert all(mechanism.kind == "mechanism" for mechanism in mechanisms())
+
+
+@pytest.mark.parametrize(
+    ("asked", "meant"), [("stiking", "sticking"), ("bodyfix", "bodyfixed"), ("dampning", "damping")]
+)
+@pytest.mark.parametrize("look_up", [find, find_installed])
+def test_an_unknown_name_is_refused_with_the_nearest(look_up, asked, meant):
+    with pytest.raises(UsageError, match=f"unknown mechanism '{asked}'; did you mean .*{meant}"):
+        look_up(asked)
+
+
+def test_a_name_that_is_like_none_lists_what_is_installed():
+    with pytest.raises(UsageError, match=r"installed: .*sticking"):
+        find("qqq")
+
+
+def test_options_are_checked():
+    assert find("sticking", {"form": "complete"}).form == "complete"
+    with pytest.raises(UsageError, match="bad options for mechanism 'sticking'"):
+        find("sticking", {"form": "square"})
+    with pytest.raises(UsageError, match="bad options for mechanism 'damping'"):
+        find("damping", {"colour": "red"})
+
+
+def test_a_hypothesis_joins_mechanisms_with_a_plus():
+    assert [mechanism.name for mechanism in parse_hypothesis("sticking+bodyfixed")] == [
+        "sticking",
+        "bodyfixed",
+    ]
+    assert parse_hypothesis("none") == ()
+
+
+def test_options_reach_the_mechanism_that_they_name():
+    (lag, sticking) = parse_hypothesis("lag+sticking", {"sticking": {"delays": (0.1, 0.2)}})
+    assert sticking.delays == (0.1, 0.2)
+    assert lag == find("lag")
+
+
+def test_naming_a_mechanism_twice_is_refused():
+    with pytest.raises(UsageError, match="twice"):
+        parse_hypothesis("lag+lag")
+
+
+@pytest.mark.parametrize("text", ["lag+", "", "+", "lag+none"])
+def test_an_incomplete_hypothesis_is_refused(text):
+    with pytest.raises(UsageError):
+        parse_hypothesis(text)
+
+
+def test_the_engine_does_not_import_the_plugins():
+    code = "import sys, brv_hypo.mechanisms; sys.exit('brv_mechanisms' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
