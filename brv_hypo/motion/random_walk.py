@@ -18,6 +18,10 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from brv_hypo.arrays import ComplexArray, FloatArray
 
 
+# Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
+_RIDGE = 1e-11
+
+
 @dataclass(frozen=True)
 class Tie:
     """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,), inf = none.
@@ -54,7 +58,7 @@ class WalkEquations:
         normal = self.gram[1:, 1:] + prior_information[:, :, None] * np.eye(prior_mean.size)
         right = self.gram[1:, 0] + prior_information * prior_mean
         scale = 1.0 / np.sqrt(np.maximum(np.einsum("mii->mi", normal), 1e-300))
-        inverse = np.linalg.pinv(normal * scale[:, :, None] * scale[:, None, :], hermitian=True)
+        inverse = np.linalg.inv(normal * scale[:, :, None] * scale[:, None, :] + _RIDGE * np.eye(prior_mean.size))
         covariance = inverse * scale[:, :, None] * scale[:, None, :]
         theta = np.einsum("mij,mj->mi", covariance, right)
         misfit = self.gram[0, 0] - np.einsum("mi,mi->m", theta, right) + prior_information @ prior_mean**2

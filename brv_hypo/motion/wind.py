@@ -18,6 +18,9 @@ from brv_hypo.motion.inertial import InertialRecord
 # Surface gravity m/s^2 and mean radius m.
 _PLANETS = {"earth": (9.80665, 6.371e6), "mars": (3.721, 3.3895e6), "venus": (8.87, 6.0518e6), "titan": (1.352, 2.5747e6)}
 
+# How large gravity may be where the planet is not known, m/s^2.
+FREE_GRAVITY = 30.0
+
 
 @dataclass(frozen=True)
 class WindStart:
@@ -73,6 +76,14 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     )
 
 
+def cycles(record: InertialRecord) -> float:
+    """How often the nose goes round or to and fro in the record, at least one half: from its rate and its path."""
+    nose = record.attitude[:, 1:, 0] - record.attitude[:, 1:, 0].mean(axis=0)
+    path = float(np.sum(np.linalg.norm(np.diff(nose, axis=0), axis=1)))
+    size = float(np.sqrt(np.mean(np.sum(nose**2, axis=1))))
+    return max(path / (2.0 * np.pi * max(size, 1e-12)), 0.5)
+
+
 def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
@@ -80,13 +91,17 @@ def start_from_nose(record: InertialRecord, gravity_size: float | None, *, force
     forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves it out.
     """
     speed = record.flight.velocity
-    nose = record.attitude[:, :, 0] * speed[:, None]
-    target = nose - (force_impulse(record) if forces else 0.0)
+    nose = record.attitude[:, :, 0]
+    if forces:
+        target, course = nose * speed[:, None] - force_impulse(record), record.time
+    else:
+        target, course = nose, running_integral(record.time, 1.0 / speed)
     if gravity_size == 0.0:
         direction = target.sum(axis=0)
         return WindStart(direction / np.linalg.norm(direction), np.zeros(3))
-    ridge = float(np.sqrt(np.mean(np.abs(target - target.mean(axis=0)) ** 2)) / (gravity_size or 30.0))
-    columns = np.column_stack([np.ones(record.time.size), record.time])
-    normal = columns.T @ columns + np.diag([0.0, ridge**2])
+    spread = float(np.mean(np.abs(target - target.mean(axis=0)) ** 2))
+    per_sample = record.time.size / (2.0 * cycles(record))
+    columns = np.column_stack([np.ones(record.time.size), course])
+    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / (gravity_size or FREE_GRAVITY) ** 2])
     velocity, gravity = np.linalg.solve(normal, columns.T @ target)
     return WindStart(velocity / np.linalg.norm(velocity), gravity)

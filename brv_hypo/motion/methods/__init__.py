@@ -3,7 +3,7 @@
     joint      method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity at once
     velocity   method 1: Eq. 3.1 propagated from a start
     rates      method 2: attitude alone, about a velocity that keeps its direction or turns by gravity
-    polar      Appendix A: the start from one instant, then method 2
+    polar      Appendix A: the start from one instant, then method 1
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods.wind_history import WindHistory, open_loop
-from brv_hypo.motion.wind import WindStart
+from brv_hypo.motion.wind import WindStart, force_impulse, gravity_magnitude, start_from_nose
 
 
 def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
@@ -19,7 +19,8 @@ def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     The meridian is where the transverse force points away from (A.11). The transverse rate then is
     (q + i r) exp(i phi_w) = alpha_rate + i alpha psi_c_rate (A.15 to A.17 as one complex equation), with
     psi_c_rate = p - phi_w_rate (A.16), whose imaginary part gives alpha without the square root of A.18.
-    One instant cannot tell gravity: the velocity keeps its direction.
+    From there on the velocity is propagated as in method 1. One instant cannot tell gravity: where it is wanted, it
+    comes from the nose's mean, as in method 1.
     """
     spin = np.exp(1j * record.roll)
     force = differentiate(record.transverse_force * spin, record.flight.step, record.accel_sigma, record.flight.segments)
@@ -27,12 +28,16 @@ def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     best = int(np.argmin(np.where(record.measured & force.interior, sigma, np.inf)))
     xi = crossflow(alpha[best : best + 1], meridian[best : best + 1])[0]
     body = np.array([np.sqrt(max(1.0 - abs(xi) ** 2, 0.0)), xi.real, xi.imag])
-    start = WindStart(record.attitude[best] @ body, np.zeros(3))
+    size = (config.gravity_magnitude or gravity_magnitude(record.flight)) if config.gravity else 0.0
+    gravity = start_from_nose(record, size).gravity
+    velocity = record.flight.velocity[best] * (record.attitude[best] @ body)
+    velocity = velocity - force_impulse(record)[best] - record.time[best] * gravity
+    start = WindStart(velocity / np.linalg.norm(velocity), gravity)
     warning = (
         f"the start is from the single instant {record.flight.time[best]:.3f} s, taking the transverse force to lie in the "
         "plane of the angle of attack; method joint uses the whole record"
     )
-    return open_loop(record, start, float(sigma[best]), forces=False, warnings=(warning,))
+    return open_loop(record, start, float(sigma[best]), forces=True, warnings=(warning,))
 
 
 def _polar_angles(

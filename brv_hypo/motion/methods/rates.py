@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from brv_hypo.arrays import ComplexArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods.wind_history import WindHistory, open_loop
-from brv_hypo.motion.wind import body_crossflow, gravity_magnitude, start_from_nose, wind_direction
+from brv_hypo.motion.wind import body_crossflow, cycles, gravity_magnitude, start_from_nose, wind_direction
 
 
 def rates(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
@@ -23,8 +24,6 @@ def rates(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     return open_loop(record, start, start_sigma_of(xi, record), forces=False, warnings=(warning,) if warning else ())
 
 
-def start_sigma_of(xi: np.ndarray, record: InertialRecord) -> float:
-    """Standard deviation (rad) of a mean nose direction as a start."""
-    derolled = xi * np.exp(1j * record.roll)
-    turns = np.abs(np.sum(np.diff(np.unwrap(np.angle(derolled))))) / (2.0 * np.pi)
-    return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2) / max(2.0 * turns, 1.0)))
+def start_sigma_of(xi: ComplexArray, record: InertialRecord) -> float:
+    """Standard deviation (rad) of each part of a mean nose direction as a start."""
+    return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2) / (2.0 * cycles(record))))

@@ -15,6 +15,7 @@ from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.random_walk import Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.ties import TieModel, effective
 from brv_hypo.motion.wind import (
+    FREE_GRAVITY,
     WindStart,
     body_crossflow,
     force_impulse,
@@ -25,7 +26,6 @@ from brv_hypo.motion.wind import (
 
 _MOST_STEPS = 15
 _LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
-_FREE_GRAVITY = 30.0
 # Three parts each of gravity and gyro bias, two of accelerometer bias.
 _SHARED = 8
 
@@ -69,7 +69,7 @@ class TiedWalk:
         self.gravity_size = config.gravity_magnitude or gravity_magnitude(flight)
         self.impulse = force_impulse(record)
         self.step_variance = _step_variance(record)
-        size = self.gravity_size or _FREE_GRAVITY
+        size = self.gravity_size or FREE_GRAVITY
         biases = np.concatenate([np.full(3, config.gyro_bias_sigma), np.full(2, config.accel_bias_sigma)])
         self.prior_sigma = np.concatenate([np.full(3, size), np.maximum(biases, 1e-12)])
         nose_start = start_from_nose(record, self.gravity_size)
