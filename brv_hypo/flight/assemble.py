@@ -125,7 +125,7 @@ def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolA
     lacking = [name for name, finite in known.items() if not np.all(finite[start:stop])]
     return (
         f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({stop - start} samples) left out: a gap too long to "
-        f"bridge in {', '.join(lacking) or 'the neighbourhood, which leaves too few samples'}"
+        f"bridge in {', '.join(lacking)}"
     )
 
 

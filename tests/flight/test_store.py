@@ -235,6 +235,17 @@ def test_what_is_not_a_record_is_refused(tmp_path: Path) -> None:
             load_flight(path)
 
 
+@given(st.floats(0.0, 0.999))
+@settings(max_examples=50, deadline=None)
+def test_a_file_cut_short_anywhere_is_refused(kept: float) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_raw(Path(folder, "f.h5"), motion(40))
+        whole = path.read_bytes()
+        path.write_bytes(whole[: int(kept * len(whole))])
+        with pytest.raises(FlightRecordError, match=r"f\.h5"):
+            load_flight(path)
+
+
 def test_a_file_without_a_vehicle_is_refused(tmp_path: Path) -> None:
     path = write_raw(tmp_path / "f.h5", motion())
     with h5py.File(path, "a") as file:
