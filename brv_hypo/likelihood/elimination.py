@@ -22,6 +22,9 @@ from scipy.linalg import lapack
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.collocation import BlockRows
 
+_SINGULAR = 1e-15
+"""Reciprocal condition at which the states count as undetermined."""
+
 
 @dataclass(frozen=True)
 class Quadratic:
@@ -66,8 +69,9 @@ def eliminate(problem: Quadratic) -> Eliminated:
     weight = _balance(problem.by_state)
     band, width = _assemble(problem, weight)
     right = _right_hand_side(problem, weight)
+    norm = float(np.abs(band).sum(axis=0).max())
     lu, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    if info != 0:
+    if info != 0 or lapack.dgbcon(width, width, lu, pivots, norm)[0] < _SINGULAR:
         return Eliminated(np.zeros(0), np.zeros(0), float("nan"))
     solution, _ = lapack.dgbtrs(lu, width, width, right, pivots, overwrite_b=1)
     if not np.all(np.isfinite(solution)):

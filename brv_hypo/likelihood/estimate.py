@@ -17,7 +17,7 @@ from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid
-from brv_hypo.likelihood.start import looseness, smooth, state_sizes, states_from_outputs
+from brv_hypo.likelihood.start import approach, delay_reach, looseness, smooth, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem, SingularStatesError
 
 _FLOOR = 1e-14
@@ -81,27 +81,41 @@ def fit(
     grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
     if not grids:
         raise UsageError("no segments were given; expected at least one")
-    parameters = build_parameters(theta0, len(grids), bounds or {}, priors or {}, fixed, per_segment)
+    limits = _delay_bounds(delays, grids) | dict(bounds or {})
+    parameters = build_parameters(theta0, len(grids), limits, priors or {}, fixed, per_segment)
     model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives)
     histories = states_from_outputs(model, grids, parameters)
     n_states = grids[0].start.shape[0]
     driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
     if driving.shape != (n_states,) or np.any(driving < 0):
         raise UsageError(f"process_noise is {driving}; expected {n_states} values, one per state, none negative")
-    problem = Problem(model, grids, parameters, state_sizes(histories), driving)
+    problem = Problem(model, grids, parameters, state_sizes(histories), driving, np.full(len(parameters.names), np.inf))
     y, measured = np.concatenate([g.y for g in grids], axis=1), np.concatenate([g.measured for g in grids], axis=1)
     covariance = noise_from_differences(y, measured) if noise_covariance is None else np.asarray(noise_covariance, float)
     iterate = Iterate(histories, parameters.start, covariance)
     floor = _FLOOR * np.array([np.mean(row[seen] ** 2) if seen.any() else 1.0 for row, seen in zip(y, measured, strict=True)])
     options = Options(max_iterations, tolerance, noise, noise_covariance is None, np.maximum(floor, 1e-300), progress)
-    if any(g.start.ndim == 1 for g in grids):
-        try:
-            iterate = smooth(problem, iterate, looseness(grids, histories, problem.size))
-        except SingularStatesError:
-            pass
-        else:
-            problem = replace(problem, size=state_sizes(iterate.x))
-    return assess(problem, search(problem, iterate, options), options.estimate_noise)
+    return assess(problem, search(*_prepared(problem, iterate), options), options.estimate_noise)
+
+
+def _prepared(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
+    """Smoothed states, parameters brought near, and the scales that follow from them."""
+    grids = problem.grids
+    loose = looseness(grids, iterate.x, problem.size)
+    try:
+        if any(g.start.ndim == 1 for g in grids):
+            iterate = smooth(problem, iterate, loose)
+        reach = delay_reach(problem.model.delays, problem.parameters, grids, iterate.x)
+        problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
+        return problem, approach(problem, iterate, loose)
+    except SingularStatesError:
+        return problem, iterate  # the search starts from the states as they are, and says so if they stay undetermined
+
+
+def _delay_bounds(delays: Sequence[str], grids: tuple[Grid, ...]) -> dict[str, tuple[float, float]]:
+    """A delay may reach over a quarter of the shortest segment, either way, where the user set no bounds."""
+    longest = min(float(g.step.sum()) for g in grids) / 4
+    return dict.fromkeys(delays, (-longest, longest))
 
 
 def _model(

@@ -10,22 +10,20 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import evaluate_segment
+from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
+    Sensitivity,
     SingularStatesError,
-    Step,
     gauss_newton_step,
-    moved,
     objective,
     sensitivities,
 )
 
 Status = Literal["converged", "iteration limit", "stalled", "undetermined", "diverged"]
 
-_HALVINGS = 12
-_SUFFICIENT = 1e-4
 _FEASIBLE = 1e-7
 """Largest mean scaled defect of a converged trajectory."""
 
@@ -69,13 +67,14 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     penalty = 0.0
     for iteration in range(1, options.max_iterations + 1):
         try:
-            step = gauss_newton_step(problem, iterate, sensitivities(problem, iterate))
+            segments, unseen = _sensitivities(problem, iterate)
         except SingularStatesError as error:
             return Outcome(iterate, "undetermined", _undetermined(error), tuple(history))
+        step = gauss_newton_step(problem, iterate, segments)
         if not np.isfinite(step.length):
             return Outcome(iterate, "diverged", _DIVERGED, tuple(history))
         penalty = max(penalty, 1.5 * step.multiplier)
-        following, fraction = _line_search(problem, iterate, step, penalty)
+        following, fraction = line_search(problem, iterate, step, penalty)
         if fraction == 0.0:
             return Outcome(iterate, "stalled", _STALLED, tuple(history))
         following, change = _update_noise(problem, following, options)
@@ -86,6 +85,8 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         iterate = following
         settled = step.length < options.tolerance and change < np.sqrt(options.tolerance)
         if settled and fraction == 1.0 and violation < _FEASIBLE:
+            if unseen is not None:
+                return Outcome(iterate, "undetermined", _undetermined(unseen), tuple(history))
             return Outcome(iterate, "converged", "the step is negligible against the standard errors", tuple(history))
     return Outcome(iterate, "iteration limit", _LIMIT.format(options.max_iterations), tuple(history))
 
@@ -107,6 +108,16 @@ def likelihood_and_violation(problem: Problem, iterate: Iterate) -> tuple[float,
     return negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance), violation
 
 
+def _sensitivities(
+    problem: Problem, iterate: Iterate
+) -> tuple[tuple[Sensitivity, ...], SingularStatesError | None]:
+    """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
+    try:
+        return sensitivities(problem, iterate), None
+    except SingularStatesError as error:
+        return sensitivities(problem, iterate, anchored=True), error
+
+
 def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, float]:
     """Eq. 3.11, and the largest relative change of a variance."""
     if not options.estimate_noise:
@@ -115,24 +126,6 @@ def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple
     old = iterate.covariance
     new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
     return replace(iterate, covariance=new), float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
-
-
-def _line_search(problem: Problem, iterate: Iterate, step: Step, penalty: float) -> tuple[Iterate, float]:
-    """Halve the step until the merit, objective plus penalty times violation, falls enough; fraction 0 where it does not."""
-    cost, violation = objective(problem, iterate)
-    merit = cost + penalty * violation
-    slope = step.decrease - penalty * violation
-    slack = 1e-10 * (1.0 + abs(merit))
-    fraction = 1.0
-    for _ in range(_HALVINGS):
-        trial = moved(problem, iterate, step, fraction)
-        with np.errstate(all="ignore"):
-            trial_cost, trial_violation = objective(problem, trial)
-        trial_merit = trial_cost + penalty * trial_violation
-        if np.isfinite(trial_merit) and trial_merit <= merit + _SUFFICIENT * fraction * slope + slack:
-            return trial, fraction
-        fraction *= 0.5
-    return iterate, 0.0
 
 
 def _undetermined(error: SingularStatesError) -> str:

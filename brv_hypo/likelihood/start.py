@@ -9,11 +9,13 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Model, linearise_segment
+from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.step import Iterate, Problem, gauss_newton_step, moved, sensitivities
 
 _SMOOTHING_STEPS = 2
+_TIGHTENING = (1.0, 0.3, 0.1)
 _LEAST_LOOSENESS = 1e-2
 """Least change of a state between samples that smoothing grants it, as a fraction of its size."""
 
@@ -52,16 +54,35 @@ def looseness(grids: Sequence[Grid], histories: Sequence[FloatArray], size: Floa
     return np.asarray(change / np.sqrt(interval))
 
 
-def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
-    """States moved between outputs and model, theta held, the dynamics weighted by the process noise `loose`.
+def delay_reach(delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]) -> FloatArray:
+    """Largest change of each parameter in one step, (p,): half the time scale of the fastest state for a delay."""
+    rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1)
+    spread = np.std(np.concatenate(histories, axis=1), axis=1)
+    rms = np.sqrt(np.mean(rates**2, axis=1))
+    times = spread[rms > 0] / rms[rms > 0]
+    short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
+    late = [name.split("[")[0] in delays for name in parameters.names]
+    return np.where(late, short, np.inf)
 
-    Raises:
-        SingularStatesError: the outputs leave a state undetermined.
-    """
+
+def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
+    """States moved between outputs and model, theta held, the dynamics weighted by the process noise `loose`."""
     loosened = replace(problem, process_noise=loose)
     for _ in range(_SMOOTHING_STEPS):
-        step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate), frozen=True)
-        iterate = moved(loosened, iterate, step, 1.0)
+        segments = sensitivities(loosened, iterate, anchored=True)
+        iterate = moved(loosened, iterate, gauss_newton_step(loosened, iterate, segments, frozen=True), 1.0)
+    return iterate
+
+
+def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
+    """A few steps in theta and the states while the dynamics are tightened: from equation error towards output error.
+
+    With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no harm.
+    """
+    for fraction in _TIGHTENING:
+        loosened = replace(problem, process_noise=np.hypot(problem.process_noise, fraction * loose))
+        step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate, anchored=True))
+        iterate, _ = line_search(loosened, iterate, step, penalty=0.0)
     return iterate
 
 

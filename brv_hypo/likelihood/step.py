@@ -18,6 +18,8 @@ _RANK_TOLERANCE = 1e-10
 """Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
 _ROUNDING = 1e-7
 """A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+_ANCHOR = 10.0
+"""Standard deviation, in sizes of the state, by which an anchored initial state may move in one step."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class Problem:
     """All that stays the same during a fit.
 
     `size` (n_states,) is the magnitude of each state; `process_noise` (n_states,) the standard deviation of
-    the noise that drives each state, per root second; 0 makes its dynamics a constraint.
+    the noise that drives each state, per root second; 0 makes its dynamics a constraint. `reach` (p,) limits the
+    change of each parameter in one step: infinite but for delays, whose effect is linear over a short time only.
     """
 
     model: Model
@@ -33,6 +36,7 @@ class Problem:
     parameters: Parameters
     size: FloatArray
     process_noise: FloatArray
+    reach: FloatArray
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,10 @@ class SingularStatesError(ArithmeticError):
         self.segment = segment
 
 
-def sensitivities(problem: Problem, iterate: Iterate) -> tuple[Sensitivity, ...]:
+def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) -> tuple[Sensitivity, ...]:
     """Linearise every segment and eliminate its states.
+
+    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet.
 
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
@@ -95,6 +101,8 @@ def sensitivities(problem: Problem, iterate: Iterate) -> tuple[Sensitivity, ...]
         linearisation = linearise_segment(problem.model, grid, x, theta, problem.parameters.base)
         whitener = whitening(iterate.covariance, grid.measured)
         quadratic = _quadratic(problem, grid, x, linearisation, whitener)
+        if anchored:
+            quadratic = _anchor(quadratic)
         eliminated = eliminate(quadratic)
         if eliminated.singular:
             raise SingularStatesError(s)
@@ -115,7 +123,10 @@ def gauss_newton_step(
     p = len(parameters.names)
     rows = [np.zeros((0, p + 1))]
     for index, segment in zip(parameters.segment_index, segments, strict=True):
-        local = _triangle(np.concatenate([_flat(segment.residual), _flat(segment.disturbance)]))
+        parts = [_flat(segment.residual)]
+        if np.any(segment.disturbance):
+            parts.append(_flat(segment.disturbance))
+        local = _triangle(np.concatenate(parts))
         spread = np.zeros((local.shape[0], p + 1))
         spread[:, index] = local[:, :-1]
         spread[:, -1] = local[:, -1]
@@ -127,7 +138,7 @@ def gauss_newton_step(
     prior[:, :p] = np.diag(weight)
     prior[:, p] = np.where(informed, weight * (iterate.theta - parameters.prior_mean), 0.0)
     system = np.concatenate([data, prior[informed]])
-    change = np.zeros(p) if frozen else _bounded_least_squares(system, iterate.theta, parameters)
+    change = np.zeros(p) if frozen else _bounded_least_squares(system, problem, iterate.theta)
     x = tuple(
         (e.x[:, :, 0] + e.x[:, :, 1:] @ change[index]).T * problem.size[:, None]
         for e, index in ((s.eliminated, i) for s, i in zip(segments, parameters.segment_index, strict=True))
@@ -201,6 +212,12 @@ def _drop_rounding(residual: FloatArray, disturbance: FloatArray, direct: FloatA
     disturbance[:, :, 1:][:, :, void] = 0.0
 
 
+def _anchor(quadratic: Quadratic) -> Quadratic:
+    free = np.isinf(quadratic.variance)
+    defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
+    return replace(quadratic, defect=defect, variance=variance)
+
+
 def _start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
     start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
     return ((x[:, 0] - start) / problem.size)[None]
@@ -219,11 +236,25 @@ def _flat(columns: FloatArray) -> FloatArray:
 
 
 def _triangle(rows: FloatArray) -> FloatArray:
-    return np.linalg.qr(rows, mode="r") if rows.shape[0] > rows.shape[1] else rows
+    """Upper triangle R of a tall matrix, (columns, columns), by QR of slabs and then of their triangles (TSQR).
+
+    Small slabs stay in cache and below the size at which a threaded BLAS would start its threads.
+    """
+    columns = rows.shape[1]
+    slab = 8 * columns
+    while rows.shape[0] > slab:
+        spare = -rows.shape[0] % slab
+        padded = np.concatenate([rows, np.zeros((spare, columns))])
+        rows = np.linalg.qr(padded.reshape(-1, slab, columns), mode="r").reshape(-1, columns)
+    padded = np.concatenate([rows, np.zeros((columns, columns))])
+    return np.asarray(np.linalg.qr(padded, mode="r"))
 
 
-def _bounded_least_squares(system: FloatArray, theta: FloatArray, parameters: Parameters) -> FloatArray:
-    """Minimise |A d + b|, [A b] = `system`, columns scaled and near-null directions left at rest, within the bounds."""
+def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArray) -> FloatArray:
+    """Minimise |A d + b|, [A b] = `system`, within the bounds and the reach of a step.
+
+    Columns are scaled and near-null directions left at rest.
+    """
     p = theta.size
     norm = np.linalg.norm(system[:, :p], axis=0)
     norm[norm == 0] = 1.0
@@ -231,7 +262,8 @@ def _bounded_least_squares(system: FloatArray, theta: FloatArray, parameters: Pa
     left, singular, rotation = np.linalg.svd(matrix, full_matrices=False)
     kept = singular > _RANK_TOLERANCE * singular.max(initial=0.0)
     change = (rotation[kept].T @ ((left[:, kept].T @ right) / singular[kept])) / norm
-    lower, upper = parameters.lower - theta, parameters.upper - theta
+    lower = np.maximum(problem.parameters.lower - theta, -problem.reach)
+    upper = np.minimum(problem.parameters.upper - theta, problem.reach)
     if np.all(change >= lower) and np.all(change <= upper):
         return np.asarray(change)
     from scipy.optimize import lsq_linear

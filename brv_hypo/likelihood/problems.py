@@ -1,0 +1,221 @@
+"""Model problems with a known answer: for the benchmark, the study and the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.derivatives import Function
+from brv_hypo.likelihood.segment import Segment
+
+_SUBSTEPS = 8
+
+
+@dataclass(frozen=True)
+class ModelProblem:
+    """Functions, truth and instruments of a problem.
+
+    Attributes:
+        dynamics, outputs: as `fit` takes them.
+        truth: parameters that the data are simulated with.
+        inputs: u(t), t (n,) -> (n_inputs, n).
+        x0: true initial state, (n_states,).
+        noise: standard deviation of each output, (n_outputs,).
+        rate: samples per second.
+        process_noise: standard deviation per root second of the noise that drives each state, (n_states,).
+        delays: names of parameters that are delays.
+    """
+
+    dynamics: Function
+    outputs: Function
+    truth: Mapping[str, float]
+    inputs: Callable[[FloatArray], FloatArray]
+    x0: FloatArray
+    noise: FloatArray
+    rate: float
+    process_noise: FloatArray | None = None
+    delays: tuple[str, ...] = ()
+
+    def simulate(self, n: int, seed: int, correlation: float = 0.0) -> Segment:
+        """A record of n samples; `correlation` is that of the noise from one sample to the next (first-order Markov).
+
+        The segment's x0 is what the instruments give: zeros.
+        """
+        rng = np.random.default_rng(seed)
+        t = np.arange(n) / self.rate
+        x = self.trajectory(t, rng)
+        u = self.inputs(t)
+        y = np.array(self.outputs(x, u, self.truth, t, *self._delayed(t, x, u)))
+        y += self.noise[:, None] * markov_noise(rng, y.shape, correlation)
+        return Segment(t, u, y, np.zeros(self.x0.size))
+
+    def trajectory(self, t: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """True states, (n_states, n), by Runge-Kutta steps much finer than the samples."""
+        step = (t[1] - t[0]) / _SUBSTEPS
+        fine = t[0] + step * np.arange((t.size - 1) * _SUBSTEPS + 1)
+        u, u_mid = self.inputs(fine), self.inputs(fine + step / 2)
+        lag = {name: int(round(self.truth[name] / step)) for name in self.delays}
+        x = np.empty((self.x0.size, fine.size))
+        x[:, 0] = self.x0
+        drive = self.process_noise
+
+        def slope(state: FloatArray, inputs: FloatArray, k: float) -> FloatArray:
+            past = ()
+            if self.delays:
+                past = ({name: _past(x, u, k - shift) for name, shift in lag.items()},)
+            return np.asarray(self.dynamics(state[:, None], inputs[:, None], self.truth, fine[:1], *past))[:, 0]
+
+        for k in range(fine.size - 1):
+            now = x[:, k]
+            k1 = slope(now, u[:, k], k)
+            k2 = slope(now + step / 2 * k1, u_mid[:, k], k + 0.5)
+            k3 = slope(now + step / 2 * k2, u_mid[:, k], k + 0.5)
+            k4 = slope(now + step * k3, u[:, k + 1], k + 1)
+            x[:, k + 1] = now + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            if drive is not None:
+                x[:, k + 1] += np.sqrt(step) * drive * rng.standard_normal(drive.size)
+        return x[:, ::_SUBSTEPS]
+
+    def with_truth(self, **values: float) -> ModelProblem:
+        """The same problem with other true values."""
+        return replace(self, truth=dict(self.truth) | values)
+
+    def _delayed(self, t: FloatArray, x: FloatArray, u: FloatArray) -> tuple[Any, ...]:
+        if not self.delays:
+            return ()
+        from brv_hypo.likelihood.derivatives import Delayed
+        from brv_hypo.likelihood.interpolation import Interpolator
+
+        interpolator = Interpolator(t)
+        stencils = {name: interpolator.stencil(t - self.truth[name]) for name in self.delays}
+        return ({name: Delayed(s.apply(x), s.apply(u)) for name, s in stencils.items()},)
+
+
+def markov_noise(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> FloatArray:
+    """Noise of unit variance, correlated along the last axis by `correlation` per sample."""
+    from scipy.signal import lfilter
+
+    white = rng.standard_normal(shape)
+    white[..., 1:] *= np.sqrt(1.0 - correlation**2)
+    return np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=-1))
+
+
+def short_period() -> ModelProblem:
+    """Short-period motion of an aircraft: 2 states (alpha, q), 2 outputs, 8 parameters, 25 Hz."""
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        alpha, q = x
+        return np.stack(
+            [
+                theta["Z_alpha"] * alpha + theta["Z_q"] * q + theta["Z_delta"] * u[0],
+                theta["M_alpha"] * alpha + theta["M_q"] * q + theta["M_delta"] * u[0],
+            ]
+        )
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.stack([x[0] + theta["alpha_bias"], x[1] + theta["q_bias"]])
+
+    truth = {
+        "Z_alpha": -1.2, "Z_q": 0.95, "Z_delta": -0.1,
+        "M_alpha": -6.0, "M_q": -1.5, "M_delta": -8.0,
+        "alpha_bias": 0.01, "q_bias": -0.02,
+    }  # fmt: skip
+    return ModelProblem(
+        dynamics, outputs, truth, _elevator, np.array([0.02, 0.0]), np.array([0.002, 0.005]), rate=25.0
+    )
+
+
+def spinning_body(
+    pitch_damping: float = -0.3, onset: float = 0.0, x0: tuple[float, ...] = (0.0, 0.1, 0.15, 0.05)
+) -> ModelProblem:
+    """A spinning axisymmetric body: states q, r (rad/s), alpha, beta (rad); gyros and accelerometers; 10 parameters.
+
+    Roll rate and velocity are inputs. `onset` adds a known damping, onset (1 - sin^2 / 0.04), that makes motion grow at small
+    angles and bounds it at large ones.
+    """
+    inertia = 0.8
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        q, r, alpha, beta = x
+        p = u[0]
+        damping = theta["M_q"] + onset * (1.0 - (alpha * alpha + beta * beta) / 0.04)
+        stiffness, magnus = theta["M_alpha"], theta["M_p"] * p
+        return np.stack(
+            [
+                inertia * p * r + stiffness * alpha + damping * q + magnus * beta + theta["M_y"],
+                -inertia * p * q - stiffness * beta + damping * r + magnus * alpha + theta["M_z"],
+                q - p * beta - theta["Z_alpha"] * alpha,
+                -r + p * alpha - theta["Z_alpha"] * beta,
+            ]
+        )
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        q, r, alpha, beta = x
+        force = -u[1] * theta["Z_alpha"]
+        return np.stack(
+            [
+                q + theta["q_bias"],
+                r + theta["r_bias"],
+                force * alpha + theta["az_bias"],
+                force * beta + theta["ay_bias"],
+            ]
+        )
+
+    truth = {
+        "M_alpha": -20.0, "M_q": pitch_damping, "M_p": 0.4, "M_y": 0.05, "M_z": -0.08, "Z_alpha": 0.3,
+        "q_bias": 0.004, "r_bias": -0.003, "az_bias": 0.2, "ay_bias": -0.1,
+    }  # fmt: skip
+    noise = np.array([0.01, 0.01, 0.2, 0.2])
+    return ModelProblem(dynamics, outputs, truth, _spin, np.array(x0), noise, rate=25.0)
+
+
+def growing_body() -> ModelProblem:
+    """The spinning body with an angle of attack that grows twentyfold in 2 s and then stays bounded."""
+    return replace(
+        spinning_body(pitch_damping=0.0, onset=3.6, x0=(0.0, 0.02, 0.005, 0.0)),
+        noise=np.array([0.01, 0.01, 0.2, 0.2]),
+    )
+
+
+def lagging_body() -> ModelProblem:
+    """An oscillator whose restoring moment acts late: 2 states, 4 parameters, one of them a delay of 0.2 s."""
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
+        angle, rate = x
+        late = delayed["delay"].x[0]
+        return np.stack(
+            [rate, theta["stiffness"] * angle + theta["late"] * late + theta["damping"] * rate + u[0]]
+        )
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
+        return np.stack([x[0], x[1]])
+
+    truth = {"stiffness": -12.0, "late": -4.0, "damping": -1.0, "delay": 0.2}
+    return ModelProblem(
+        dynamics, outputs, truth, _elevator_strong, np.array([0.0, 0.0]), np.array([0.002, 0.01]), 50.0, delays=("delay",)
+    )
+
+
+def _past(x: FloatArray, u: FloatArray, k: float) -> Any:
+    """States and inputs at the fine step k, which may be half a step in; the first one held before the start."""
+    from brv_hypo.likelihood.derivatives import Delayed
+
+    low = max(int(np.floor(k)), 0)
+    high = max(int(np.ceil(k)), 0)
+    return Delayed(0.5 * (x[:, low] + x[:, high])[:, None], 0.5 * (u[:, low] + u[:, high])[:, None])
+
+
+def _elevator(t: FloatArray) -> FloatArray:
+    return np.asarray(0.05 * np.sin(0.9 * t) + 0.05 * np.sin(2.3 * t + 1) + 0.03 * np.sin(5 * t))[None]
+
+
+def _elevator_strong(t: FloatArray) -> FloatArray:
+    return 20 * _elevator(t)
+
+
+def _spin(t: FloatArray) -> FloatArray:
+    return np.stack([1.5 + 0.3 * np.sin(0.2 * t), 300.0 - 2.0 * t % 100])
