@@ -30,14 +30,16 @@ def comparison_view(comparison: Comparison, *, verbose: bool = False) -> Rendera
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, the likeliest first; those that stand are bold."""
     table = plain_table()
-    for index, heading in enumerate(rows.RANKING_HEADINGS):
-        table.add_column(
-            heading, justify="left" if index < rows.RANKING_TEXT_COLUMNS else "right", no_wrap=True
-        )
+    _add_columns(table, rows.RANKING_HEADINGS)
     standing = rows.standing_rows(comparison)
     for index, row in enumerate(rows.ranking_rows(comparison)):
         table.add_row(*row, style="bold" if index in standing else "")
     return table
+
+
+def _add_columns(table: Table, headings: Sequence[str]) -> None:
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in rows.TEXT_COLUMNS else "right", no_wrap=True)
 
 
 def verdict_panel(verdict: Verdict) -> Panel:
@@ -84,8 +86,7 @@ def hypothesis_tables(hypothesis: RankedHypothesis) -> Iterable[RenderableType]:
 def term_table(title: str, terms: Sequence[TermEstimate]) -> Iterable[RenderableType]:
     """One row for each coefficient with its sigma, F, unit, region and delay."""
     table = plain_table()
-    for index, heading in enumerate(rows.TERM_HEADINGS):
-        table.add_column(heading, justify="left" if index < rows.TERM_TEXT_COLUMNS else "right", no_wrap=True)
+    _add_columns(table, rows.TERM_HEADINGS)
     for row in rows.term_rows(terms):
         table.add_row(*row)
     return (Text(f"\n{title}", "bold"), table)

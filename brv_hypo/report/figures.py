@@ -21,7 +21,7 @@ MILLI = 1e3
 """Moment coefficients are drawn in thousandths."""
 MOST_POINTS = 6000
 """Points drawn of a history; a longer one is thinned, which no screen shows."""
-PLANES = ("in-plane C<sub>N</sub>′", "out-of-plane C<sub>Z</sub>′")
+PLANES = ("in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′")
 
 Moments = tuple[Sequence[float], Sequence[float]]
 
@@ -37,10 +37,10 @@ def motion_figure(series: Series) -> go.Figure:
 
 def moment_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
     """Measured moments within two standard deviations, and what each hypothesis makes of them."""
-    figure = _stack([f"{plane}, 10⁻³" for plane in PLANES])
+    figure = _stack([f"{plane} · 10³" for plane in PLANES])
     kept = _thinned(len(series.time_s))
     for row, measured in enumerate(series.measured, start=1):
-        band = _band(series.time_s, np.asarray(measured), np.asarray(series.sigma), kept)
+        band = _band(series.time_s, np.asarray(measured), np.asarray(series.sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
         figure.add_trace(_dots(series.time_s, np.asarray(measured), kept, row == 1), row=row, col=1)
         for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
@@ -51,10 +51,10 @@ def moment_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
 
 def residual_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
     """Measured less fitted moments of each hypothesis, before a band of two standard deviations."""
-    figure = _stack([f"residual of {plane}, 10⁻³" for plane in PLANES])
+    figure = _stack([f"{plane} · 10³" for plane in PLANES])
     kept = _thinned(len(series.time_s))
     for row, measured in enumerate(series.measured, start=1):
-        band = _band(series.time_s, np.zeros(len(series.time_s)), np.asarray(series.sigma), kept)
+        band = _band(series.time_s, np.zeros(len(series.time_s)), np.asarray(series.sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
         for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
             left = MILLI * (np.asarray(measured) - np.asarray(moments[row - 1]))
@@ -118,7 +118,9 @@ def _dots(time: Sequence[float], values: FloatArray, kept: slice, legend: bool) 
     )
 
 
-def _band(time: Sequence[float], centre: FloatArray, sigma: FloatArray, kept: slice) -> go.Scatter:
+def _band(
+    time: Sequence[float], centre: FloatArray, sigma: FloatArray, kept: slice, legend: bool
+) -> go.Scatter:
     """Two standard deviations on either side of `centre`, as one closed area."""
     upper, lower = MILLI * (centre + 2.0 * sigma)[kept], MILLI * (centre - 2.0 * sigma)[kept]
     there = np.asarray(time[kept])
@@ -129,8 +131,9 @@ def _band(time: Sequence[float], centre: FloatArray, sigma: FloatArray, kept: sl
         fillcolor="rgba(120, 120, 120, 0.22)",
         line={"width": 0},
         hoverinfo="skip",
-        name="±2 sigma",
-        showlegend=False,
+        name="± 2 sigma",
+        legendgroup="sigma",
+        showlegend=legend,
     )
 
 

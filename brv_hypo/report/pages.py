@@ -58,22 +58,28 @@ def page(title: str, subtitle: str, verdict: str, blocks: Sequence[Block]) -> st
 
 def drawn(figure: go.Figure) -> str:
     """A figure as HTML that relies on the page's script."""
-    return str(to_html(figure, full_html=False, include_plotlyjs=False, config={"displaylogo": False}))
+    return str(
+        to_html(
+            figure,
+            full_html=False,
+            include_plotlyjs=False,
+            config={"displayModeBar": "hover", "displaylogo": False},
+        )
+    )
 
 
-def table(
-    headings: Sequence[str], lines: Sequence[Sequence[str]], *, text: int, marked: Sequence[int] = ()
-) -> str:
-    """A table; the first `text` columns are text, the others numbers; the rows `marked` are bold."""
+def table(headings: Sequence[str], lines: Sequence[Sequence[str]], *, marked: Sequence[int] = ()) -> str:
+    """A table, numbers to the right; the rows `marked` are bold."""
 
     def cells(tag: str, values: Sequence[str]) -> str:
         return "".join(
-            f"<{tag}{' class=text' if i < text else ''}>{escape(value)}</{tag}>"
-            for i, value in enumerate(values)
+            f"<{tag}{' class=text' if heading in rows.TEXT_COLUMNS else ''}>{escape(value)}</{tag}>"
+            for heading, value in zip(headings, values, strict=True)
         )
 
     body = "\n".join(
-        f"<tr{' class=stands' if i in marked else ''}>{cells('td', row)}</tr>" for i, row in enumerate(lines)
+        f"<tr{' class=stands' if i in marked else ''}>{cells('td', line)}</tr>"
+        for i, line in enumerate(lines)
     )
     return f'<div class="wide"><table><tr>{cells("th", headings)}</tr>\n{body}</table></div>'
 
@@ -90,7 +96,6 @@ def comparison_page(comparison: Comparison) -> str:
     ranking = table(
         rows.RANKING_HEADINGS,
         rows.ranking_rows(comparison),
-        text=rows.RANKING_TEXT_COLUMNS,
         marked=rows.standing_rows(comparison),
     )
     blocks = [
@@ -123,5 +128,5 @@ def _histories(series: Series, names: Sequence[str], which: str) -> list[Block]:
 
 
 def _terms(hypothesis: RankedHypothesis) -> str:
-    terms = table(rows.TERM_HEADINGS, rows.term_rows(hypothesis.terms), text=rows.TERM_TEXT_COLUMNS)
+    terms = table(rows.TERM_HEADINGS, rows.term_rows(hypothesis.terms))
     return terms + bullets(rows.derived_texts(hypothesis.derived))

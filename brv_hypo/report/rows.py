@@ -7,27 +7,27 @@ from collections.abc import Iterable
 import numpy as np
 
 from brv_hypo.ranking.result import Comparison, DerivedEstimate, TermEstimate
-from brv_hypo.report.style import interval, number, percent
+from brv_hypo.report.style import interval, number, probability, share
 
-RANKING_HEADINGS = ("mechanism", "rank", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
-RANKING_TEXT_COLUMNS = 1
-TERM_HEADINGS = ("term", "channel", "unit", "value", "sigma", "F", "region, s", "delay, s")
-TERM_TEXT_COLUMNS = 3
+RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
+TEXT_COLUMNS = ("mechanism", "term", "plane", "unit")
+TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "delay, s")
+_PLANES = {"in-plane": "in", "out-of-plane": "out"}
 
 
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """One row for each hypothesis, likeliest first; "of none" is the held-out error over that of `none`."""
     return [
         (
-            row.mechanism,
             str(row.rank),
+            row.mechanism,
             "failed" if row.status == "failed" else str(row.n_terms),
             number(row.f_ratio),
             number(row.cp, 4),
             number(row.prediction_error),
-            percent(row.prediction_ratio),
+            share(row.prediction_ratio),
             f"{row.r2:.4f}",
-            percent(comparison.verdict.probability.get(row.mechanism)),
+            probability(comparison.verdict.probability.get(row.mechanism)),
         )
         for row in comparison.ranking
     ]
@@ -43,7 +43,7 @@ def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
     return [
         (
             term.name,
-            term.channel,
+            _PLANES.get(term.channel, term.channel),
             term.units,
             number(term.value, 4),
             number(term.std_error, 2),

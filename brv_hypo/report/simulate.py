@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from brv_hypo.report.style import percent
+from brv_hypo.report.style import share
 from brv_hypo.simulate import SimulatedFlight
 
 
@@ -14,11 +14,11 @@ def simulation_text(flown: SimulatedFlight) -> str:
     flight = flown.flight
     inside, outside = flown.truth.planted_share
     planted = ", ".join(flown.truth.planted)
-    share = f"; it makes {percent(inside)} of the moment in plane and {percent(outside)} out of plane (rms)"
+    part = f"; it makes {share(inside)} of the moment in plane and {share(outside)} out of plane (rms)"
     return (
         f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
         f"{flight.sample_rate:.4g} Hz.\n"
-        f"Planted: {planted or 'nothing'}{share if planted else ''}."
+        f"Planted: {planted or 'nothing'}{part if planted else ''}."
     )
 
 

@@ -27,21 +27,28 @@ def plain_table(title: str | None = None) -> Table:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """At `digits` significant digits, without an exponent below a million; a dash where there is none."""
+    """At `digits` significant digits, with an exponent only below 1e-3 and from 1e6; a dash for no number."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}"
     return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
 
 
-def percent(value: float | None) -> str:
-    """A share as whole percent, never rounded to certainty."""
+def probability(value: float | None) -> str:
+    """A probability in percent, never rounded to certainty."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
-    if 0.995 <= value < 1.0:
+    if value >= 0.995:
         return ">99 %"
-    if 0.0 < value < 0.005:
+    if value < 0.005:
         return "<1 %"
     return f"{100.0 * value:.0f} %"
+
+
+def share(value: float | None) -> str:
+    """A ratio in percent at two digits."""
+    return NOT_A_NUMBER if value is None else f"{number(100.0 * value, 2)} %"
 
 
 def interval(region: tuple[float, float] | None) -> str:
