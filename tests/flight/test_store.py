@@ -41,7 +41,7 @@ ACCEPTED = {
         "mrad/s": 1e-3,
         "revolution/s": 2 * np.pi,
     },
-    "m/s^2": {"m/s^2": 1.0, "ft/s^2": FOOT, "g": GRAVITY, "m/s**2": 1.0, "mg": GRAVITY / 1000},
+    "m/s^2": {"m/s^2": 1.0, "ft/s^2": FOOT, "g": GRAVITY, "G": GRAVITY, "m/s**2": 1.0, "mg": GRAVITY / 1000},
     "m/s": {"m/s": 1.0, "ft/s": FOOT, "km/s": 1000.0, "knot": 1852 / 3600},
     "Pa": {"Pa": 1.0, "lbf/ft^2": POUND_FORCE / FOOT**2, "psf": POUND_FORCE / FOOT**2, "kPa": 1000.0},
     "kg/m^3": {"kg/m^3": 1.0, "slug/ft^3": SLUG / FOOT**3, "lb/ft^3": POUND / FOOT**3},
@@ -73,7 +73,7 @@ def flights(draw: st.DrawFn) -> Flight:
         iyy=iyy,
         reference_length=draw(POSITIVE),
         reference_area=draw(POSITIVE),
-        accelerometer_position=draw(st.tuples(*[st.floats(-5.0, 5.0)] * 3)),
+        accelerometer_position=draw(st.tuples(*[st.integers(-5000, 5000).map(lambda mm: mm / 1000)] * 3)),
     )
     segments = ((0, 20), (samples - 20, samples)) if draw(st.booleans()) else ((0, samples),)
     return Flight(
