@@ -39,10 +39,11 @@ def compare(
     session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.flight import load_flight
+    from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
-    from brv_hypo.ranking import read_compare_config
+    from brv_hypo.settings import read_settings
 
-    settings = read_compare_config(config, **chosen(mechanisms))
+    settings = read_settings(CompareConfig, config, **chosen(mechanisms))
     records = [load_flight(path).window(start, stop) for path in flights]
     with session.progress("comparing") as progress:
         comparison = rank(records, settings, progress=progress)

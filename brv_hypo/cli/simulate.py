@@ -60,10 +60,11 @@ def demo(
     """Simulate a flight with planted flow sticking, then compare."""
     session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim()
-    from brv_hypo.ranking import compare, read_compare_config
+    from brv_hypo.ranking import CompareConfig, compare
     from brv_hypo.report.simulate import simulation_text
+    from brv_hypo.settings import read_settings
 
-    settings = read_compare_config(config, **chosen(mechanisms))
+    settings = read_settings(CompareConfig, config, **chosen(mechanisms))
     flown = fly(session, DEMO, seed, ())
     session.show(simulation_text(flown), "")
     with session.progress("comparing") as progress:

@@ -1,0 +1,51 @@
+"""Settings from YAML files: one reader, one wording of what is wrong; any layer may use it."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from brv_hypo.errors import UsageError
+
+Settings = TypeVar("Settings", bound=BaseModel)
+
+
+def read_settings(model: type[Settings], path: str | Path | None, **overrides: Any) -> Settings:
+    """The settings in the YAML file at `path` (defaults where None), with `overrides` set over them.
+
+    Raises UsageError that names each wrong setting, what it holds and what is expected.
+    """
+    content = {} if path is None else _mapping(Path(path))
+    try:
+        return model.model_validate({**content, **overrides})
+    except ValidationError as error:
+        where = "the settings" if path is None else f"the settings in {path}"
+        problems = "; ".join(_problem(detail, tuple(model.model_fields)) for detail in error.errors())
+        raise UsageError(f"{where}: {problems}.") from None
+
+
+def _mapping(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"the settings in {path} cannot be read ({error.strerror}). Check it.") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UsageError(f"the settings in {path} are not YAML: {error}. Correct the file.") from None
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise UsageError(f"{path} holds {type(content).__name__}, expected a mapping of settings to values.")
+    return content
+
+
+def _problem(detail: Any, known: tuple[str, ...]) -> str:
+    place = ".".join(str(part) for part in detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(place, known, n=1, cutoff=0.5)
+        hint = f"is '{near[0]}' meant?" if near else f"known are {', '.join(known)}"
+        return f"there is no setting '{place}' ({hint})"
+    return f"'{place}': {detail['msg']}, got {detail['input']!r}"
