@@ -46,6 +46,7 @@ class Flight:
 
     Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment.
     `segments` are the index ranges [start, stop) that are contiguous and usable.
+    `wind` (n, 3) m/s is what is known of the wind, in body axes of the first sample; None where nothing is.
     `notes` say what was derived, resampled, bridged or cut. The `truth` of a simulated flight is not here:
     nothing that analyses a flight may see it.
     """
@@ -65,6 +66,7 @@ class Flight:
     mach: FloatArray | None = None
     reynolds: FloatArray | None = None
     roll_rate_mag: FloatArray | None = None
+    wind: FloatArray | None = None
     segments: tuple[tuple[int, int], ...] = ()
     planet: str = "earth"
     title: str = ""
@@ -106,7 +108,7 @@ class Flight:
         a, b = int(chosen[0]), int(chosen[-1]) + 1
         arrays: dict[str, Any] = {
             name: None if (value := getattr(self, name)) is None else value[a:b]
-            for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)
+            for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")
         }
         segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if s < b and e > a)
         if not segments:

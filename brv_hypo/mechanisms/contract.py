@@ -118,6 +118,10 @@ class RecordEffect(BaseModel, ABC):
     source: ClassVar[str]
     kind: ClassVar[Literal["instrument", "environment"]]
 
+    def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
+        """The effect with each setting to be tried on this flight, such as an unknown time; itself by default."""
+        return (self,)
+
     @abstractmethod
     def components(self) -> tuple[tuple[str, str, float], ...]:
         """(name, units, typical size in those units, SI) of each value that the effect has."""

@@ -51,8 +51,10 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
 
 
 def force_impulse(record: InertialRecord) -> FloatArray:
-    """Integral of the specific force (n, 3) in the axes of the first sample, m/s."""
-    return running_integral(record.time, record.force_inertial)
+    """Change of the velocity relative to the air by forces and wind (n, 3) in the axes of the first sample, m/s."""
+    impulse = running_integral(record.time, record.force_inertial)
+    wind = record.flight.wind
+    return impulse if wind is None else impulse - (wind - wind[0])
 
 
 def body_crossflow(record: InertialRecord, direction: FloatArray) -> ComplexArray:

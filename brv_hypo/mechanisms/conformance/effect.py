@@ -11,12 +11,17 @@ from brv_hypo.mechanisms.conformance.check import Check, expect, named
 from brv_hypo.mechanisms.conformance.samples import sample_flight
 from brv_hypo.mechanisms.contract import RecordEffect
 
+# Units in which wind (m/s) and the place of the accelerometers (m) are compared.
+_WIND, _PLACE = 10.0, 0.1
+
 
 def _channels(flight: Flight) -> FloatArray:
-    """The channels that every record has, (channels, samples), each in units of its size in the sample."""
+    """All that an effect may act on, (rows, samples): channels in units of their size in the sample, wind, place."""
     channels = np.array([getattr(flight, name) for name in CHANNELS], dtype=float)
     sizes = np.array([np.max(np.abs(getattr(sample_flight(), name))) for name in CHANNELS], dtype=float)
-    return np.asarray(channels / sizes[:, np.newaxis], dtype=float)
+    wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / _WIND
+    place = np.array(flight.vehicle.accelerometer_position)[:, np.newaxis] * np.ones(flight.samples) / _PLACE
+    return np.concatenate([channels / sizes[:, np.newaxis], wind, place])
 
 
 def is_declared(effect: RecordEffect) -> None:
@@ -44,11 +49,11 @@ def leaves_the_record_alone_at_zero(effect: RecordEffect) -> None:
     flight = sample_flight()
     for name, _, _ in effect.components():
         change = np.max(np.abs(_channels(effect.perturb(flight, name, 0.0)) - _channels(flight)))
-        expect(bool(change < 1e-12), f"'{name}' = 0 changes a channel by {change:.1e} of its size")
+        expect(bool(change < 1e-12), f"'{name}' = 0 changes the record by {change:.1e} of its size")
 
 
 def changes_the_record(effect: RecordEffect) -> None:
-    """The typical size changes a channel, keeps the number of samples and leaves all finite."""
+    """The typical size changes the record, keeps the number of samples and leaves all finite."""
     flight = sample_flight()
     for name, _, size in effect.components():
         changed = _channels(effect.perturb(flight, name, size))

@@ -1,0 +1,111 @@
+"""Static and damping moments that change with Mach or Reynolds number along the flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.motion import Motion
+
+_SOURCE = "standard similarity of aerodynamic coefficients"
+
+
+def _mach(motion: Motion) -> FloatArray:
+    """Mach number in tens."""
+    return np.asarray(motion.mach / 10.0, dtype=float)
+
+
+def _reynolds(motion: Motion) -> FloatArray:
+    """Decades of Reynolds number above a million."""
+    return np.asarray(np.log10(motion.reynolds / 1e6), dtype=float)
+
+
+def _stiffness(motion: Motion, course: FloatArray, name: str) -> Term:
+    return Term(f"C_Nalpha * {name}", motion.alpha * course, np.zeros_like(motion.alpha), "1/rad")
+
+
+def _damping(motion: Motion, course: FloatArray, name: str) -> Term:
+    body = np.asarray((motion.q + 1j * motion.r) * motion.rate_factor * course, dtype=complex)
+    rate = plane_from_body(body, motion.windward_meridian)
+    return Term(f"C_mq * {name}", rate.real, rate.imag, "1/rad")
+
+
+class MachStiffness(Mechanism):
+    """C_N' += alpha sum_k c_k (Mach / 10)^k, k to `degree`."""
+
+    name = "mach_stiffness"
+    title = "static moment that changes with Mach number"
+    claims = "a slope of the in-plane moment that follows the Mach number"
+    source = _SOURCE
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+    wind_fixed = True
+
+    degree: int = 3
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term for each power of the Mach number."""
+        return tuple(
+            _stiffness(motion, _mach(motion) ** k, f"(Mach/10)^{k}") for k in range(1, self.degree + 1)
+        )
+
+
+class ReynoldsStiffness(Mechanism):
+    """C_N' += alpha sum_k c_k log10(Re / 1e6)^k, k to `degree`."""
+
+    name = "reynolds_stiffness"
+    title = "static moment that changes with Reynolds number"
+    claims = "a slope of the in-plane moment that follows the logarithm of the Reynolds number"
+    source = _SOURCE
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+    wind_fixed = True
+
+    degree: int = 2
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term for each power of the decades of Reynolds number."""
+        return tuple(
+            _stiffness(motion, _reynolds(motion) ** k, f"log10(Re/1e6)^{k}")
+            for k in range(1, self.degree + 1)
+        )
+
+
+class MachDamping(Mechanism):
+    """C_m + i C_n += c (Mach / 10) (q + i r) d / 2V."""
+
+    name = "mach_damping"
+    title = "pitch damping that changes with Mach number"
+    claims = "a moment against the transverse rates whose coefficient follows the Mach number"
+    source = _SOURCE
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term: the change of C_mq per ten Mach numbers."""
+        return (_damping(motion, _mach(motion), "Mach/10"),)
+
+
+class ReynoldsDamping(Mechanism):
+    """C_m + i C_n += c log10(Re / 1e6) (q + i r) d / 2V."""
+
+    name = "reynolds_damping"
+    title = "pitch damping that changes with Reynolds number"
+    claims = "a moment against the transverse rates whose coefficient follows the log of the Reynolds number"
+    source = _SOURCE
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term: the change of C_mq per decade of Reynolds number."""
+        return (_damping(motion, _reynolds(motion), "log10(Re/1e6)"),)
+
+
+@hookimpl
+def brv_hypo_mechanisms() -> Sequence[Mechanism]:
+    """The effects of this module."""
+    return [MachStiffness(), ReynoldsStiffness(), MachDamping(), ReynoldsDamping()]

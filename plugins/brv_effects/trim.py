@@ -1,0 +1,74 @@
+"""Moments of a slight asymmetry of mass or shape that keep their place in the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms import Derived, Mechanism, Term, hookimpl
+from brv_hypo.motion.motion import Motion
+
+
+class Trim(Mechanism):
+    """C_m += C_m0, C_n += C_n0: constant in the body. A c.g. off the axis gives it too."""
+
+    name = "trim"
+    title = "constant body-fixed moment"
+    claims = "a moment coefficient that is constant in body axes: trim asymmetry, or a c.g. off the axis"
+    source = "Nicolaides, BRL Report 858, 1953"
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+    terms_enter_together = True
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """Two terms: C_m0 and C_n0."""
+        return body_axes(motion, np.ones_like(motion.alpha), ("C_m0", "C_n0"), "1")
+
+    def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
+        """Size and meridian of the moment, to first order in the covariance (2, 2)."""
+        pitch, yaw = values["C_m0"], values["C_n0"]
+        size = float(np.hypot(pitch, yaw))
+        along, across = np.array([pitch, yaw]) / size, np.array([-yaw, pitch]) / size
+        return (
+            Derived("C_trim", size, float(np.sqrt(along @ covariance @ along)), "1"),
+            Derived(
+                "phi_trim",
+                float(np.arctan2(-yaw, pitch)),
+                float(np.sqrt(across @ covariance @ across)) / size,
+                "rad",
+            ),
+        )
+
+
+class DynamicImbalance(Mechanism):
+    """C_m += J_y p^2 / q_inf, C_n += J_z p^2 / q_inf, with J_y = -I_xz / (S d) and J_z = I_xy / (S d).
+
+    Euler's equations with products of inertia, to first order in them and in q / p.
+    """
+
+    name = "dynamic_imbalance"
+    title = "dynamic imbalance (product of inertia)"
+    claims = "a body-fixed torque proportional to roll rate squared: so the coefficient to p^2 / q_inf"
+    source = "Euler's equations with products of inertia; Vaughn, SC-R-68-1803, 1968"
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+    terms_enter_together = True
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """Two terms: the products of inertia over S d, -I_xz and I_xy."""
+        course = motion.p**2 / motion.dynamic_pressure
+        return body_axes(motion, course, ("-I_xz/(S d)", "I_xy/(S d)"), "Pa s^2/rad^2")
+
+
+def body_axes(motion: Motion, course: FloatArray, names: tuple[str, str], units: str) -> tuple[Term, Term]:
+    """A moment of that course about body y, and one about body z, in plane axes."""
+    cosine, sine = course * np.cos(motion.windward_meridian), course * np.sin(motion.windward_meridian)
+    return Term(names[0], cosine, sine, units), Term(names[1], -sine, cosine, units)
+
+
+@hookimpl
+def brv_hypo_mechanisms() -> Sequence[Mechanism]:
+    """The effects of this module."""
+    return [Trim(), DynamicImbalance()]
