@@ -1,12 +1,12 @@
 """6-DOF flights with planted mechanisms and instrument errors, the truth set apart.
 
-    simulate, simulate_batch        simulator.py: a configuration -> `SimulatedFlight` (result.py)
-    SimulationConfig                config.py: the schema of configs/*.yaml
-    load_config, config_path        loading.py: files and names; variation.py: flights that differ in a few numbers
-    the equations of motion         dynamics.py, on rotation.py and atmosphere.py
-    planted mechanisms              planting.py, their past in history.py
-    Runge-Kutta                     integration.py
-    Appendix B                      instruments.py
+simulate, simulate_batch        simulator.py: a configuration -> `SimulatedFlight` (result.py)
+SimulationConfig                config.py: the schema of configs/*.yaml
+load_config, config_path        loading.py: files and names; variation.py: flights that differ a little
+the equations of motion         dynamics.py, on rotation.py and atmosphere.py; system.py builds them
+planted mechanisms              planting.py, their past in history.py
+Runge-Kutta                     integration.py
+Appendix B                      instruments.py
 """
 
 from brv_hypo.simulate.config import SimulationConfig

@@ -35,4 +35,6 @@ def _table() -> CubicSpline:
 
     altitude = np.arange(LOWEST, HIGHEST + 1.0, _SPACING)
     air = Atmosphere(altitude)
-    return CubicSpline(altitude, np.stack([np.log(air.density), air.speed_of_sound, air.dynamic_viscosity], axis=-1))
+    return CubicSpline(
+        altitude, np.stack([np.log(air.density), air.speed_of_sound, air.dynamic_viscosity], axis=-1)
+    )

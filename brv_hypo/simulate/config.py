@@ -22,7 +22,7 @@ class Section(BaseModel):
 
 
 class VehicleConfig(Section):
-    """Mass properties; `ixy`, `ixz` kg m^2 are products of inertia (integral of x y dm), dynamic imbalance."""
+    """Mass properties; `ixy`, `ixz` kg m^2 are products of inertia (of x y dm, x z dm): imbalance."""
 
     mass: Positive
     ixx: Positive
@@ -39,7 +39,7 @@ class VehicleConfig(Section):
 
 
 class SlopeVariation(Section):
-    """C_Nalpha += change (x - at), or, as a step, += change where x > at; x is Mach, Reynolds number or time (s).
+    """C_Nalpha += change (x - at), or, as a step, += change where x >= at; x: Mach, Reynolds number, time.
 
     A step of `width` > 0 is smooth, (1 + tanh((x - at) / width)) / 2. Prefer it for mach and reynolds: the
     integration lands on steps in time, not on steps in the motion.
@@ -74,9 +74,9 @@ class AerodynamicsConfig(Section):
 class StartConfig(Section):
     """The first instant. Velocity (m/s), alpha and meridian (rad) are relative to the air.
 
-    `flight_path_angle` rad is negative in descent. The transverse rates are given either as `q`, `r` (rad/s), or by
-    `alpha_rate` and `coning_rate` (rad/s): how fast the plane of alpha turns about the velocity. A coning rate of the
-    natural frequency is a circle, zero a plane oscillation.
+    `flight_path_angle` rad is negative in descent. The transverse rates are given either as `q`, `r` (rad/s),
+    or by `alpha_rate` and `coning_rate` (rad/s): how fast the plane of alpha turns about the velocity. A
+    coning rate of the natural frequency is a circle, zero a plane oscillation.
     """
 
     time: float = 0.0
@@ -123,7 +123,8 @@ class EnvironmentConfig(Section):
 class PlantedConfig(Section):
     """A mechanism to plant, as it would be fitted: terms times coefficients, from `start` to `stop` (s).
 
-    `terms` maps the mechanism's term names to coefficients; `theta` its nonlinear parameters; `kind` as in Eq. 3.6.
+    `terms` maps the mechanism's term names to coefficients; `theta` holds its nonlinear parameters; `kind` is
+    as in Eq. 3.6.
     """
 
     mechanism: str
@@ -164,7 +165,17 @@ class GaugeConfig(Section):
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
-ALL_CHANNELS: tuple[Channel, ...] = ("p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude")
+ALL_CHANNELS: tuple[Channel, ...] = (
+    "p",
+    "q",
+    "r",
+    "ax",
+    "ay",
+    "az",
+    "velocity",
+    "dynamic_pressure",
+    "altitude",
+)
 
 
 class SpikesConfig(Section):
@@ -176,7 +187,7 @@ class SpikesConfig(Section):
 
 
 class GapConfig(Section):
-    """`count` stretches of `duration` s without samples; the first at `start` s where given, else at random."""
+    """`count` stretches of `duration` s without samples: one at `start` s, or all at random."""
 
     channels: tuple[Channel, ...] = ALL_CHANNELS
     duration: Positive
@@ -227,8 +238,9 @@ class SimulationConfig(Section):
         ratio = 1.0 / (self.sample_rate * self.step)
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             raise ValueError(
-                f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps per sample, "
-                f"expected a whole number: try step {1.0 / (self.sample_rate * max(1, round(ratio))):.6g}"
+                f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps "
+                f"per sample, expected a whole number: try "
+                f"step {1.0 / (self.sample_rate * max(1, round(ratio))):.6g}"
             )
         return self
 
@@ -243,6 +255,6 @@ class SimulationConfig(Section):
         return int(self.duration * self.sample_rate + 1e-6) + 1
 
     def planting(self, names: Sequence[str]) -> SimulationConfig:
-        """This configuration with the named sets of `plantable` added to `mechanisms`; KeyError if unknown."""
+        """This configuration with the named sets of `plantable` added to `mechanisms`; else KeyError."""
         chosen = tuple(item for name in names for item in self.plantable[name])
         return self.model_copy(update={"mechanisms": (*self.mechanisms, *chosen)})

@@ -1,4 +1,4 @@
-"""The past of a running integration: states stored at its nodes, cubic Hermite between them (fourth order)."""
+"""The past of a running integration: states at its nodes, cubic Hermite between them (fourth order)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from brv_hypo.simulate.dynamics import STATES, System
 class History:
     """States and their rates at the nodes passed so far.
 
-    At a break the rate jumps: the interval before it ends with the rate before the jump, the one after begins with
-    the rate after it.
+    At a break the rate jumps: the interval before it ends with the rate before the jump, the one after begins
+    with the rate after it.
     """
 
     def __init__(self, system: System, nodes: FloatArray, breaks: BoolArray, flights: int) -> None:
@@ -53,8 +53,9 @@ class History:
         begin, end = self.nodes[0], self.nodes[self._last]
         if np.any(time > end + 1e-9):
             raise UsageError(
-                f"a planted mechanism asked for the motion at {float(np.max(time)):.6g} s, but the integration has only "
-                f"reached {float(end):.6g} s: its delay is shorter than the step. Reduce `step` to the delay or less."
+                f"a planted mechanism asked for the motion at {float(np.max(time)):.6g} s, but the "
+                f"integration has only reached {float(end):.6g} s: its delay is shorter than the step. "
+                "Reduce `step` to the delay or less."
             )
         inside = np.maximum(time, begin)
         left = np.clip(np.searchsorted(self.nodes, inside, side="right") - 1, 0, max(self._last - 1, 0))
@@ -83,5 +84,3 @@ class History:
             + (s3 - s2) * step * rate_right,
             dtype=float,
         )
-
-

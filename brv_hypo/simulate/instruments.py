@@ -15,7 +15,16 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.simulate.config import GapConfig, GaugeConfig, InstrumentsConfig, TriadConfig
 from brv_hypo.simulate.rotation import cross
 
-_STREAMS = ("gyro", "accelerometer", "velocity", "dynamic_pressure", "altitude", "roll_rate_mag", "spikes", "gaps")
+_STREAMS = (
+    "gyro",
+    "accelerometer",
+    "velocity",
+    "dynamic_pressure",
+    "altitude",
+    "roll_rate_mag",
+    "spikes",
+    "gaps",
+)
 
 
 @dataclass(frozen=True)
@@ -32,9 +41,13 @@ class Signals:
 
 
 def measured(
-    signals: Signals, instruments: InstrumentsConfig, position: tuple[float, float, float], time: FloatArray, seed: int
+    signals: Signals,
+    instruments: InstrumentsConfig,
+    position: tuple[float, float, float],
+    time: FloatArray,
+    seed: int,
 ) -> dict[str, FloatArray]:
-    """The channels of a flight record at `time` (m,) s, NaN in gaps; `position` (3,) m of the accelerometers."""
+    """The channels of a flight record at `time` (m,) s, NaN in gaps; `position` (3,) m is that declared."""
     streams = {
         name: np.random.default_rng(child)
         for name, child in zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True)
@@ -59,20 +72,24 @@ def measured(
         channels["roll_rate_mag"] = _gauge(roll, magnetometer, streams["roll_rate_mag"])
     for spikes in instruments.spikes:
         chosen = streams["spikes"].choice(time.size, size=min(spikes.count, time.size), replace=False)
-        channels[spikes.channel][chosen] += spikes.size * streams["spikes"].choice([-1.0, 1.0], size=chosen.size)
+        channels[spikes.channel][chosen] += spikes.size * streams["spikes"].choice(
+            [-1.0, 1.0], size=chosen.size
+        )
     for gap in instruments.gaps:
         _cut(channels, gap, time, streams["gaps"])
     return channels
 
 
 def specific_force_at(position: FloatArray, signals: Signals) -> FloatArray:
-    """f = a_cg + omega_dot x r + omega x (omega x r), (3, n) m/s^2: gravity is not sensed (errata E10, E11)."""
+    """f = a_cg + omega_dot x r + omega x (omega x r), (3, n) m/s^2; no gravity (errata E10, E11)."""
     arm = position[:, None] * np.ones_like(signals.time)
     swing = cross(signals.rates, cross(signals.rates, arm))
     return np.asarray(signals.specific_force + cross(signals.angular_acceleration, arm) + swing, dtype=float)
 
 
-def _seen(nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float) -> FloatArray:
+def _seen(
+    nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float
+) -> FloatArray:
     """`values` (..., n) as a clock `delay` s late reads them at `time`, averaged over the interval before.
 
     Before the first node the end of the spline is extended: a delay or interval of a few samples.
@@ -95,15 +112,17 @@ def _triad(true: FloatArray, sensor: TriadConfig, draws: np.random.Generator) ->
 
 def _gauge(true: FloatArray, sensor: GaugeConfig, draws: np.random.Generator) -> FloatArray:
     """(m,) as a scalar sensor reads it."""
-    return np.asarray((1.0 + sensor.scale) * true + sensor.bias + sensor.noise * draws.standard_normal(true.shape))
+    return np.asarray(
+        (1.0 + sensor.scale) * true + sensor.bias + sensor.noise * draws.standard_normal(true.shape)
+    )
 
 
-def _cut(channels: dict[str, FloatArray], gap: GapConfig, time: FloatArray, draws: np.random.Generator) -> None:
+def _cut(
+    channels: dict[str, FloatArray], gap: GapConfig, time: FloatArray, draws: np.random.Generator
+) -> None:
     latest = max(time[-1] - gap.duration, time[0])
     starts = [gap.start] if gap.start is not None else draws.uniform(time[0], latest, size=gap.count)
     for start in starts:
         missing = (time >= start - 1e-9) & (time < start + gap.duration - 1e-9)
         for name in gap.channels:
             channels[name][missing] = np.nan
-
-

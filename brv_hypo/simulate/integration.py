@@ -11,6 +11,7 @@ from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.simulate.dynamics import ATTITUDE, System
 from brv_hypo.simulate.history import History
 from brv_hypo.simulate.planting import Planted
+from brv_hypo.simulate.rotation import dot
 
 # Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
 _ASIDE = 1e-10
@@ -21,7 +22,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes (n,) s of the integration; `breaks` (n,) marks jumps; `samples` (m,) are indices of the sample times."""
+    """Nodes (n,) s of the integration; `breaks` (n,) marks jumps; `samples` (m,) index the sample times."""
 
     nodes: FloatArray
     breaks: BoolArray
@@ -42,7 +43,9 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
     """Uniform nodes from `start`, `step` apart, with `breaks` (s) inserted where they do not fall on one."""
     uniform = start + step * np.arange((samples - 1) * steps_per_sample + 1)
     inside = np.unique(breaks[(breaks >= start - _SAME) & (breaks <= uniform[-1] + _SAME)])
-    offset = np.abs(inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)])
+    offset = np.abs(
+        inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)]
+    )
     extra = inside[offset > _SAME]
     extra = extra[np.diff(extra, prepend=-np.inf) > _SAME]
     nodes = np.sort(np.concatenate([uniform, extra]))
@@ -53,7 +56,7 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
 
 
 def break_times(planted: tuple[Planted, ...], others: FloatArray, start: float) -> FloatArray:
-    """Where moments jump or kink (s): region edges, `others`, and what follows from them one and two delays later."""
+    """Where moments jump or kink (s): region edges, `others`, and what follows one and two delays later."""
     delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in planted)]))
     first = np.unique(np.concatenate([others, *(item.edges() for item in planted)]))
     # The start is a kink only for those who look back at it.
@@ -98,5 +101,5 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
 
 def _normalised(state: FloatArray) -> FloatArray:
     """The state with a unit quaternion."""
-    state[ATTITUDE] /= np.sqrt(np.sum(state[ATTITUDE] ** 2, axis=0))
+    state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
     return state

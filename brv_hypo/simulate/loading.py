@@ -37,7 +37,11 @@ def config_path(name: str | Path) -> Path:
             if candidate.is_file():
                 return candidate
     near = difflib.get_close_matches(Path(name).stem, config_names(), n=2, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"those that come along: {', '.join(config_names())}."
+    hint = (
+        f"did you mean {' or '.join(near)}?"
+        if near
+        else f"those that come along: {', '.join(config_names())}."
+    )
     raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")
 
 
@@ -76,9 +80,13 @@ def _read(path: Path) -> Mapping[str, Any]:
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UsageError(f"{path} cannot be read as YAML: {error}. Correct the file, or give another.") from None
+        raise UsageError(
+            f"{path} cannot be read as YAML: {error}. Correct the file, or give another."
+        ) from None
     if not isinstance(data, dict):
-        raise UsageError(f"{path} holds {type(data).__name__}, expected a mapping with `vehicle`, `start` ...")
+        raise UsageError(
+            f"{path} holds {type(data).__name__}, expected a mapping with `vehicle`, `start` ..."
+        )
     return data
 
 
@@ -100,7 +108,9 @@ def _problem(detail: Any) -> str:
     if detail["type"] == "extra_forbidden":
         return f"'{place}' is not a known key{_nearest_key(detail['loc'])}"
     message = detail["msg"].removeprefix("Value error, ")
-    return f"'{place}': {message}" + ("" if isinstance(detail["input"], dict) else f", got {detail['input']!r}")
+    return f"'{place}': {message}" + (
+        "" if isinstance(detail["input"], dict) else f", got {detail['input']!r}"
+    )
 
 
 def _nearest_key(location: Sequence[str | int]) -> str:
@@ -114,5 +124,10 @@ def _keys(model: type[BaseModel]) -> list[str]:
     for name, field in model.model_fields.items():
         names.append(name)
         inner = (field.annotation, *getattr(field.annotation, "__args__", ()))
-        names += [key for kind in inner if isinstance(kind, type) and issubclass(kind, BaseModel) for key in _keys(kind)]
+        names += [
+            key
+            for kind in inner
+            if isinstance(kind, type) and issubclass(kind, BaseModel)
+            for key in _keys(kind)
+        ]
     return names

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from brv_hypo.simulate.variation import per_flight
 
 @dataclass(frozen=True)
 class Planted:
-    """One mechanism in every flight of a batch: theta and the coefficients are (flights,) or one number for all."""
+    """One mechanism in all flights of a batch: theta and coefficients (flights,), or one number."""
 
     mechanism: Mechanism
     theta: Mapping[str, float]
@@ -62,8 +62,8 @@ def check_terms(items: Sequence[Planted], motion: Motion) -> None:
         unknown = [name for name in item.coefficients if name not in known]
         if unknown:
             raise UsageError(
-                f"mechanism '{item.mechanism.name}' has no term '{unknown[0]}'; its terms are {', '.join(known)}. "
-                "Correct the key under `terms`."
+                f"mechanism '{item.mechanism.name}' has no term '{unknown[0]}'; its terms are "
+                f"{', '.join(known)}. Correct the key under `terms`."
             )
 
 
@@ -72,20 +72,16 @@ def _planted(configs: Sequence[SimulationConfig], index: int) -> Planted:
     mechanism = find(entry.mechanism, entry.options)
     _check_theta(mechanism, entry)
 
-    def column(value: Callable[[PlantedConfig], float]) -> Any:
-        values = per_flight(configs, lambda config: value(config.mechanisms[index]))
+    def column(*path: str, missing: float = np.nan) -> Any:
+        values = per_flight(configs, "mechanisms", index, *path, missing=missing)
         # One number where flights agree: mechanisms are written for scalar theta.
         return float(values[0]) if np.all(values == values[0]) else values
 
     return Planted(
         mechanism,
-        cast(Mapping[str, float], {name: column(lambda item, n=name: item.theta[n]) for name in entry.theta}),
-        {name: column(lambda item, n=name: item.terms[n]) for name in entry.terms},
-        TimeFunction(
-            entry.kind,
-            column(lambda item: -np.inf if item.start is None else item.start),
-            column(lambda item: np.inf if item.stop is None else item.stop),
-        ),
+        {name: column("theta", name) for name in entry.theta},
+        {name: column("terms", name) for name in entry.terms},
+        TimeFunction(entry.kind, column("start", missing=-np.inf), column("stop", missing=np.inf)),
     )
 
 
@@ -93,8 +89,8 @@ def _check_theta(mechanism: Mechanism, entry: PlantedConfig) -> None:
     expected = {parameter.name for parameter in mechanism.parameters()}
     if expected != set(entry.theta):
         raise UsageError(
-            f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected {sorted(expected)}. "
-            "Give each parameter of the mechanism one value under `theta`."
+            f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
+            f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
         )
     if entry.kind == "ramp" and entry.start is None:
-        raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) from which it rises.")
+        raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")

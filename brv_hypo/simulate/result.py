@@ -23,9 +23,9 @@ from brv_hypo.simulate.config import SimulationConfig
 class Truth:
     """What was flown, at the record's samples (m,).
 
-    alpha, windward_meridian rad (unwrapped); C_m, C_n and C_N', C_Z' the total moments; `planted_in_plane`, `planted_out_of_plane`
-    what the planted mechanisms add to the latter two. `planted` names them; `parameters` holds every number of the
-    configuration by its dotted path.
+    alpha, windward_meridian rad (unwrapped); C_m, C_n and C_N', C_Z' are the total moments;
+    `planted_in_plane` and `planted_out_of_plane` what the planted mechanisms add to the latter two. `planted`
+    names them; `parameters` holds every number of the configuration by its dotted path.
     """
 
     time: FloatArray
@@ -70,7 +70,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class SimulatedFlight:
-    """`record` as recorded, gaps as NaN and spikes left in; `flight` as an analysis loads it; `truth` apart."""
+    """`record` as recorded, with gaps (NaN) and spikes; `flight` as an analysis loads it; `truth` apart."""
 
     record: Record
     truth: Truth
@@ -79,18 +79,21 @@ class SimulatedFlight:
 
     @cached_property
     def flight(self) -> Flight:
-        """The flight as `load_flight` would give it: despiked, gaps bridged or cut, missing channels derived."""
+        """The flight as `load_flight` gives it: despiked, gaps bridged or cut, channels derived."""
         return assemble(self.record)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write the record as format 1 with the group `truth`; raises UsageError where the file exists."""
         record = self.record
+        channels: dict[str, Any] = dict(record.channels)
         raw = Flight(
-            time=record.time, **record.channels, vehicle=record.vehicle.vehicle(), planet=record.planet,
-            title=record.title, source=record.source,
+            time=record.time,
+            **channels,
+            vehicle=record.vehicle.vehicle(),
+            planet=record.planet,
+            title=record.title,
+            source=record.source,
         )
         configuration = yaml.safe_dump(self.config.model_dump(mode="json"), sort_keys=False)
         truth = {**self.truth.tree(), "seed": self.seed, "configuration": configuration}
         save_flight(raw, path, truth=truth, overwrite=overwrite)
-
-

@@ -12,36 +12,50 @@ from brv_hypo.arrays import FloatArray
 
 def matrix(attitude: FloatArray) -> FloatArray:
     """Body to frame, (3, 3, ...); scale of the quaternion drops out, so that stages need no normalising."""
-    w, x, y, z = attitude * np.sqrt(2.0 / np.sum(attitude**2, axis=0))
+    w, x, y, z = attitude * np.sqrt(2.0 / dot(attitude, attitude))
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
-    return np.array([
-        [1.0 - yy - zz, xy - wz, xz + wy],
-        [xy + wz, 1.0 - xx - zz, yz - wx],
-        [xz - wy, yz + wx, 1.0 - xx - yy],
-    ])
+    return np.array(
+        [
+            [1.0 - yy - zz, xy - wz, xz + wy],
+            [xy + wz, 1.0 - xx - zz, yz - wx],
+            [xz - wy, yz + wx, 1.0 - xx - yy],
+        ]
+    )
+
+
+def transform(tensor: FloatArray, vector: FloatArray) -> FloatArray:
+    """A tensor (3, 3, ...) applied to a vector."""
+    return np.asarray(np.einsum("ij...,j...->i...", tensor, vector), dtype=float)
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Sum of products over the components."""
+    return np.asarray(np.einsum("i...,i...->...", a, b), dtype=float)
 
 
 def to_frame(rotation: FloatArray, body: FloatArray) -> FloatArray:
     """A body vector in frame axes."""
-    return np.einsum("ij...,j...->i...", rotation, body)
+    return transform(rotation, body)
 
 
 def to_body(rotation: FloatArray, frame: FloatArray) -> FloatArray:
     """A frame vector in body axes."""
-    return np.einsum("ji...,j...->i...", rotation, frame)
+    return transform(rotation.swapaxes(0, 1), frame)
 
 
 def rate(attitude: FloatArray, rates: FloatArray) -> FloatArray:
     """d/dt of the quaternion at body rates p, q, r (rad/s): half its product with (0, p, q, r)."""
     w, x, y, z = attitude
     p, q, r = 0.5 * rates
-    return np.array([
-        -x * p - y * q - z * r,
-        w * p + y * r - z * q,
-        w * q + z * p - x * r,
-        w * r + x * q - y * p,
-    ])
+    return np.array(
+        [
+            -x * p - y * q - z * r,
+            w * p + y * r - z * q,
+            w * q + z * p - x * r,
+            w * r + x * q - y * p,
+        ]
+    )
 
 
 def from_pitch_roll(pitch: FloatArray, roll: FloatArray) -> FloatArray:

@@ -15,13 +15,14 @@ from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulate.atmosphere import HIGHEST
 from brv_hypo.simulate.config import SimulationConfig
-from brv_hypo.simulate.dynamics import RATES, AirData, System, initial_state, system
+from brv_hypo.simulate.dynamics import RATES, AirData, System
 from brv_hypo.simulate.instruments import Signals, measured
 from brv_hypo.simulate.integration import Progress, Trajectory, break_times, grid, integrate
 from brv_hypo.simulate.loading import ConfigSource, load_config
 from brv_hypo.simulate.planting import check_terms
 from brv_hypo.simulate.result import SimulatedFlight, Truth
-from brv_hypo.simulate.variation import numbers, per_flight, varied
+from brv_hypo.simulate.system import initial_state, system
+from brv_hypo.simulate.variation import numbers, varied
 
 # A batch is integrated at once up to here; beyond, memory grows for no gain in speed.
 LARGEST_BATCH = 250
@@ -32,8 +33,9 @@ def simulate(
 ) -> SimulatedFlight:
     """One flight; `plant` names sets of the configuration's `plantable` block.
 
-    `config` is a file, the name of one that comes along, a mapping or a `SimulationConfig`. `progress` is called
-    with the fraction done. Raises UsageError (bad configuration) and UnanswerableError (no flight: ground, runaway).
+    `config` is a file, the name of one that comes along, a mapping or a `SimulationConfig`. `progress` is
+    called with the fraction done. Raises UsageError for a bad configuration, and UnanswerableError where no
+    flight comes of it: the motion diverges, or meets the ground.
     """
     return simulate_batch(config, seeds=(seed,), plant=plant, progress=progress)[0]
 
@@ -48,8 +50,8 @@ def simulate_batch(
 ) -> tuple[SimulatedFlight, ...]:
     """One flight per seed, integrated together; a flight does not depend on the company it is simulated in.
 
-    `variations` maps dotted paths of the configuration to (flights,) values, such as 'mechanisms.0.terms.eps'; a
-    planted set is appended to `mechanisms`. Raises as `simulate` does.
+    `variations` maps dotted paths of the configuration to (flights,) values, such as
+    'mechanisms.0.terms.eps'; a planted set is appended to `mechanisms`. Raises as `simulate` does.
     """
     if not seeds or min(seeds) < 0:
         raise UsageError(f"got the seeds {list(seeds)[:5]}, expected at least one and none below zero")
@@ -70,7 +72,7 @@ def _together(
     configs: Sequence[SimulationConfig], seeds: Sequence[int], progress: Progress
 ) -> list[SimulatedFlight]:
     equations = system(configs)
-    trajectory = _flown(configs, equations, progress)
+    trajectory = flown(configs, equations, progress)
     states = np.moveaxis(trajectory.states, 1, 0)
     time = trajectory.nodes[:, None] * np.ones(len(configs))
     air = equations.air_data(time, states)
@@ -79,47 +81,43 @@ def _together(
     flights = []
     for flight, (config, seed, truth) in enumerate(zip(configs, seeds, truths, strict=True)):
         signals = Signals(
-            trajectory.nodes, states[RATES, :, flight], angular[..., flight], air.specific_force[..., flight],
-            air.speed[:, flight], air.dynamic_pressure[:, flight], air.altitude[:, flight],
+            trajectory.nodes,
+            states[RATES, :, flight],
+            angular[..., flight],
+            air.specific_force[..., flight],
+            air.speed[:, flight],
+            air.dynamic_pressure[:, flight],
+            air.altitude[:, flight],
         )
         flights.append(SimulatedFlight(_record(config, signals, truth.time, seed), truth, config, seed))
     return flights
 
 
-def _flown(configs: Sequence[SimulationConfig], equations: System, progress: Progress) -> Trajectory:
+def flown(configs: Sequence[SimulationConfig], equations: System, progress: Progress) -> Trajectory:
     """The trajectory of a batch; refuses what has no sense as a flight."""
     first = configs[0]
-    begin = per_flight(configs, lambda c: c.start.time)
-    if np.any(begin != begin[0]):
-        raise UsageError("'start.time' differs between the flights of a batch, which share one time grid: vary it apart")
+    begin = first.start.time
     state = initial_state(configs, equations)
-    instant = np.full(len(configs), begin[0])
-    air = equations.air_data(instant, state)
-    at_rest = _motion(equations, instant, state, air, history=True)
-    check_terms(equations.planted, at_rest)
-    breaks = break_times(equations.planted, _other_breaks(equations), float(begin[0]))
-    on = grid(float(begin[0]), first.step, first.samples, first.steps_per_sample, breaks)
+    instant = np.full(len(configs), begin)
+    motion = _motion_alone(equations, instant, state, equations.air_data(instant, state))
+    check_terms(equations.planted, replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
+    breaks = break_times(equations.planted, _other_breaks(equations), begin)
+    on = grid(begin, first.step, first.samples, first.steps_per_sample, breaks)
     with np.errstate(over="ignore", invalid="ignore"):
         trajectory = integrate(equations, state, on, progress)
     _check(trajectory, equations)
     return trajectory
 
 
-def _motion(equations: System, time: FloatArray, state: FloatArray, air: AirData, *, history: bool = False) -> Motion:
-    """The motion without a past, or with one in which nothing moved."""
-    motion = equations.motion(time, state, air, np.zeros_like(air.speed), None)
-    return replace(motion, history=lambda tau: replace(motion, time=time - tau)) if history else motion
+def _motion_alone(equations: System, time: FloatArray, state: FloatArray, air: AirData) -> Motion:
+    """The motion without a past."""
+    return equations.motion(time, state, air, np.zeros_like(air.speed), None)
 
 
 def _other_breaks(equations: System) -> FloatArray:
-    """Times of the wind step and of sudden changes of slope in time."""
-    found = [np.zeros(0)]
-    if equations.wind is not None:
-        found.append(equations.wind[0])
-    found += [at[width == 0.0] for variable, kind, _, at, width in equations.slope_variations
-              if variable == "time" and kind == "step"]
-    found += [at for variable, kind, _, at, _ in equations.slope_variations if variable == "time" and kind == "linear"]
-    times = np.concatenate(found)
+    """Times of wind steps and of sudden changes of slope."""
+    wind = np.zeros(0) if equations.wind is None else equations.wind[0]
+    times = np.concatenate([wind, *(course.edges() for course in equations.slope_courses)])
     return np.asarray(np.unique(times[np.isfinite(times)]), dtype=float)
 
 
@@ -127,29 +125,34 @@ def _check(trajectory: Trajectory, equations: System) -> None:
     lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
     if np.any(lost):
         raise UnanswerableError(
-            f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: an "
-            "unstable vehicle, a mechanism planted too strongly or too long, or too long a step. Remedy: check the "
-            "sign of C_Nalpha (< 0 is stable), plant less, or reduce `step`."
+            f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: "
+            "an unstable vehicle, a mechanism planted too strongly or too long, or too long a step. Remedy: "
+            "check the sign of C_Nalpha (< 0 is stable), plant less, or reduce `step`."
         )
-    altitude, _ = equations._gravity(np.moveaxis(trajectory.states[:, :3], 1, 0))
+    _, altitude = equations.gravity_and_altitude(np.moveaxis(trajectory.states[:, :3], 1, 0))
     if np.any(altitude < 0.0) or np.any(altitude > HIGHEST):
         raise UnanswerableError(
-            f"the simulated flight leaves the atmosphere's 0 to {HIGHEST / 1000:.0f} km: it spans {np.min(altitude):.0f} "
-            f"to {np.max(altitude):.0f} m. Remedy: another start altitude or flight-path angle, or a shorter duration."
+            f"the simulated flight spans {np.min(altitude):.0f} to {np.max(altitude):.0f} m, expected 0 to "
+            f"{HIGHEST:.0f} m, where the atmosphere is known. Remedy: another start altitude or "
+            "flight-path angle, or a shorter duration."
         )
 
 
 def _truths(
-    configs: Sequence[SimulationConfig], equations: System, trajectory: Trajectory, air: AirData, angular: FloatArray
+    configs: Sequence[SimulationConfig],
+    equations: System,
+    trajectory: Trajectory,
+    air: AirData,
+    angular: FloatArray,
 ) -> list[Truth]:
-    """The truth of every flight at its samples; what is planted is the moment less what would be there without."""
+    """The truth of every flight at its samples; what is planted is the moment less that without it."""
     chosen = trajectory.samples
     time = trajectory.nodes[chosen]
     here = AirData(**{name: value[..., chosen, :] for name, value in vars(air).items()})
     states = np.moveaxis(trajectory.states[chosen], 1, 0)
     bare = replace(equations, planted=())
     instants = time[:, None] * np.ones(len(configs))
-    motion = _motion(bare, instants, states, here)
+    motion = _motion_alone(bare, instants, states, here)
     without = bare.plane_moments(motion)
     body = equations.body_moments(states, angular[:, chosen], here)
     plane = plane_from_body(body[1] + 1j * body[2], motion.windward_meridian)
@@ -157,10 +160,17 @@ def _truths(
     added = (plane.real - without[0], plane.imag - without[1])
     return [
         Truth(
-            time=time, alpha=motion.alpha[:, i], windward_meridian=meridian[:, i], C_m=body[1, :, i], C_n=body[2, :, i],
-            C_N=plane.real[:, i], C_Z=plane.imag[:, i],
-            planted_in_plane=added[0][:, i], planted_out_of_plane=added[1][:, i],
-            planted=tuple(dict.fromkeys(item.mechanism for item in config.mechanisms)), parameters=numbers(config),
+            time=time,
+            alpha=motion.alpha[:, i],
+            windward_meridian=meridian[:, i],
+            C_m=body[1, :, i],
+            C_n=body[2, :, i],
+            C_N=plane.real[:, i],
+            C_Z=plane.imag[:, i],
+            planted_in_plane=added[0][:, i],
+            planted_out_of_plane=added[1][:, i],
+            planted=tuple(dict.fromkeys(item.mechanism for item in config.mechanisms)),
+            parameters=numbers(config),
         )
         for i, config in enumerate(configs)
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from brv_hypo.simulate.config import SimulationConfig
 from brv_hypo.simulate.loading import validated
 
 # These shape the arrays of a batch, so all its flights share them.
-_COMMON = ("duration", "step", "sample_rate")
+_COMMON = ("duration", "step", "sample_rate", "start.time")
 
 
 def varied(
@@ -39,11 +39,9 @@ def varied(
     return tuple(found)
 
 
-def per_flight(
-    configs: Sequence[SimulationConfig], value: Callable[[SimulationConfig], float]
-) -> FloatArray:
-    """One number of each configuration, (flights,)."""
-    return np.array([value(config) for config in configs], dtype=float)
+def per_flight(configs: Sequence[SimulationConfig], *path: str | int, missing: float = np.nan) -> FloatArray:
+    """The number at `path` of each configuration, (flights,); `missing` where the way there holds None."""
+    return np.array([_at(config, path, missing) for config in configs], dtype=float)
 
 
 def numbers(config: SimulationConfig) -> dict[str, float]:
@@ -51,6 +49,15 @@ def numbers(config: SimulationConfig) -> dict[str, float]:
     found: dict[str, float] = {}
     _collect(config.model_dump(exclude={"plantable"}), "", found)
     return found
+
+
+def _at(node: Any, path: Sequence[str | int], missing: float) -> float:
+    for part in path:
+        inside: Any = part
+        node = node[inside] if isinstance(node, Mapping | tuple) else getattr(node, inside)
+        if node is None:
+            return missing
+    return float(node)
 
 
 def _collect(node: Any, path: str, found: dict[str, float]) -> None:
@@ -66,7 +73,9 @@ def _collect(node: Any, path: str, found: dict[str, float]) -> None:
 
 def _column(path: str, values: ArrayLike, flights: int) -> FloatArray:
     if path in _COMMON:
-        raise UsageError(f"'{path}' cannot vary within a batch: its flights share one time grid. Simulate it apart.")
+        raise UsageError(
+            f"'{path}' cannot vary within a batch: its flights share one time grid. Simulate it apart."
+        )
     column = np.asarray(values, dtype=float)
     if column.shape not in ((), (flights,)):
         raise UsageError(
@@ -92,6 +101,6 @@ def _put(data: dict[str, Any], path: str, value: float) -> None:
         node[key] = value
     except (KeyError, IndexError, ValueError, TypeError):
         raise UsageError(
-            f"variation '{path}' does not lead to a number of the configuration; paths read like 'start.alpha' or "
-            "'mechanisms.0.terms.eps', and the mechanism must be in `mechanisms` or planted"
+            f"variation '{path}' does not lead to a number of the configuration; paths read like "
+            "'start.alpha' or 'mechanisms.0.terms.eps', and the mechanism must be in `mechanisms` or planted"
         ) from None
