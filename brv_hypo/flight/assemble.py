@@ -21,6 +21,8 @@ from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
 Channels = dict[str, FloatArray]
 Segments = tuple[tuple[int, int], ...]
 
+MOST_CUTS_NAMED = 10
+
 
 def assemble(record: Record) -> Flight:
     """The flight of a record; its notes say, in order, all that was changed, derived or left out.
@@ -118,7 +120,12 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
     kept = np.zeros_like(usable)
     for start, stop in segments:
         kept[start:stop] = True
-    return segments, [_cut_note(time, start, stop, known) for start, stop in runs(~kept)]
+    cuts = runs(~kept)
+    notes = [_cut_note(time, start, stop, known) for start, stop in cuts[:MOST_CUTS_NAMED]]
+    if len(cuts) > MOST_CUTS_NAMED:
+        samples = sum(stop - start for start, stop in cuts[MOST_CUTS_NAMED:])
+        notes.append(f"{len(cuts) - MOST_CUTS_NAMED} more such stretches ({samples} samples) left out")
+    return segments, notes
 
 
 def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolArray]) -> str:

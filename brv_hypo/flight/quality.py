@@ -14,7 +14,7 @@ from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.resample import dominant_frequency, runs
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
 from brv_hypo.flight.spikes import MAD_TO_SIGMA, find_spikes, without_spikes
-from brv_hypo.flight.store import read_record
+from brv_hypo.flight.store import read_record, windowed
 from brv_hypo.flight.units import SI
 
 ORDER = 6
@@ -80,13 +80,28 @@ class Inspection:
     warnings: tuple[str, ...]
 
 
-def inspect_flight(flight: Flight | str | Path) -> Inspection:
-    """Inspect a format 1 file, as recorded, or a flight in memory.
+def inspect_flight(
+    flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None
+) -> Inspection:
+    """Inspect a format 1 file, as recorded, or a flight in memory; from `start` to `stop` in s.
 
-    Raises FlightRecordError where the record cannot be used at all.
+    Raises FlightRecordError where the record cannot be used at all, UsageError for a window without samples.
     """
     record = unassemble(flight) if isinstance(flight, Flight) else read_record(flight)
-    ready = flight if isinstance(flight, Flight) else assemble(record)
+    whole = flight if isinstance(flight, Flight) else assemble(record)
+    return _inspection(_part(record, start, stop), windowed(whole, start, stop))
+
+
+def _part(record: Record, start: float | None, stop: float | None) -> Record:
+    """The samples of a record from `start` to `stop`."""
+    first = np.searchsorted(record.time, -np.inf if start is None else start, side="left")
+    last = np.searchsorted(record.time, np.inf if stop is None else stop, side="right")
+    channels = {name: values[first:last] for name, values in record.channels.items()}
+    return record.model_copy(update={"time": record.time[first:last], "channels": channels})
+
+
+def _inspection(record: Record, ready: Flight) -> Inspection:
+    """What was recorded, beside what is `ready` to be analysed."""
     start, stop = max(ready.segments, key=lambda segment: segment[1] - segment[0])
     frequency = max(dominant_frequency(rate[start:stop], ready.step) for rate in (ready.q, ready.r))
     channels = tuple(_channels(record, ready))

@@ -41,20 +41,27 @@ class Quantity:
 
 
 def load_flight(path: str | Path, *, start: float | None = None, stop: float | None = None) -> Flight:
-    """The flight in a format 1 file, in SI, uniform in time, gaps bridged or cut; `start` and `stop` in s.
+    """The flight in a format 1 file: SI, uniform in time, gaps bridged or cut; `start` and `stop` in s.
 
     `Flight.notes` says what was despiked, resampled, bridged, cut and derived. The group `truth` is not read.
     Raises FlightRecordError (unreadable or invalid) and UsageError (a window without samples).
     """
-    flight = assemble(read_record(path))
+    return windowed(assemble(read_record(path)), start, stop)
+
+
+def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
+    """The part of the flight from `start` to `stop` (s; None leaves an end open), if long enough to use.
+
+    Raises UsageError where it is not.
+    """
     if start is None and stop is None:
         return flight
     window = flight.window(start, stop)
     if window.samples < MINIMUM_SAMPLES:
         raise UsageError(
-            f"the window [{start}, {stop}] s holds {window.samples} samples of {path}, expected at least "
-            f"{MINIMUM_SAMPLES}. Widen --start and --stop: the record runs from {flight.time[0]:.3f} to "
-            f"{flight.time[-1]:.3f} s at {flight.sample_rate:.4g} Hz."
+            f"the window [{start}, {stop}] s holds {window.samples} samples, expected at least "
+            f"{MINIMUM_SAMPLES}. Widen --start and --stop: the record runs from "
+            f"{flight.time[0]:.3f} to {flight.time[-1]:.3f} s at {flight.sample_rate:.4g} Hz."
         )
     return window
 

@@ -158,6 +158,14 @@ def test_missing_ends_are_trimmed_and_scraps_left_out(tmp_path: Path) -> None:
     assert any("10.000 to 10.990 s (100 samples) left out" in note for note in found.notes)
 
 
+def test_many_cuts_are_summed_up(tmp_path: Path) -> None:
+    gaps = {"q": [slice(start, start + 10) for start in range(40, 1000, 60)]}
+    found = load_flight(write_raw(tmp_path / "f.h5", record_with(gaps)))
+    assert len(found.segments) == 17
+    assert sum("left out" in note for note in found.notes) == 11
+    assert "6 more such stretches (60 samples) left out" in found.notes
+
+
 def test_a_cut_outlives_a_round_trip(tmp_path: Path) -> None:
     gaps = {"q": [slice(100, 105)], "ay": [slice(400, 460)]}
     first = load_flight(write_raw(tmp_path / "f.h5", record_with(gaps)))

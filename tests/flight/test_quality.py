@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brv_hypo.errors import UsageError
 from brv_hypo.flight import inspect_flight, white_noise
 from tests.flight.records import flight, motion, write_raw
 
@@ -65,6 +66,17 @@ def test_a_flight_in_memory_is_inspected_alike(tmp_path: Path) -> None:
     from_file = inspect_flight(write_raw(tmp_path / "f.h5", motion()))
     for a, b in zip(from_memory.channels, from_file.channels, strict=False):
         assert (a.name, a.noise, a.missing) == (b.name, b.noise, b.missing)
+
+
+def test_a_window_is_inspected_as_it_was_recorded(tmp_path: Path) -> None:
+    channels = motion(2000, 200.0, frequency=2.0)
+    channels["q"][[300, 900]] += 0.5
+    path = write_raw(tmp_path / "f.h5", channels)
+    found = inspect_flight(path, start=11.0, stop=13.0)
+    assert (found.start, found.stop, found.samples) == (11.0, 13.0, 401)
+    assert next(channel for channel in found.channels if channel.name == "q").spikes == 1
+    with pytest.raises(UsageError, match="window"):
+        inspect_flight(path, start=50.0)
 
 
 def test_few_samples_a_cycle_are_warned_of(tmp_path: Path) -> None:
