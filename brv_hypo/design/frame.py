@@ -125,7 +125,9 @@ def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[
     """The frame of these flights; flights without a usable segment contribute nothing."""
     segments = [s for i, rec in enumerate(reconstructions) for s in weak_segments(rec.flight, i)]
     return RateFrame(
-        tuple(reconstructions), tuple(rec.motion for rec in reconstructions), tuple(segments),
+        tuple(reconstructions),
+        tuple(rec.motion for rec in reconstructions),
+        tuple(segments),
         {mechanism.name: mechanism for mechanism in mechanisms},
     )
 

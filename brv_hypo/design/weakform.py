@@ -31,7 +31,7 @@ class Integrals:
 
 @dataclass(frozen=True)
 class WeakSegment:
-    """One contiguous part of a flight: derolled rates `observed` (m,) rad/s and the integrand's factor (m,)."""
+    """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,)."""
 
     time: FloatArray
     observed: ComplexArray
@@ -47,7 +47,7 @@ class WeakSegment:
         return Integrals(plain, first)
 
     def column(self, integrals: Integrals, course: TimeFunction) -> ComplexArray:
-        """The column times its course in time, integrated from the segment's first sample to each sample (m,)."""
+        """The column times its course, integrated from the segment's first sample to each sample (m,)."""
         origin, last = self.time[0], self.time[-1]
         start, stop = np.clip([course.start, course.stop], origin, last)
         inside = np.clip(self.time, start, stop)

@@ -1,9 +1,9 @@
 """The noise of the rate equation, and the filter that makes it white.
 
-Residuals of gyro rates are white gyro noise plus a red part, from what the reconstruction of the motion leaves. An
-autoregressive model fitted to them gives the prediction-error filter; applied to data and columns alike, it
-turns generalised into ordinary least squares, so that F-values mean what they say. The first rows of a
-segment use the predictors of lower order (Durbin-Levinson), so that the whitening is exact.
+Residuals of gyro rates are white gyro noise plus a red part, from what the reconstruction of the motion
+leaves. An autoregressive model fitted to them gives the prediction-error filter; applied to data and columns
+alike, it turns generalised into ordinary least squares, so that F-values mean what they say. The first rows
+of a segment use the predictors of lower order (Durbin-Levinson), so that the whitening is exact.
 """
 
 from __future__ import annotations
@@ -69,7 +69,9 @@ def fit_noise(residuals: list[ComplexArray], max_order: int = 24) -> NoiseModel:
     if covariance[0] <= 0.0:
         return white(0.0)
     covariance[0] *= 1.0 + 1e-9
-    predictors = [solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)]
+    predictors = [
+        solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)
+    ]
     variances = np.array([covariance[0] - a @ covariance[1 : a.size + 1] for a in predictors])
     variances = np.maximum(variances, 1e-12 * covariance[0])
     bic = 2.0 * total * np.log(variances) + np.arange(top + 1) * np.log(2.0 * total)

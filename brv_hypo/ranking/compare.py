@@ -20,11 +20,18 @@ from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fit import HypothesisFit, Task, fit_hypothesis, refit
+from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.ranking.heldout import held_out
-from brv_hypo.ranking.noise import baseline_columns, drift_degrees, efficiency_of, maximal_noise, residual_rates
+from brv_hypo.ranking.noise import (
+    baseline_columns,
+    drift_degrees,
+    efficiency_of,
+    maximal_noise,
+    residual_rates,
+)
 from brv_hypo.ranking.result import Comparison, Seconds
 from brv_hypo.ranking.summary import summarise
+from brv_hypo.ranking.task import Task
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]
@@ -54,17 +61,19 @@ def compare(
     say("predicting held-out blocks")
     errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
     selected = clock.perf_counter()
-    seconds = Seconds(reconstruct=reconstructed - begun, select=selected - reconstructed, ml=0.0,
-                      total=selected - begun)
+    seconds = Seconds(
+        reconstruct=reconstructed - begun, select=selected - reconstructed, ml=0.0, total=selected - begun
+    )
     return summarise(task, fits, errors, seconds)
 
 
 def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, config: CompareConfig) -> Task:
     """Everything that the hypotheses share: frame, baseline with its drift, knots and noise model."""
-    if sum(rec.flight.samples for rec in reconstructions) < SMALLEST_RECORD:
+    samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
+    if samples < SMALLEST_RECORD:
         raise UnanswerableError(
-            f"the record holds {sum(rec.flight.samples for rec in reconstructions)} samples in the window, expected "
-            f"at least {SMALLEST_RECORD}: too few to tell mechanisms apart. Widen --start and --stop."
+            f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
+            "mechanisms apart. Widen --start and --stop."
         )
     mechanisms = list({m.name: m for group in hypotheses.values() for m in group}.values())
     frame = _frame(reconstructions, config.offset_degree or 1, config.slope_degree or 2)
@@ -74,13 +83,16 @@ def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, c
     baseline = baseline_columns(frame)
     noise = maximal_noise(frame, baseline, mechanisms)
     span = frame.time
-    knots = (default_knots(float(span.min()), float(span.max()), config.knot_count) if config.knots is None
-             else np.asarray(config.knots, dtype=float))
+    knots = (
+        default_knots(float(span.min()), float(span.max()), config.knot_count)
+        if config.knots is None
+        else np.asarray(config.knots, dtype=float)
+    )
     return Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.refine)
 
 
 def settle_noise(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[HypothesisFit]]:
-    """Noise model and effective sample size from what the leading hypothesis leaves; all are fitted anew under it."""
+    """Noise model and effective sample size from what the leader leaves; all are fitted anew under them."""
     leader = min(fits, key=lambda fit: fit.information)
     noise = fit_noise(residual_rates(leader.frame, leader.frame.columns(leader.columns), task.noise))
     task = replace(task, noise=noise)
@@ -91,8 +103,12 @@ def settle_noise(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[
 
 def _frame(reconstructions: Sequence[Reconstruction], offset_degree: int, slope_degree: int) -> RateFrame:
     times = [rec.flight.time for rec in reconstructions]
-    static = StaticMoment(start=min(float(t[0]) for t in times), stop=max(float(t[-1]) for t in times),
-                          offset_degree=offset_degree, slope_degree=slope_degree)
+    static = StaticMoment(
+        start=min(float(t[0]) for t in times),
+        stop=max(float(t[-1]) for t in times),
+        offset_degree=offset_degree,
+        slope_degree=slope_degree,
+    )
     return build_frame(reconstructions, [static, PitchDamping()])
 
 

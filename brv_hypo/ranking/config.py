@@ -15,10 +15,10 @@ from brv_hypo.motion.reconstruction import Method
 class CompareConfig(BaseModel):
     """Settings of `compare`.
 
-    `mechanisms`: hypotheses, a plus joining several; None compares all that are installed. `options`: options by
-    mechanism name. `knots` s: where coefficients may change; None spreads `knot_count` of them evenly.
-    `max_terms`: columns that a hypothesis may add. `offset_degree`, `slope_degree`: Legendre degree of the slow
-    drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots are refined continuously.
+    `mechanisms`: hypotheses, a plus joining several; None compares all that are installed. `options`: options
+    by mechanism name. `knots` s: where coefficients may change; None spreads `knot_count` of them evenly.
+    `max_terms`: columns that a hypothesis may add. `offset_degree`, `slope_degree`: Legendre degree of the
+    slow drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots become continuous.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -43,14 +43,20 @@ def read_compare_config(path: str | Path | None, **overrides: Any) -> CompareCon
         try:
             content = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
         except OSError as error:
-            raise UsageError(f"cannot read the configuration {path}: {error.strerror}; check the path") from None
+            raise UsageError(
+                f"cannot read the configuration {path}: {error.strerror}; check the path"
+            ) from None
         except yaml.YAMLError as error:
             raise UsageError(f"the configuration {path} is not YAML: {error}") from None
     if not isinstance(content, dict):
-        raise UsageError(f"the configuration {path} holds a {type(content).__name__}, expected a mapping of settings")
+        raise UsageError(
+            f"the configuration {path} holds a {type(content).__name__}, expected a mapping of settings"
+        )
     try:
         return CompareConfig.model_validate({**content, **overrides})
     except ValidationError as error:
-        lines = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']} (got {e['input']!r})" for e in error.errors())
+        lines = "; ".join(
+            f"{'.'.join(map(str, e['loc']))}: {e['msg']} (got {e['input']!r})" for e in error.errors()
+        )
         known = ", ".join(CompareConfig.model_fields)
         raise UsageError(f"bad configuration {path or ''}: {lines}. Known settings: {known}.") from None

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.design.frame import Piece, RateFrame, whiten
-from brv_hypo.ranking.fit import HypothesisFit, Task
+from brv_hypo.ranking.fit import HypothesisFit
+from brv_hypo.ranking.task import Task
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Mean square error of the moment coefficients (pitch and yaw together), in all and by block (blocks,)."""
+    """Errors on held-out blocks, pitch and yaw together.
+
+    `mean_square` of the moment coefficients over all blocks; `by_block` (blocks,) of the whitened rates, whose
+    noise hides less.
+    """
 
     mean_square: float
     by_block: FloatArray
@@ -26,7 +32,7 @@ def blocks(frame: RateFrame, count: int) -> tuple[tuple[Piece, ...], ...]:
     for flight in np.unique(flights):
         rows = np.flatnonzero(flights == flight)
         edges = np.linspace(rows[0], rows[-1] + 1, count + 1).astype(int)
-        found.extend(_cut(frame.pieces, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        found.extend(_cut(frame.pieces, int(a), int(b)) for a, b in itertools.pairwise(edges))
     return tuple(block for block in found if block)
 
 
@@ -37,7 +43,12 @@ def _cut(pieces: tuple[Piece, ...], a: int, b: int) -> tuple[Piece, ...]:
 def _without(pieces: tuple[Piece, ...], block: tuple[Piece, ...], shortest: int = 8) -> tuple[Piece, ...]:
     kept = list(pieces)
     for a, b in block:
-        kept = [part for s, e in kept for part in ((s, min(e, a)), (max(s, b), e)) if part[1] - part[0] >= shortest]
+        kept = [
+            part
+            for s, e in kept
+            for part in ((s, min(e, a)), (max(s, b), e))
+            if part[1] - part[0] >= shortest
+        ]
     return tuple(kept)
 
 
@@ -56,16 +67,17 @@ def held_out(task: Task, fit: HypothesisFit, count: int) -> HeldOut:
     frame = fit.frame
     rates, moments = frame.columns(fit.columns), frame.moments(fit.columns)
     measured, usable = measured_moments(frame)
-    squares, sizes = [], []
+    square, size = 0.0, 0
+    by_block = []
     for block in blocks(frame, count):
         values = coefficients(task, frame, rates, _without(frame.pieces, block))
         rows = np.concatenate([np.arange(a, b) for a, b in block])
         rows = rows[usable[rows]]
-        error = measured[rows] - moments[rows] @ values
-        squares.append(float(np.sum(np.abs(error) ** 2)) / 2.0)
-        sizes.append(rows.size)
-    by_block = np.array(squares) / np.maximum(sizes, 1)
-    return HeldOut(float(np.sum(squares) / max(sum(sizes), 1)), by_block)
+        square += float(np.sum(np.abs(measured[rows] - moments[rows] @ values) ** 2)) / 2.0
+        size += rows.size
+        left = whiten((frame.observed - rates @ values)[:, None], block, task.noise)
+        by_block.append(float(np.mean(left**2)))
+    return HeldOut(square / max(size, 1), np.array(by_block))
 
 
 def coefficients(task: Task, frame: RateFrame, rates: ComplexArray, pieces: tuple[Piece, ...]) -> FloatArray:

@@ -25,8 +25,10 @@ def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
     )
 
 
-def maximal_noise(frame: RateFrame, baseline: Sequence[Column], mechanisms: Sequence[Mechanism]) -> NoiseModel:
-    """Noise of the residual that a deliberately rich model leaves: baseline and all mechanisms, coarse knots."""
+def maximal_noise(
+    frame: RateFrame, baseline: Sequence[Column], mechanisms: Sequence[Mechanism]
+) -> NoiseModel:
+    """Noise of what a deliberately rich model leaves: the baseline and all mechanisms, coarse knots."""
     frame = frame.with_mechanisms(mechanisms)
     time = frame.time
     coarse = np.linspace(time.min(), time.max(), 7)[1:-1]
@@ -66,7 +68,9 @@ def drift_degrees(
     static = frame.mechanisms[StaticMoment.name]
     assert isinstance(static, StaticMoment)
     response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
-    rich = static.model_copy(update={"offset_degree": max(2, offset or 0), "slope_degree": max(top, slope or 0)})
+    rich = static.model_copy(
+        update={"offset_degree": max(2, offset or 0), "slope_degree": max(top, slope or 0)}
+    )
     wide = frame.with_mechanisms([rich])
     columns = baseline_columns(wide)
     design = whiten(wide.columns(columns), wide.pieces, noise)
@@ -74,8 +78,12 @@ def drift_degrees(
     scores = {}
     for i in range(3) if offset is None else (offset,):
         for j in range(top + 1) if slope is None else (slope,):
-            wanted = {t.name for t in static.model_copy(update={"offset_degree": i, "slope_degree": j}).terms(
-                frame.motions[0], {})}
+            wanted = {
+                t.name
+                for t in static.model_copy(update={"offset_degree": i, "slope_degree": j}).terms(
+                    frame.motions[0], {}
+                )
+            }
             kept = [n for n, c in enumerate(columns) if c.mechanism != StaticMoment.name or c.term in wanted]
             values = np.linalg.lstsq(design[:, kept], response, rcond=1e-12)[0]
             rss = float(np.sum((response - design[:, kept] @ values) ** 2))

@@ -60,8 +60,15 @@ class Refinement:
 
 
 def refine(
-    columns: tuple[Column, ...], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray,
-    design_of: DesignOf, response: FloatArray, samples: int, efficiency: float, iterations: int = 6,
+    columns: tuple[Column, ...],
+    baseline_size: int,
+    mechanisms: Mapping[str, Mechanism],
+    knots: FloatArray,
+    design_of: DesignOf,
+    response: FloatArray,
+    samples: int,
+    efficiency: float,
+    iterations: int = 6,
 ) -> Refinement:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
@@ -111,10 +118,13 @@ def _nonlinear(
 
 
 def _scan(
-    nonlinear: tuple[Nonlinear, ...], columns: tuple[Column, ...], design_of: DesignOf, response: FloatArray,
+    nonlinear: tuple[Nonlinear, ...],
+    columns: tuple[Column, ...],
+    design_of: DesignOf,
+    response: FloatArray,
     points: int = 7,
 ) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...]]:
-    """One coordinate at a time over its bounds: the column of a jump in an oscillating quantity has several minima."""
+    """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     settled = []
     for parameter in nonlinear:
         others = [j for j in range(len(columns)) if j not in parameter.columns]
@@ -149,8 +159,13 @@ def _slopes(
 
 
 def _line_search(
-    nonlinear: tuple[Nonlinear, ...], columns: tuple[Column, ...], step: FloatArray, design_of: DesignOf,
-    response: FloatArray, rss: float, halvings: int = 4,
+    nonlinear: tuple[Nonlinear, ...],
+    columns: tuple[Column, ...],
+    step: FloatArray,
+    design_of: DesignOf,
+    response: FloatArray,
+    rss: float,
+    halvings: int = 4,
 ) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...], FloatArray, FloatArray, FloatArray] | None:
     for halving in range(halvings):
         trial = columns

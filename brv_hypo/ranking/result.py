@@ -38,7 +38,7 @@ class DerivedEstimate(_Result):
 
 
 class MaximumLikelihood(_Result):
-    """The likelihood fit of one hypothesis; `instrument` are the instrument errors that evidence asked for."""
+    """The likelihood fit of one hypothesis; `instrument` holds the instrument errors that it needed."""
 
     status: str
     iterations: int
@@ -53,8 +53,9 @@ class RankedHypothesis(_Result):
     """One hypothesis as fitted and scored.
 
     `f_ratio` is of the mechanism's terms together against the baseline (None for `none`), `cp` Mallows' C_p
-    against the largest model compared, `prediction_error` the mean square error of the moment coefficients on
-    held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` and `log_likelihood` are at the effective sample size.
+    against the largest model compared, `prediction_error` the mean square error of the moment coefficients
+    on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
+    `log_likelihood` are at the effective sample size.
     """
 
     rank: int

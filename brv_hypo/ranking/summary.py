@@ -9,7 +9,7 @@ import numpy as np
 from brv_hypo.design.columns import BASELINE, Column, Theta
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.ranking.fit import HypothesisFit, Task
+from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.heldout import HeldOut, measured_moments
 from brv_hypo.ranking.result import (
     BaselineSummary,
@@ -22,19 +22,25 @@ from brv_hypo.ranking.result import (
     Series,
     TermEstimate,
 )
+from brv_hypo.ranking.task import Task
 from brv_hypo.ranking.verdict import Score, judge
 
 # Set by the calibration study (see the README): widens the posterior for errors of the reconstruction.
 TEMPERATURE = 2.0
 
 
-def summarise(task: Task, fits: Sequence[HypothesisFit], errors: Sequence[HeldOut], seconds: Seconds) -> Comparison:
+def summarise(
+    task: Task, fits: Sequence[HypothesisFit], errors: Sequence[HeldOut], seconds: Seconds
+) -> Comparison:
     """Rank the fits, judge them, and gather all that the result holds."""
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
-    verdict = judge([
-        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block))
-        for fit, error in zip(fits, errors, strict=True)
-    ], TEMPERATURE)
+    verdict = judge(
+        [
+            Score(fit.name, fit.information, error.mean_square, tuple(error.by_block))
+            for fit, error in zip(fits, errors, strict=True)
+        ],
+        TEMPERATURE,
+    )
     order = sorted(range(len(fits)), key=lambda i: -verdict.probability[fits[i].name])
     variance = min(fit.rss / (fit.samples - fit.parameters) for fit in fits)
     ranking = tuple(
@@ -44,9 +50,15 @@ def summarise(task: Task, fits: Sequence[HypothesisFit], errors: Sequence[HeldOu
     reconstructions = task.frame.reconstructions
     return Comparison(
         flights=tuple(
-            FlightSummary(path=r.flight.path, samples=r.flight.samples, start_s=float(r.flight.time[0]),
-                          stop_s=float(r.flight.time[-1]), sample_rate_hz=r.flight.sample_rate,
-                          title=r.flight.title, notes=r.flight.notes)
+            FlightSummary(
+                path=r.flight.path,
+                samples=r.flight.samples,
+                start_s=float(r.flight.time[0]),
+                stop_s=float(r.flight.time[-1]),
+                sample_rate_hz=r.flight.sample_rate,
+                title=r.flight.title,
+                notes=r.flight.notes,
+            )
             for r in reconstructions
         ),
         reconstruction=ReconstructionSummary(
@@ -56,12 +68,21 @@ def summarise(task: Task, fits: Sequence[HypothesisFit], errors: Sequence[HeldOu
             warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
         ),
         baseline=BaselineSummary(terms=_terms(fits[null], range(len(fits[null].columns)))),
-        ranking=ranking, verdict=verdict, seconds=seconds, series=_series(task, fits),
+        ranking=ranking,
+        verdict=verdict,
+        seconds=seconds,
+        series=_series(task, fits),
     )
 
 
 def _ranked(
-    rank: int, fit: HypothesisFit, error: HeldOut, null: HypothesisFit, null_error: HeldOut, variance: float, task: Task
+    rank: int,
+    fit: HypothesisFit,
+    error: HeldOut,
+    null: HypothesisFit,
+    null_error: HeldOut,
+    variance: float,
+    task: Task,
 ) -> RankedHypothesis:
     dof = fit.samples - fit.parameters
     extra = fit.parameters - null.parameters
@@ -69,14 +90,19 @@ def _ranked(
     total = float(response @ response)
     sigma_squared = fit.rss / fit.samples
     return RankedHypothesis(
-        rank=rank, mechanism=fit.name,
+        rank=rank,
+        mechanism=fit.name,
         f_ratio=((null.rss - fit.rss) / extra) / (fit.rss / dof) if extra > 0 else None,
         cp=fit.rss / variance - fit.samples + 2.0 * fit.parameters,
-        prediction_error=error.mean_square, prediction_ratio=error.mean_square / null_error.mean_square,
-        r2=1.0 - fit.rss / total, bic=fit.information,
+        prediction_error=error.mean_square,
+        prediction_ratio=error.mean_square / null_error.mean_square,
+        r2=1.0 - fit.rss / total,
+        bic=fit.information,
         log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * sigma_squared) + 1.0),
-        n_terms=len(fit.selected), n_effective=fit.effective,
-        terms=_terms(fit, range(fit.baseline_size, len(fit.columns))), derived=_derived(fit),
+        n_terms=len(fit.selected),
+        n_effective=fit.effective,
+        terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
+        derived=_derived(fit),
         criteria={"rss": fit.rss, "adjusted_rss": fit.rss / dof},
         status="ok" if fit.selected or not fit.mechanisms else "nothing selected",
     )
@@ -89,14 +115,21 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
     for j in indices:
         column, value = fit.columns[j], float(fit.values[j])
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
-        found.append(TermEstimate(
-            name=column.label, mechanism=BASELINE if j < fit.baseline_size else column.mechanism,
-            channel=_channel(fit, column), value=value, std_error=sigma,
-            f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"), units=column.units,
-            region_s=None if column.course.kind == "constant" else
-            (max(column.course.start, begin), min(column.course.stop, end)),
-            delay_s=column.delay,
-        ))
+        found.append(
+            TermEstimate(
+                name=column.label,
+                mechanism=BASELINE if j < fit.baseline_size else column.mechanism,
+                channel=_channel(fit, column),
+                value=value,
+                std_error=sigma,
+                f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
+                units=column.units,
+                region_s=None
+                if column.course.kind == "constant"
+                else (max(column.course.start, begin), min(column.course.stop, end)),
+                delay_s=column.delay,
+            )
+        )
     return tuple(found)
 
 
@@ -114,8 +147,14 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     end = float(fit.frame.time.max())
     for parameter, sigma in zip(fit.refinement.nonlinear, fit.refinement.std_errors, strict=True):
         if parameter.kind == "theta":
-            found.append(DerivedEstimate(name=f"{parameter.mechanism} {parameter.name}", value=parameter.value,
-                                         std_error=sigma, units="s"))
+            found.append(
+                DerivedEstimate(
+                    name=f"{parameter.mechanism} {parameter.name}",
+                    value=parameter.value,
+                    std_error=sigma,
+                    units="s",
+                )
+            )
     vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.tied:
@@ -132,24 +171,32 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
 
 
 def _series(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
-    """Histories for pictures: measured moments in and out of plane, and what each hypothesis makes of them."""
+    """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
     frame = task.frame
     measured, _ = measured_moments(frame)
     predicted = {fit.name: fit.frame.moments(fit.columns) @ fit.values for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):
         rows = np.flatnonzero(frame.flight_of_row == index)
-        kept = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == index])
+        kept = np.concatenate(
+            [np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == index]
+        )
         phi_w = motion.windward_meridian[kept]
 
-        def plane(body: np.ndarray, phi_w: np.ndarray = phi_w, rows: np.ndarray = rows) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        def plane(
+            body: np.ndarray, phi_w: np.ndarray = phi_w, rows: np.ndarray = rows
+        ) -> tuple[tuple[float, ...], tuple[float, ...]]:
             both = plane_from_body(body[rows], phi_w)
             return tuple(both.real.tolist()), tuple(both.imag.tolist())
 
-        found.append(Series(
-            time_s=tuple(motion.time[kept].tolist()), alpha_rad=tuple(motion.alpha[kept].tolist()),
-            windward_meridian_rad=tuple(phi_w.tolist()), measured=plane(measured),
-            sigma=tuple(frame.reconstructions[index].moments.sigma[kept].tolist()),
-            fitted={name: plane(body) for name, body in predicted.items()},
-        ))
+        found.append(
+            Series(
+                time_s=tuple(motion.time[kept].tolist()),
+                alpha_rad=tuple(motion.alpha[kept].tolist()),
+                windward_meridian_rad=tuple(phi_w.tolist()),
+                measured=plane(measured),
+                sigma=tuple(frame.reconstructions[index].moments.sigma[kept].tolist()),
+                fitted={name: plane(body) for name, body in predicted.items()},
+            )
+        )
     return tuple(found)

@@ -15,7 +15,10 @@ STANDING_PROBABILITY = 0.02
 
 @dataclass(frozen=True)
 class Score:
-    """What the verdict rests on: information criterion, and held-out error in all and by block."""
+    """What the verdict rests on: the information criterion and the held-out errors.
+
+    `prediction_error` is in moment coefficients, `by_block` in whitened rates, where it is sharper.
+    """
 
     name: str
     information: float
@@ -24,19 +27,21 @@ class Score:
 
 
 def probabilities(information: Mapping[str, float], temperature: float) -> dict[str, float]:
-    """exp(-criterion / 2 temperature), normalised: posterior probability under equal priors (Kass and Raftery 1995).
+    """Posterior probabilities under equal priors, exp(-criterion / 2 temperature) normalised.
 
-    The temperature widens it for what the criterion does not know, such as errors of the reconstruction; it was set by the
-    calibration study.
+    Kass and Raftery (1995). The temperature widens them for what the criterion does not know, such as errors
+    of the reconstruction; the calibration study set it.
     """
     least = min(information.values())
-    weights = {name: float(np.exp(-0.5 * (value - least) / temperature)) for name, value in information.items()}
+    weights = {
+        name: float(np.exp(-0.5 * (value - least) / temperature)) for name, value in information.items()
+    }
     total = sum(weights.values())
     return {name: weight / total for name, weight in weights.items()}
 
 
 def judge(scores: Sequence[Score], temperature: float) -> Verdict:
-    """A winner leads on the information criterion and is not beaten on held-out error; otherwise nobody wins."""
+    """A winner leads on the information criterion and is not beaten on held-out error; else nobody wins."""
     chances = probabilities({score.name: score.information for score in scores}, temperature)
     leader = max(scores, key=lambda score: chances[score.name])
     rivals = [score for score in scores if score is not leader]
@@ -44,12 +49,18 @@ def judge(scores: Sequence[Score], temperature: float) -> Verdict:
     beaten_by = [score.name for score in rivals if _predicts_better(score, leader)]
     chance = chances[leader.name]
     if chance >= WINNING_PROBABILITY and not beaten_by:
-        return Verdict(winner=leader.name, equivalent=(leader.name,), probability=chances,
-                       reason=_won(leader, rivals, chance))
+        return Verdict(
+            winner=leader.name,
+            equivalent=(leader.name,),
+            probability=chances,
+            reason=_won(leader, rivals, chance),
+        )
     equivalent = tuple(dict.fromkeys([leader.name, *standing, *beaten_by]))
     if beaten_by:
-        reason = (f"The data do not name one mechanism: {leader.name} leads on the information criterion, but "
-                  f"{' and '.join(beaten_by)} predicts the held-out blocks better.")
+        reason = (
+            f"The data do not name one mechanism: {leader.name} leads on the information criterion, but "
+            f"{' and '.join(beaten_by)} predicts the held-out blocks better."
+        )
     else:
         shares = ", ".join(f"{name} {chances[name]:.2f}" for name in equivalent)
         reason = f"The data do not tell these apart: {shares}."
@@ -60,14 +71,21 @@ def _won(leader: Score, rivals: Sequence[Score], chance: float) -> str:
     if leader.name == "none":
         return f"No mechanism is needed: the baseline alone explains the moments (probability {chance:.2f})."
     null = next((score for score in rivals if score.name == "none"), None)
-    ratio = "" if null is None else (
-        f"; its held-out error is {leader.prediction_error / null.prediction_error:.2f} of that without a mechanism"
+    ratio = (
+        ""
+        if null is None
+        else (
+            f"; its held-out error is {leader.prediction_error / null.prediction_error:.2f} of that without "
+            "a mechanism"
+        )
     )
     return f"{leader.name} explains the moments best (probability {chance:.2f}){ratio}."
 
 
 def _predicts_better(rival: Score, leader: Score, sigmas: float = 2.0) -> bool:
-    """Paired over blocks: the rival's error is lower by more than `sigmas` standard errors."""
+    """The rival's error is lower, and over the blocks, in pairs, by more than `sigmas` standard errors."""
+    if rival.prediction_error >= leader.prediction_error:
+        return False
     gain = np.asarray(leader.by_block) - np.asarray(rival.by_block)
     if gain.size < 3:
         return False

@@ -16,12 +16,14 @@ class BodyFixed(Mechanism):
     """C_N' += C_b cos(phi_b - phi_w); C_Z' += C_b sin(phi_w - phi_b) (Section 5.3.2, erratum E7).
 
     Linear in (C_b cos phi_b, C_b sin phi_b): the cotangent elimination of the report is not needed.
-    `per_cycle` is Chrusciel's variant: magnitude and location are constant over one cycle of the meridian only.
+    `per_cycle` is Chrusciel's variant: magnitude and location hold over one cycle of the meridian only.
     """
 
     name = "bodyfixed"
     title = "body-fixed moment at phi_b"
-    claims = "a moment that keeps its direction in the body while the wind turns around it, in and out of plane"
+    claims = (
+        "a moment that keeps its direction in the body while the wind turns around it, in and out of plane"
+    )
     source = "report, Table 2.1 (c), Section 5.3.2; Chrusciel (1973) per cycle"
     terms_enter_together = True
 
@@ -46,8 +48,12 @@ class BodyFixed(Mechanism):
         along, across = np.array([cosine, sine]) / size, np.array([-sine, cosine]) / size
         return (
             Derived("C_b", size, float(np.sqrt(along @ covariance @ along)), "1"),
-            Derived("phi_b", float(np.arctan2(sine, cosine)),
-                    float(np.sqrt(across @ covariance @ across)) / size, "rad"),
+            Derived(
+                "phi_b",
+                float(np.arctan2(sine, cosine)),
+                float(np.sqrt(across @ covariance @ across)) / size,
+                "rad",
+            ),
         )
 
 

@@ -19,7 +19,7 @@ class Lag(Mechanism):
 
     name = "lag"
     title = "total moment lag"
-    claims = "the total moment follows alpha and meridian after a delay; out of plane in step with the meridian rate"
+    claims = "the total moment follows alpha and meridian late; out of plane in step with the meridian rate"
     source = "report, Table 2.1 (d), Figure 2.4"
 
     delays: tuple[float, ...] = (0.005, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3)
@@ -34,8 +34,14 @@ class Lag(Mechanism):
         tau = theta["delay"]
         lagged = motion.delayed(tau).in_plane_moment
         phi_lag = tau * motion.windward_meridian_rate
-        return (Term("lag fraction", lagged * np.cos(phi_lag) - motion.in_plane_moment,
-                     lagged * np.sin(phi_lag), "1"),)
+        return (
+            Term(
+                "lag fraction",
+                lagged * np.cos(phi_lag) - motion.in_plane_moment,
+                lagged * np.sin(phi_lag),
+                "1",
+            ),
+        )
 
 
 @hookimpl

@@ -1,0 +1,147 @@
+"""The columns on offer, and the best subsets of them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.design.columns import Column, Theta, candidates, theta_grid
+from brv_hypo.design.frame import RateFrame
+from brv_hypo.design.timebasis import TimeFunction
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.ranking.task import Task
+from brv_hypo.subset import best_subsets
+
+
+def offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Column, ...]]:
+    """The columns on offer; one set for each theta of mechanisms that allow one theta at a time."""
+    grids: list[list[tuple[Theta, ...]]] = [
+        [theta_grid(m)] if m.several_parameters_at_once else [(theta,) for theta in theta_grid(m)]
+        for m in mechanisms
+    ]
+    return [
+        tuple(
+            c
+            for m, thetas in zip(mechanisms, choice, strict=True)
+            for c in _columns_of(task, frame, m, thetas)
+        )
+        for choice in itertools.product(*grids)
+    ]
+
+
+def _columns_of(
+    task: Task, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
+) -> tuple[Column, ...]:
+    own = mechanism.knots(frame.motions[0])
+    terms = [(t.name, t.units) for t in mechanism.terms(frame.motions[0], dict(thetas[0]))]
+    return candidates(mechanism, terms, task.knots if own is None else own, thetas)
+
+
+def best_by_size(
+    task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]]
+) -> list[tuple[Column, ...]]:
+    """The subset of least RSS for each number of columns, over all offers; without the empty one."""
+    best: dict[int, tuple[float, tuple[Column, ...]]] = {}
+    forced = task.design(frame, task.baseline)
+    for columns in offered:
+        for rss, chosen in _subsets(task, frame, forced, columns, task.max_terms):
+            if chosen and (len(chosen) not in best or rss < best[len(chosen)][0]):
+                best[len(chosen)] = (rss, chosen)
+    return [best[size][1] for size in sorted(best)]
+
+
+def extended(
+    task: Task,
+    frame: RateFrame,
+    columns: tuple[Column, ...],
+    mechanisms: Sequence[Mechanism],
+    offered: Sequence[tuple[Column, ...]],
+) -> tuple[Column, ...] | None:
+    """A model's selected columns with the best further term of its own offer; None where it is full."""
+    selected = columns[len(task.baseline) :]
+    size = max(2 if column.tied else 1 for column in selected)
+    if len(selected) + size > task.max_terms:
+        return None
+    forced = task.design(frame, columns)
+    found = [
+        (rss, chosen)
+        for offer in _compatible(selected, mechanisms, offered)
+        for rss, chosen in _subsets(task, frame, forced, offer, size)
+        if chosen
+    ]
+    return (*selected, *min(found, key=lambda pair: pair[0])[1]) if found else None
+
+
+def narrowed(task: Task, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
+    """The best subset of each size among all courses at a model's own knots and thetas.
+
+    It finds the plainer model where refinement has moved several terms to one place.
+    """
+    selected = columns[len(task.baseline) :]
+    forced = task.design(frame, task.baseline)
+    own: dict[Column, None] = {}
+    for column in selected:
+        mechanism = frame.mechanisms[column.mechanism]
+        mine = [c for c in selected if c.mechanism == column.mechanism]
+        knots = _merged([c.course.start for c in mine if c.course.kind != "constant"], _spacing(task) / 4.0)
+        thetas = _merged_thetas(mine)
+        terms = [(t.name, t.units) for t in mechanism.terms(frame.motions[0], dict(thetas[0]))]
+        own.update(dict.fromkeys(candidates(mechanism, terms, knots, thetas)))
+    smaller = max(len(selected), 1)
+    return [chosen for _, chosen in _subsets(task, frame, forced, tuple(own), smaller) if chosen]
+
+
+def _spacing(task: Task) -> float:
+    return float(np.min(np.diff(task.knots))) if task.knots.size > 1 else 0.0
+
+
+def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
+    """The values in order, those within `tolerance` of their neighbour replaced by their mean."""
+    ordered = np.sort(np.asarray(values, dtype=float))
+    if ordered.size == 0:
+        return ordered
+    clusters = np.split(ordered, np.flatnonzero(np.diff(ordered) > tolerance) + 1)
+    return np.array([cluster.mean() for cluster in clusters])
+
+
+def _merged_thetas(columns: Sequence[Column], tolerance: float = 0.1) -> list[Theta]:
+    """The thetas of the columns; single delays within a tenth of each other become one."""
+    thetas = list(dict.fromkeys(column.theta for column in columns))
+    if any(len(theta) != 1 for theta in thetas):
+        return thetas
+    name = thetas[0][0][0]
+    logarithms = _merged([float(np.log(theta[0][1])) for theta in thetas], tolerance)
+    return [((name, float(np.exp(value))),) for value in logarithms]
+
+
+def _compatible(
+    selected: Sequence[Column], mechanisms: Sequence[Mechanism], offered: Sequence[tuple[Column, ...]]
+) -> list[tuple[Column, ...]]:
+    """The offers with the model's own theta, where a mechanism allows one theta at a time."""
+    single = {m.name for m in mechanisms if m.parameters() and not m.several_parameters_at_once}
+    theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
+    renamed = [tuple(replace(c, theta=theta.get(c.mechanism, c.theta)) for c in offer) for offer in offered]
+    return list(dict.fromkeys(renamed))
+
+
+def _subsets(
+    task: Task, frame: RateFrame, forced: FloatArray, offered: tuple[Column, ...], max_terms: int
+) -> list[tuple[float, tuple[Column, ...]]]:
+    """(RSS, columns) of the best subset of each size beside the forced columns."""
+    size = forced.shape[1]
+    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
+    for j, column in enumerate(offered):
+        if column.tied:
+            vectors.setdefault(column.vector, []).append(size + j)
+    result = best_subsets(
+        np.column_stack([forced, task.design(frame, offered)]),
+        task.response,
+        max_terms=min(max_terms, len(offered)),
+        forced=tuple(range(size)),
+        groups=tuple(tuple(members) for members in vectors.values()) or None,
+    )
+    return [(s.rss, tuple(offered[j - size] for j in s.columns)) for s in result.subsets]
