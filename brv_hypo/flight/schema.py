@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, SkipValidation, ValidationErr
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Vehicle
+from brv_hypo.flight.record import CHANNELS, Vehicle
 from brv_hypo.flight.refusal import refusal
 from brv_hypo.flight.units import Dimension
 
@@ -258,20 +258,3 @@ def _count(chosen: Any) -> str:
     """How many samples, and the first: enough to find them."""
     indices = np.flatnonzero(chosen)
     return f"{indices.size} samples (first at index {indices[0]})"
-
-
-__all__ = [
-    "CHANNEL_DIMENSIONS",
-    "FORMAT",
-    "FORMAT_VERSION",
-    "INERTIAL_CHANNELS",
-    "MINIMUM_SAMPLES",
-    "OPTIONAL_CHANNELS",
-    "VEHICLE_DIMENSIONS",
-    "Header",
-    "Record",
-    "VehicleRecord",
-    "check_present",
-    "complaints",
-    "validated",
-]
