@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.noise import negative_log_likelihood
+from brv_hypo.likelihood.filtering import kalman_innovations
+from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.search import Outcome, residuals
-from brv_hypo.likelihood.step import Problem, Sensitivity, SingularStatesError, gauss_newton_step, sensitivities
+from brv_hypo.likelihood.search import Options, Outcome, residuals
+from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.uncertainty import (
     coloured_covariance,
     covariance_from_information,
@@ -22,10 +23,11 @@ _LAGS = 20
 """Lags of the whiteness test."""
 
 
-def assess(problem: Problem, outcome: Outcome, noise_estimated: bool) -> FitResult:
+def assess(outcome: Outcome, options: Options) -> FitResult:
     """The result of a search; errors are nan where they cannot be had."""
-    iterate, parameters = outcome.iterate, problem.parameters
-    innovations = residuals(problem, iterate)
+    problem, iterate = outcome.problem, outcome.iterate
+    parameters = problem.parameters
+    innovations, nllf = _innovations(problem, iterate)
     together = np.concatenate(innovations, axis=1)
     seen = np.isfinite(together)
     samples = int(seen.sum())
@@ -39,11 +41,13 @@ def assess(problem: Problem, outcome: Outcome, noise_estimated: bool) -> FitResu
     except SingularStatesError:
         segments = ()
     if segments:
-        triangle = gauss_newton_step(problem, iterate, segments, frozen=True).triangle
+        triangle = information_factor(problem, segments)[:p, :p]
         unknowns = p + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
-        inflation = samples / max(samples - unknowns, 1) if noise_estimated else 1.0
+        inflation = samples / max(samples - unknowns, 1) if options.estimate_noise else 1.0
         white = inflation * covariance_from_information(triangle, parameters.prior_std, np.flatnonzero(~at_bound))
-        coloured = coloured_covariance(white, *_whitened(problem, segments), _reach(innovations)) / inflation
+        coloured = white
+        if not np.any(problem.process_noise):
+            coloured = coloured_covariance(white, *_whitened(problem, segments), _reach(innovations)) / inflation
     return FitResult(
         status=outcome.status,
         message=outcome.message,
@@ -53,9 +57,10 @@ def assess(problem: Problem, outcome: Outcome, noise_estimated: bool) -> FitResu
         std_error_coloured=_by_name(parameters.names, coloured),
         covariance=white,
         covariance_coloured=coloured,
-        log_likelihood=-negative_log_likelihood(together, seen, iterate.covariance),
-        innovation_covariance=iterate.covariance,
+        log_likelihood=-nllf,
+        innovation_covariance=estimate_covariance(together, seen, options.noise, iterate.covariance, options.floor),
         noise_covariance=iterate.covariance,
+        process_noise=problem.process_noise,
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
@@ -66,6 +71,16 @@ def assess(problem: Problem, outcome: Outcome, noise_estimated: bool) -> FitResu
         derivatives=problem.model.method,
         samples=samples,
     )
+
+
+def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
+    """Innovations by segment and the NLLF of Eq. 3.10 (E8): the filter's with process noise, else the residuals."""
+    if np.any(problem.process_noise):
+        filtered = kalman_innovations(problem, iterate)
+        return tuple(f.innovations for f in filtered), sum(f.nllf for f in filtered)
+    found = residuals(problem, iterate)
+    together = np.concatenate(found, axis=1)
+    return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
 
 
 def _whitened(

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import lapack
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import BlockRows
 
-_SINGULAR = 1e-15
-"""Reciprocal condition at which the states count as undetermined."""
+_SINGULAR = 1e13
+"""Condition, estimated from the growth of a random right-hand side, at which the states count as undetermined."""
 
 
 @dataclass(frozen=True)
@@ -50,35 +50,37 @@ class Quadratic:
 class Eliminated:
     """States and multipliers as affine functions of dp: dx = x[..., 0] + x[..., 1:] dp, likewise the multipliers.
 
-    `x` and `multiplier` are (n, n_states, 1 + p); `log_determinant` is log |det| of the matrix, nan if singular.
+    `x` and `multiplier` are (n, n_states, 1 + p).
     """
 
     x: FloatArray
     multiplier: FloatArray
-    log_determinant: float
-
-    @property
-    def singular(self) -> bool:
-        """Whether the states could not be determined."""
-        return not np.isfinite(self.log_determinant)
 
 
-def eliminate(problem: Quadratic) -> Eliminated:
-    """Solve for the states and multipliers, as affine functions of the parameter step."""
+def eliminate(problem: Quadratic) -> Eliminated | None:
+    """The states and multipliers as affine functions of the parameter step; None where the outputs leave a state undetermined."""
     n, n_states = problem.defect.shape
     weight = _balance(problem.by_state)
     band, width = _assemble(problem, weight)
     right = _right_hand_side(problem, weight)
     norm = float(np.abs(band).sum(axis=0).max())
     lu, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    if info != 0 or lapack.dgbcon(width, width, lu, pivots, norm)[0] < _SINGULAR:
-        return Eliminated(np.zeros(0), np.zeros(0), float("nan"))
-    solution, _ = lapack.dgbtrs(lu, width, width, right, pivots, overwrite_b=1)
-    if not np.all(np.isfinite(solution)):
-        return Eliminated(np.zeros(0), np.zeros(0), float("nan"))
-    stages = solution.reshape(n, 2, n_states, -1)
-    log_determinant = float(np.sum(np.log(np.abs(lu[2 * width]))))
-    return Eliminated(stages[:, 1], stages[:, 0] * weight, log_determinant)
+    if info != 0:
+        return None
+    probe = np.random.default_rng(0).standard_normal((right.shape[0], 1))
+    solution, _ = lapack.dgbtrs(lu, width, width, np.append(right, probe, axis=1), pivots, overwrite_b=1)
+    growth = float(np.linalg.norm(solution[:, -1]) / np.linalg.norm(probe))
+    if not growth * norm < _SINGULAR or not np.all(np.isfinite(solution)):
+        return None
+    stages = solution[:, :-1].reshape(n, 2, n_states, -1)
+    return Eliminated(stages[:, 1], stages[:, 0] * weight)
+
+
+def log_determinant(problem: Quadratic) -> float:
+    """log |det| of the matrix alone; nan where it is singular."""
+    band, width = _assemble(problem, _balance(problem.by_state))
+    lu, _, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
+    return float("nan") if info != 0 else float(np.sum(np.log(np.abs(lu[2 * width]))))
 
 
 def _balance(by_state: BlockRows) -> float:
@@ -88,6 +90,29 @@ def _balance(by_state: BlockRows) -> float:
     return size if size > 0 else 1.0
 
 
+class _Band:
+    """LAPACK band storage of a matrix of stages, each of two parts (multipliers, states) of m rows."""
+
+    def __init__(self, n: int, m: int, width: int) -> None:
+        self.n, self.m, self.width = n, m, width
+        self.storage = np.zeros((3 * width + 1, 2 * m * n), order="F")
+
+    def add(self, row: tuple[int, int], column: tuple[int, int], blocks: FloatArray) -> None:
+        """Add blocks (count, m, m), the first at (stage, part) `row` and `column`, each next one a stage further."""
+        first = max(0, -row[0], -column[0])
+        last = min(blocks.shape[0], self.n - row[0], self.n - column[0])
+        if last <= first:
+            return
+        m = self.m
+        below = 2 * m * (row[0] - column[0]) + m * (row[1] - column[1])
+        start = 2 * m * (column[0] + first) + m * column[1]
+        stop = start + 2 * m * (last - first)
+        for i in range(m):
+            for j in range(m):
+                line = self.storage[2 * self.width + below + i - j]
+                line[start + j : stop : 2 * m] += blocks[first:last, i, j]
+
+
 def _assemble(problem: Quadratic, weight: float) -> tuple[FloatArray, int]:
     """Band storage of LAPACK for the matrix, the objective divided by `weight`, and the half bandwidth."""
     n, n_states = problem.defect.shape
@@ -95,32 +120,22 @@ def _assemble(problem: Quadratic, weight: float) -> tuple[FloatArray, int]:
     span = outputs.blocks.shape[1] - 1
     reach = dynamics.offset + dynamics.blocks.shape[1]
     width = n_states * max(2 * (1 - dynamics.offset), 2 * (reach - 1), 2 * span + 1) - 1
-    band = np.zeros((3 * width + 1, 2 * n_states * n), order="F")
-    stage = np.arange(n)
-
-    def add(row_stage: IntArray, row_part: int, column_stage: IntArray, column_part: int, blocks: FloatArray) -> None:
-        inside = (row_stage >= 0) & (row_stage < n) & (column_stage >= 0) & (column_stage < n)
-        rows = 2 * n_states * row_stage[inside] + row_part * n_states
-        columns = 2 * n_states * column_stage[inside] + column_part * n_states
-        for i in range(blocks.shape[1]):
-            for j in range(blocks.shape[2]):
-                band[2 * width + rows + i - columns - j, columns + j] += blocks[inside, i, j]
-
+    band = _Band(n, n_states, width)
     free = np.isinf(problem.variance)
     diagonal = np.where(free, 1.0, -problem.variance * weight)
     unit = np.where(free[:1], 0.0, 1.0)[:, :, None] * np.eye(n_states)
-    add(stage, 0, stage, 0, diagonal[:, :, None] * np.eye(n_states))
-    add(stage[:1], 0, stage[:1], 1, unit)
-    add(stage[:1], 1, stage[:1], 0, unit)
+    band.add((0, 0), (0, 0), diagonal[:, :, None] * np.eye(n_states))
+    band.add((0, 0), (0, 1), unit)
+    band.add((0, 1), (0, 0), unit)
     for w in range(dynamics.blocks.shape[1]):
-        at = stage[:-1] + dynamics.offset + w
-        add(stage[1:], 0, at, 1, dynamics.blocks[:, w])
-        add(at, 1, stage[1:], 0, dynamics.blocks[:, w].transpose(0, 2, 1))
+        block = dynamics.blocks[:, w]
+        band.add((1, 0), (dynamics.offset + w, 1), block)
+        band.add((dynamics.offset + w, 1), (1, 0), block.transpose(0, 2, 1))
     for v in range(span + 1):
         for w in range(span + 1):
             product = outputs.blocks[:, v].transpose(0, 2, 1) @ outputs.blocks[:, w]
-            add(stage + outputs.offset + v, 1, stage + outputs.offset + w, 1, product / weight)
-    return band, width
+            band.add((outputs.offset + v, 1), (outputs.offset + w, 1), product / weight)
+    return band.storage, width
 
 
 def _right_hand_side(problem: Quadratic, weight: float) -> FloatArray:

@@ -12,16 +12,13 @@ from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.assessment import assess
 from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
-from brv_hypo.likelihood.noise import Shape, noise_from_differences
+from brv_hypo.likelihood.noise import Shape, least_variance, noise_from_differences
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid
 from brv_hypo.likelihood.start import approach, delay_reach, looseness, smooth, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem, SingularStatesError
-
-_FLOOR = 1e-14
-"""Least noise variance, as a fraction of an output's mean square."""
 
 
 def fit(
@@ -38,6 +35,7 @@ def fit(
     delays: Sequence[str] = (),
     noise: Shape = "diagonal",
     noise_covariance: FloatArray | None = None,
+    estimate_process_noise: bool = False,
     derivatives: str = "auto",
     max_iterations: int = 50,
     tolerance: float = 1e-5,
@@ -67,6 +65,7 @@ def fit(
             the derivatives by the delay and by the earlier states are carried in full.
         noise: shape of B, "diagonal" or "full".
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11.
+        estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
         derivatives: "auto", "complex" or "central".
         max_iterations: limit of Gauss-Newton steps.
         tolerance: step, as a fraction of the standard errors, at which the search ends.
@@ -90,12 +89,19 @@ def fit(
     if driving.shape != (n_states,) or np.any(driving < 0):
         raise UsageError(f"process_noise is {driving}; expected {n_states} values, one per state, none negative")
     problem = Problem(model, grids, parameters, state_sizes(histories), driving, np.full(len(parameters.names), np.inf))
-    y, measured = np.concatenate([g.y for g in grids], axis=1), np.concatenate([g.measured for g in grids], axis=1)
-    covariance = noise_from_differences(y, measured) if noise_covariance is None else np.asarray(noise_covariance, float)
+    y = np.concatenate([g.y for g in grids], axis=1)
+    covariance = noise_from_differences(y) if noise_covariance is None else np.asarray(noise_covariance, float)
+    options = Options(
+        max_iterations=max_iterations,
+        tolerance=tolerance,
+        noise=noise,
+        estimate_noise=noise_covariance is None,
+        estimate_process_noise=estimate_process_noise,
+        floor=least_variance(y),
+        progress=progress,
+    )
     iterate = Iterate(histories, parameters.start, covariance)
-    floor = _FLOOR * np.array([np.mean(row[seen] ** 2) if seen.any() else 1.0 for row, seen in zip(y, measured, strict=True)])
-    options = Options(max_iterations, tolerance, noise, noise_covariance is None, np.maximum(floor, 1e-300), progress)
-    return assess(problem, search(*_prepared(problem, iterate), options), options.estimate_noise)
+    return assess(search(*_prepared(problem, iterate), options), options)
 
 
 def _prepared(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from brv_hypo.likelihood.step import Iterate, Problem, Step, moved, objective
@@ -11,10 +13,15 @@ _SUFFICIENT = 1e-4
 """Fraction of the promised decrease that must come true."""
 
 
-def line_search(problem: Problem, iterate: Iterate, step: Step, penalty: float) -> tuple[Iterate, float]:
-    """Halve the step until the merit, objective plus penalty times violation, falls enough; fraction 0 where it does not."""
+def line_search(
+    problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] | None = None
+) -> tuple[Iterate, float]:
+    """Halve the step until the merit falls enough; fraction 0 where it does not.
+
+    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is one.
+    """
     cost, violation = objective(problem, iterate)
-    merit = cost + penalty * violation
+    merit = cost + penalty * violation + (term(iterate) if term else 0.0)
     slope = step.decrease - penalty * violation
     slack = 1e-10 * (1.0 + abs(merit))
     fraction = 1.0
@@ -22,7 +29,7 @@ def line_search(problem: Problem, iterate: Iterate, step: Step, penalty: float) 
         trial = moved(problem, iterate, step, fraction)
         with np.errstate(all="ignore"):
             trial_cost, trial_violation = objective(problem, trial)
-        trial_merit = trial_cost + penalty * trial_violation
+            trial_merit = trial_cost + penalty * trial_violation + (term(trial) if term else 0.0)
         if np.isfinite(trial_merit) and trial_merit <= merit + _SUFFICIENT * fraction * slope + slack:
             return trial, fraction
         fraction *= 0.5

@@ -11,6 +11,12 @@ from brv_hypo.arrays import BoolArray, FloatArray
 
 Shape = Literal["diagonal", "full"]
 
+_ROUNDING = 1e-14
+_FIRST_GUESS = 100.0
+"""Least first guess of a noise variance over the least believed."""
+_THIRD_DIFFERENCE = 20.0
+"""Variance of the third difference of unit white noise: 1 + 9 + 9 + 1."""
+
 
 def whitening(covariance: FloatArray, measured: BoolArray) -> FloatArray:
     """W (n, n_outputs, n_outputs) with W'W the inverse covariance of what was measured at each sample.
@@ -80,19 +86,23 @@ def negative_log_likelihood(residual: FloatArray, measured: BoolArray, covarianc
     return total
 
 
-def noise_from_differences(y: FloatArray, measured: BoolArray) -> FloatArray:
+def noise_from_differences(y: FloatArray) -> FloatArray:
     """A first guess of the noise covariance, diagonal, from third differences: blind to smooth motion.
 
-    `y` and `measured` are (n_outputs, n).
+    `y` is (n_outputs, n), nan in gaps.
     """
-    variance = np.empty(y.shape[0])
-    for i, (row, seen) in enumerate(zip(y, measured, strict=True)):
-        values = row[seen]
-        differences = np.diff(values, 3)
-        size = float(np.mean(values**2)) if values.size else 1.0
-        noise = float(np.mean(differences**2)) / 20.0 if differences.size else size
-        variance[i] = max(noise, 1e-12 * size) or 1.0
+    variance = least_variance(y) * _FIRST_GUESS
+    for i, row in enumerate(y):
+        differences = np.diff(row[np.isfinite(row)], 3)
+        if differences.size:
+            variance[i] = max(variance[i], float(np.mean(differences**2)) / _THIRD_DIFFERENCE)
     return np.diag(variance)
+
+
+def least_variance(y: FloatArray) -> FloatArray:
+    """The least noise variance to be believed of each output, (n_outputs,): rounding, against its mean square."""
+    mean_square = np.array([np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y])
+    return np.asarray(_ROUNDING * np.where(mean_square > 0, mean_square, 1.0))
 
 
 def _patterns(measured: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:

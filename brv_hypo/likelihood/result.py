@@ -21,13 +21,15 @@ class FitResult:
         theta: estimate by name, those held fixed included.
         std_error: standard error by name, residuals taken as white; nan at a bound or where the data do not
             determine the parameter.
-        std_error_coloured: the same, corrected for coloured residuals (Morelli and Klein 1997): report this one.
+        std_error_coloured: the same, corrected for coloured residuals (Morelli and Klein 1997): report this
+            one. With process noise, which is itself the model of what colours the residuals, equal to std_error.
         covariance: (p, p), residuals taken as white.
         covariance_coloured: (p, p), corrected.
         log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant
             -1/2 N log(2 pi) is left out, as in the report.
         innovation_covariance: B of Eq. 3.11, (n_outputs, n_outputs).
         noise_covariance: covariance of the measurement noise; B itself in output error.
+        process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in output error.
         iterations: Gauss-Newton steps taken.
         history: NLLF, violation of the dynamics, step length and fraction after each iteration.
         identifiability: condition, and near-null directions by name.
@@ -50,6 +52,7 @@ class FitResult:
     log_likelihood: float
     innovation_covariance: FloatArray
     noise_covariance: FloatArray
+    process_noise: FloatArray
     iterations: int
     history: tuple[Progress, ...]
     identifiability: Identifiability

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import evaluate_segment
+from brv_hypo.likelihood.filtering import (
+    determinant_gradient,
+    determinant_term,
+    disturbance_cost,
+    output_spread,
+    updated_process_noise,
+)
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.step import (
@@ -17,6 +25,7 @@ from brv_hypo.likelihood.step import (
     Problem,
     Sensitivity,
     SingularStatesError,
+    Step,
     gauss_newton_step,
     objective,
     sensitivities,
@@ -26,6 +35,10 @@ Status = Literal["converged", "iteration limit", "stalled", "undetermined", "div
 
 _FEASIBLE = 1e-7
 """Largest mean scaled defect of a converged trajectory."""
+_SETTLED_CHANGE = 1e-3
+"""Relative change of a noise variance that counts as settled."""
+_SETTLED_MOVE = 0.05
+"""The same for a process noise variance, in standard errors of its logarithm."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +60,16 @@ class Options:
     tolerance: float
     noise: Shape
     estimate_noise: bool
+    estimate_process_noise: bool
     floor: FloatArray
     progress: Callable[[Progress], None] | None = None
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Where the search ended and how."""
+    """Where the search ended and how; `problem` carries the process noise as estimated."""
 
+    problem: Problem
     iterate: Iterate
     status: Status
     message: str
@@ -65,30 +80,35 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     history: list[Progress] = []
     penalty = 0.0
+
+    def ended(status: Status, message: str) -> Outcome:
+        return Outcome(problem, iterate, status, message, tuple(history))
+
     for iteration in range(1, options.max_iterations + 1):
         try:
             segments, unseen = _sensitivities(problem, iterate)
         except SingularStatesError as error:
-            return Outcome(iterate, "undetermined", _undetermined(error), tuple(history))
-        step = gauss_newton_step(problem, iterate, segments)
+            return ended("undetermined", _undetermined(error))
+        step = _step(problem, iterate, segments)
         if not np.isfinite(step.length):
-            return Outcome(iterate, "diverged", _DIVERGED, tuple(history))
+            return ended("diverged", _DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
-        following, fraction = line_search(problem, iterate, step, penalty)
+        term = partial(determinant_term, problem) if np.any(problem.process_noise) else None
+        following, fraction = line_search(problem, iterate, step, penalty, term)
         if fraction == 0.0:
-            return Outcome(iterate, "stalled", _STALLED, tuple(history))
-        following, change = _update_noise(problem, following, options)
-        cost, violation = likelihood_and_violation(problem, following)
-        history.append(Progress(iteration, cost, violation, step.length, fraction))
+            return ended("stalled", _STALLED)
+        problem, iterate, noise_settled = _update_noise(problem, following, options)
+        violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
+        history.append(
+            Progress(iteration, negative_log_likelihood_of(problem, iterate), violation, step.length, fraction)
+        )
         if options.progress is not None:
             options.progress(history[-1])
-        iterate = following
-        settled = step.length < options.tolerance and change < np.sqrt(options.tolerance)
-        if settled and fraction == 1.0 and violation < _FEASIBLE:
+        if step.length < options.tolerance and noise_settled and fraction == 1.0 and violation < _FEASIBLE:
             if unseen is not None:
-                return Outcome(iterate, "undetermined", _undetermined(unseen), tuple(history))
-            return Outcome(iterate, "converged", "the step is negligible against the standard errors", tuple(history))
-    return Outcome(iterate, "iteration limit", _LIMIT.format(options.max_iterations), tuple(history))
+                return ended("undetermined", _undetermined(unseen))
+            return ended("converged", "the step is negligible against the standard errors")
+    return ended("iteration limit", _LIMIT.format(options.max_iterations))
 
 
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
@@ -100,12 +120,18 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
     return tuple(found)
 
 
-def likelihood_and_violation(problem: Problem, iterate: Iterate) -> tuple[float, float]:
-    """NLLF of Eq. 3.10 (E8) of the residuals, and the mean violation of the dynamics, scaled."""
+def negative_log_likelihood_of(problem: Problem, iterate: Iterate) -> float:
+    """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
-    count = sum(x.size for x in iterate.x)
-    violation = objective(problem, iterate)[1] / count
-    return negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance), violation
+    fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
+    if not np.any(problem.process_noise):
+        return fit
+    return fit + disturbance_cost(problem, iterate) + determinant_term(problem, iterate)
+
+
+def _step(problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...]) -> Step:
+    gradient = determinant_gradient(problem, iterate, segments) if np.any(problem.process_noise) else None
+    return gauss_newton_step(problem, iterate, segments, gradient)
 
 
 def _sensitivities(
@@ -118,14 +144,21 @@ def _sensitivities(
         return sensitivities(problem, iterate, anchored=True), error
 
 
-def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, float]:
-    """Eq. 3.11, and the largest relative change of a variance."""
-    if not options.estimate_noise:
-        return iterate, 0.0
-    difference = np.concatenate(residuals(problem, iterate), axis=1)
-    old = iterate.covariance
-    new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
-    return replace(iterate, covariance=new), float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
+def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate, bool]:
+    """Noise covariance by Eq. 3.11 and, where asked for, process noise; and whether both have settled."""
+    settled = True
+    if options.estimate_process_noise:
+        noise, move = updated_process_noise(problem, iterate)
+        problem = replace(problem, process_noise=noise)
+        settled = move < _SETTLED_MOVE
+    if options.estimate_noise:
+        difference = np.concatenate(residuals(problem, iterate), axis=1)
+        old = iterate.covariance
+        spread = output_spread(problem, iterate, options.noise)
+        new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor, spread)
+        iterate = replace(iterate, covariance=new)
+        settled = settled and float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0))) < _SETTLED_CHANGE
+    return problem, iterate, settled
 
 
 def _undetermined(error: SingularStatesError) -> str:

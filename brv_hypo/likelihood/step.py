@@ -60,7 +60,6 @@ class Sensitivity:
     eliminated: Eliminated
     residual: FloatArray
     disturbance: FloatArray
-    whitener: FloatArray
 
 
 @dataclass(frozen=True)
@@ -99,26 +98,23 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
         linearisation = linearise_segment(problem.model, grid, x, theta, problem.parameters.base)
-        whitener = whitening(iterate.covariance, grid.measured)
-        quadratic = _quadratic(problem, grid, x, linearisation, whitener)
+        quadratic = quadratic_of(problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured))
         if anchored:
             quadratic = _anchor(quadratic)
         eliminated = eliminate(quadratic)
-        if eliminated.singular:
+        if eliminated is None:
             raise SingularStatesError(s)
         residual = np.concatenate([quadratic.residual[:, :, None], quadratic.by_parameter], axis=2)
         residual = residual + quadratic.by_state.dot(eliminated.x)
         variance = np.where(np.isfinite(quadratic.variance), quadratic.variance, 0.0)
         disturbance = np.sqrt(variance)[:, :, None] * eliminated.multiplier
         _drop_rounding(residual, disturbance, quadratic.by_parameter)
-        found.append(Sensitivity(linearisation, eliminated, residual, disturbance, whitener))
+        found.append(Sensitivity(linearisation, eliminated, residual, disturbance))
     return tuple(found)
 
 
-def gauss_newton_step(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], frozen: bool = False
-) -> Step:
-    """The step that minimises the linearised problem within the bounds; `frozen` leaves theta where it is."""
+def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> FloatArray:
+    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1): its first p columns factor the information matrix."""
     parameters = problem.parameters
     p = len(parameters.names)
     rows = [np.zeros((0, p + 1))]
@@ -131,14 +127,34 @@ def gauss_newton_step(
         spread[:, index] = local[:, :-1]
         spread[:, -1] = local[:, -1]
         rows.append(spread)
-    data = _triangle(np.concatenate(rows))
+    return _triangle(np.concatenate(rows))
+
+
+def gauss_newton_step(
+    problem: Problem,
+    iterate: Iterate,
+    segments: Sequence[Sensitivity],
+    gradient: FloatArray | None = None,
+    frozen: bool = False,
+) -> Step:
+    """The step that minimises the linearised problem within the bounds.
+
+    `gradient` (p,) is that of a further term of the objective; `frozen` leaves theta where it is.
+    """
+    parameters = problem.parameters
+    p = len(parameters.names)
+    data = information_factor(problem, segments)
     informed = np.isfinite(parameters.prior_std)
     prior = np.zeros((p, p + 1))
     weight = np.where(informed, 1.0 / parameters.prior_std, 0.0)
     prior[:, :p] = np.diag(weight)
     prior[:, p] = np.where(informed, weight * (iterate.theta - parameters.prior_mean), 0.0)
     system = np.concatenate([data, prior[informed]])
-    change = np.zeros(p) if frozen else _bounded_least_squares(system, problem, iterate.theta)
+    slope = np.zeros(p) if gradient is None else gradient
+    tilted = system.copy()
+    if gradient is not None:
+        tilted[:p, p] += np.linalg.lstsq(data[:p, :p].T, slope, rcond=None)[0]
+    change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
     x = tuple(
         (e.x[:, :, 0] + e.x[:, :, 1:] @ change[index]).T * problem.size[:, None]
         for e, index in ((s.eliminated, i) for s, i in zip(segments, parameters.segment_index, strict=True))
@@ -148,7 +164,7 @@ def gauss_newton_step(
         for s, i in zip(segments, parameters.segment_index, strict=True)
     )
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
-    promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2))
+    promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     decrease = promised - objective(problem, iterate)[0]
     return Step(change, x, data[:p, :p], length, multiplier, decrease)
 
@@ -186,7 +202,7 @@ def whiten(whitener: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
     return (whitener @ difference[:, :, None])[:, :, 0]
 
 
-def _quadratic(
+def quadratic_of(
     problem: Problem, grid: Grid, x: FloatArray, linearisation: Linearisation, whitener: FloatArray
 ) -> Quadratic:
     """One segment's linearisation with outputs whitened and states divided by their size."""

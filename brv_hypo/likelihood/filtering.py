@@ -1,0 +1,205 @@
+"""Filter error: what process noise adds to output error, so that the states are integrated out, not only fitted.
+
+With Q > 0 the least-squares states are the smoothed ones, and the likelihood of theta is theirs times a
+determinant. For linear dynamics, and to the order of Laplace's approximation otherwise,
+
+    NLLF = objective + 1/2 log|det K(Q)| - 1/2 log|det K(0)| + 1/2 sum log det R
+
+with K the matrix of `elimination` and the initial state held. The last determinant is that of the dynamics
+alone; at Q = 0 the two cancel and output error remains. Derivatives of the determinants are also the
+smoothed covariances that the estimates of R and Q need: no smoother has to be run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.collocation import evaluate_segment, linearise_segment
+from brv_hypo.likelihood.elimination import Quadratic, log_determinant
+from brv_hypo.likelihood.noise import Shape, whitening
+from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
+
+_STEP = 1e-2
+"""Central difference in standard errors of a parameter."""
+_RELATIVE = 1e-3
+"""Central difference of a noise variance, relative."""
+_LARGEST_MOVE = 1.0
+"""Largest change of the logarithm of a process noise variance in one iteration."""
+
+
+def determinant_term(problem: Problem, iterate: Iterate) -> float:
+    """What integrating the states out adds to the objective; 0 for output error."""
+    if not np.any(problem.process_noise):
+        return 0.0
+    exact = replace(problem, process_noise=np.zeros_like(problem.process_noise))
+    return 0.5 * (_determinant(problem, iterate) - _determinant(exact, iterate))
+
+
+def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
+    """Half the weighted sum of squares of the process noise."""
+    return 0.5 * float(np.sum(_disturbance_squares(problem, iterate)))
+
+
+def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
+    """Its derivative by theta, (p,), the states following."""
+    parameters = problem.parameters
+    p = len(parameters.names)
+    norm = np.linalg.norm(information_factor(problem, segments)[:, :p], axis=0)
+    gradient = np.zeros(p)
+    for i in np.flatnonzero(norm > 0):
+        step = _STEP / norm[i]
+        ends = [determinant_term(problem, _displaced(problem, iterate, segments, i, sign * step)) for sign in (1, -1)]
+        gradient[i] = (ends[0] - ends[1]) / (2 * step)
+    return gradient
+
+
+def output_spread(problem: Problem, iterate: Iterate, shape: Shape) -> FloatArray:
+    """Sum over samples of the covariance of the predicted outputs given all data, (n_outputs, n_outputs).
+
+    It is -R G R with G the derivative of log|det K| by R; off the diagonal only for a "full" shape.
+    """
+    r = iterate.covariance
+    n_outputs = r.shape[0]
+    gradient = np.zeros((n_outputs, n_outputs))
+    if np.any(problem.process_noise):
+        for a in range(n_outputs):
+            for b in range(a, n_outputs if shape == "full" else a + 1):
+                step = _RELATIVE * np.sqrt(r[a, a] * r[b, b])
+                change = np.zeros_like(r)
+                change[a, b] = change[b, a] = step
+                up, down = (
+                    _determinant(problem, replace(iterate, covariance=r + sign * change)) for sign in (1.0, -1.0)
+                )
+                gradient[a, b] = gradient[b, a] = (up - down) / (2 * step) / (1.0 if a == b else 2.0)
+    return np.asarray(-r @ gradient @ r)
+
+
+def updated_process_noise(problem: Problem, iterate: Iterate) -> tuple[FloatArray, float]:
+    """A scoring step in the logarithm of each process noise variance, and the largest move, in standard errors.
+
+    The score is that of the marginal likelihood (Fisher's identity), its information half the squared
+    sensitivity of the innovations' covariance, both from derivatives of log|det K|.
+    """
+    noise = problem.process_noise.copy()
+    count = sum(g.n - 1 for g in problem.grids)
+    squares = _disturbance_squares(problem, iterate)
+    middle = _determinant(problem, iterate)
+    largest = 0.0
+    for i in np.flatnonzero(noise):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = problem.process_noise.copy()
+            moved[i] *= np.exp(0.5 * sign * 0.1)
+            ends.append(_determinant(replace(problem, process_noise=moved), iterate))
+        first, second = (ends[0] - ends[1]) / 0.2, (ends[0] - 2 * middle + ends[1]) / 0.01
+        score = 0.5 * (squares[i] - first)
+        information = max(0.5 * (first - second), 1e-3 * count)
+        move = float(np.clip(score / information, -_LARGEST_MOVE, _LARGEST_MOVE))
+        noise[i] *= np.exp(0.5 * move)
+        largest = max(largest, abs(move) * np.sqrt(information))
+    return noise, largest
+
+
+def _disturbance_squares(problem: Problem, iterate: Iterate) -> FloatArray:
+    """Sum of squares of each state's process noise over its variance, (n_states,); 0 where there is none."""
+    total = np.zeros_like(problem.process_noise)
+    driven = problem.process_noise > 0
+    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
+        defect, _ = evaluate_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta))
+        squares = np.sum(defect**2 / grid.step[:, None], axis=0)
+        total[driven] += squares[driven] / problem.process_noise[driven] ** 2
+    return total
+
+
+def _determinant(problem: Problem, iterate: Iterate) -> float:
+    """log|det K| over all segments, initial states held."""
+    return float(sum(log_determinant(q) for q in _held(problem, iterate)))
+
+
+def _held(problem: Problem, iterate: Iterate) -> list[Quadratic]:
+    found = []
+    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
+        theta = problem.parameters.of_segment(s, iterate.theta)
+        linearisation = linearise_segment(problem.model, grid, x, theta, ())
+        quadratic = quadratic_of(problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured))
+        variance = quadratic.variance.copy()
+        variance[0] = 0.0
+        found.append(replace(quadratic, variance=variance))
+    return found
+
+
+def _displaced(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], parameter: int, step: float
+) -> Iterate:
+    """The iterate with one parameter moved and the states following."""
+    theta = iterate.theta.copy()
+    theta[parameter] += step
+    states = []
+    for x, segment, index in zip(iterate.x, segments, problem.parameters.segment_index, strict=True):
+        local = np.flatnonzero(index == parameter)
+        follow = segment.eliminated.x[:, :, 1 + local].sum(axis=2).T * problem.size[:, None]
+        states.append(x + step * follow)
+    return replace(iterate, theta=theta, x=tuple(states))
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """One-step predictions of a segment: innovations (n_outputs, n), nan in gaps, their covariances (n, n_outputs, n_outputs), and the NLLF of Eq. 3.10 (E8)."""
+
+    innovations: FloatArray
+    covariance: FloatArray
+    nllf: float
+
+
+def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ...]:
+    """Innovations of the Kalman filter, linearised about the smoothed states, from the estimated initial state on."""
+    found = []
+    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
+        theta = problem.parameters.of_segment(s, iterate.theta)
+        linear = linearise_segment(problem.model, grid, x, theta, ())
+        after = np.linalg.inv(linear.defect_by_state.blocks[:, 1])
+        transition = -after @ linear.defect_by_state.blocks[:, 0]
+        shift = -(after @ linear.defect[:, :, None])[:, :, 0]
+        drive = problem.process_noise**2 * grid.step[:, None]
+        driven = (after * drive[:, None, :]) @ after.transpose(0, 2, 1)
+        residual = grid.y.T - linear.output
+        observe = linear.output_by_state.blocks[:, 0]
+        found.append(_filter(transition, shift, driven, residual, observe, iterate.covariance))
+    return tuple(found)
+
+
+def _filter(
+    transition: FloatArray,
+    shift: FloatArray,
+    driven: FloatArray,
+    residual: FloatArray,
+    observe: FloatArray,
+    noise: FloatArray,
+) -> Filtered:
+    n, n_outputs = residual.shape
+    n_states = transition.shape[1]
+    mean, spread = np.zeros(n_states), np.zeros((n_states, n_states))
+    innovations = np.full((n, n_outputs), np.nan)
+    covariance = np.empty((n, n_outputs, n_outputs))
+    total = 0.0
+    for k in range(n):
+        if k > 0:
+            mean = transition[k - 1] @ mean + shift[k - 1]
+            spread = transition[k - 1] @ spread @ transition[k - 1].T + driven[k - 1]
+        h = observe[k]
+        covariance[k] = h @ spread @ h.T + noise
+        innovations[k] = residual[k] - h @ mean
+        seen = np.isfinite(innovations[k])
+        if not seen.any():
+            continue
+        b, v, h = covariance[k][np.ix_(seen, seen)], innovations[k][seen], h[seen]
+        gain = np.linalg.solve(b, h @ spread).T
+        mean = mean + gain @ v
+        keep = np.eye(n_states) - gain @ h
+        spread = keep @ spread @ keep.T + gain @ noise[np.ix_(seen, seen)] @ gain.T
+        total += 0.5 * float(v @ np.linalg.solve(b, v) + np.linalg.slogdet(b)[1])
+    return Filtered(innovations.T, covariance, total)
