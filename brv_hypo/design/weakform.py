@@ -12,6 +12,7 @@ of the antiderivatives, for any time of the knot, so that knots can be refined c
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
@@ -23,10 +24,20 @@ from brv_hypo.flight.record import Flight
 
 @dataclass(frozen=True)
 class Integrals:
-    """Antiderivatives of a column g and of t g over one segment, as functions of time."""
+    """Antiderivatives of a column g and of (t - origin) g over one segment, as functions of time."""
 
-    plain: PPoly
-    first: PPoly
+    time: FloatArray
+    integrand: ComplexArray
+
+    @cached_property
+    def plain(self) -> PPoly:
+        """Antiderivative of g."""
+        return CubicSpline(self.time, self.integrand).antiderivative()
+
+    @cached_property
+    def first(self) -> PPoly:
+        """Antiderivative of (t - origin) g, which ramps need."""
+        return CubicSpline(self.time, (self.time - self.time[0]) * self.integrand).antiderivative()
 
 
 @dataclass(frozen=True)
@@ -41,10 +52,7 @@ class WeakSegment:
 
     def integrate(self, body_moment: ComplexArray) -> Integrals:
         """Antiderivatives for a column C_m + i C_n (m,) on the segment's samples."""
-        integrand = self.factor * body_moment
-        plain = CubicSpline(self.time, integrand).antiderivative()
-        first = CubicSpline(self.time, (self.time - self.time[0]) * integrand).antiderivative()
-        return Integrals(plain, first)
+        return Integrals(self.time, self.factor * body_moment)
 
     def column(self, integrals: Integrals, course: TimeFunction) -> ComplexArray:
         """The column times its course, integrated from the segment's first sample to each sample (m,)."""
@@ -62,7 +70,7 @@ class WeakSegment:
 
 def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:
     """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates."""
-    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * _integral(flight.time, flight.p))
+    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
     observed = (flight.q + 1j * flight.r) * derotation
     return tuple(
@@ -72,6 +80,6 @@ def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSe
     )
 
 
-def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:
+def integral(time: FloatArray, rate: FloatArray) -> FloatArray:
     """Integral of a sampled rate from the first sample, by cubic spline."""
     return np.asarray(CubicSpline(time, rate).antiderivative()(time), dtype=float)

@@ -11,8 +11,18 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.motion.frames import angle_of_attack, crossflow, windward_meridian
 from brv_hypo.motion.motion import Motion
 
-_SMOOTH = ("alpha_rate", "windward_meridian_rate", "p", "q", "r", "velocity", "dynamic_pressure", "mach",
-           "reynolds", "in_plane_moment")
+_SMOOTH = (
+    "alpha_rate",
+    "windward_meridian_rate",
+    "p",
+    "q",
+    "r",
+    "velocity",
+    "dynamic_pressure",
+    "mach",
+    "reynolds",
+    "in_plane_moment",
+)
 
 
 def recorded(motion: Motion) -> Motion:
@@ -22,19 +32,24 @@ def recorded(motion: Motion) -> Motion:
     alpha passes through zero.
     """
     time = motion.time
-    xi = CubicSpline(time, crossflow(motion.alpha, motion.windward_meridian))
-    smooth = {name: CubicSpline(time, getattr(motion, name)) for name in _SMOOTH
-              if np.all(np.isfinite(getattr(motion, name)))}
+    names = [name for name in _SMOOTH if np.all(np.isfinite(getattr(motion, name)))]
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    stacked = np.column_stack([xi.real, xi.imag, *(getattr(motion, name) for name in names)])
+    spline = CubicSpline(time, stacked)
 
     def past(tau: float) -> Motion:
         earlier = time - tau
-        inside = np.maximum(earlier, time[0])
-        values = {name: spline(inside) for name, spline in smooth.items()}
+        values = spline(np.maximum(earlier, time[0]))
+        xi = values[:, 0] + 1j * values[:, 1]
         before = np.minimum(earlier - time[0], 0.0) * motion.windward_meridian_rate[0]
-        meridian = _nearest_turn(windward_meridian(xi(inside)) + before, motion.windward_meridian)
+        meridian = _nearest_turn(windward_meridian(xi) + before, motion.windward_meridian)
         return replace(
-            motion, time=earlier, alpha=angle_of_attack(xi(inside)), windward_meridian=meridian,
-            history=lambda more: past(tau + more), **values,
+            motion,
+            time=earlier,
+            alpha=angle_of_attack(xi),
+            windward_meridian=meridian,
+            history=lambda more: past(tau + more),
+            **dict(zip(names, values.T[2:], strict=True)),
         )
 
     return replace(motion, history=past)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.ranking.refine import Refinement, refine
+from brv_hypo.ranking.linear import covariance_of, solve_scaled
+from brv_hypo.ranking.refine import DesignOf, Nonlinear, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.ranking.search import best_by_size, extended, narrowed, offers
 from brv_hypo.ranking.task import Task
 
@@ -23,9 +24,9 @@ PATIENCE = 2
 class HypothesisFit:
     """A fitted hypothesis in the whitened frame.
 
-    `columns` are the baseline's and then the selected ones; `values`, `covariance` belong to them.
-    `residual` (2 rows,) is whitened; `searched` counts the candidates; `refinement` holds delays and knots
-    with their errors.
+    `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
+    `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots
+    with `nonlinear_errors`; both uncertainties are empty until `refit`.
     """
 
     name: str
@@ -34,13 +35,18 @@ class HypothesisFit:
     columns: tuple[Column, ...]
     baseline_size: int
     values: FloatArray
-    covariance: FloatArray
     residual: FloatArray
-    rss: float
     samples: int
     efficiency: float
     searched: int
-    refinement: Refinement
+    nonlinear: tuple[Nonlinear, ...] = ()
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    nonlinear_errors: tuple[float, ...] = ()
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the whitened rows."""
+        return float(self.residual @ self.residual)
 
     @property
     def selected(self) -> tuple[Column, ...]:
@@ -50,7 +56,7 @@ class HypothesisFit:
     @property
     def parameters(self) -> int:
         """Linear coefficients and delays that were fitted."""
-        return len(self.columns) + self.refinement.delays
+        return len(self.columns) + sum(parameter.kind == "theta" for parameter in self.nonlinear)
 
     @property
     def effective(self) -> float:
@@ -84,24 +90,44 @@ def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> 
     """
     frame = task.frame.with_mechanisms(mechanisms)
     if not mechanisms:
-        return _solve(task, frame, name, (), task.baseline, 0)
+        return _solved(task, frame, name, (), task.baseline, 0)
     offered = offers(task, frame, mechanisms)
     searched = len({column for choice in offered for column in choice})
 
-    def settle(chosen: tuple[Column, ...]) -> HypothesisFit:
-        return _settled(task, frame, name, mechanisms, (*task.baseline, *chosen), searched)
+    def settle(chosen: tuple[Column, ...], known: tuple[Column, ...] = ()) -> HypothesisFit:
+        return _settled(task, frame, name, mechanisms, (*task.baseline, *chosen), searched, frozenset(known))
 
     best: HypothesisFit | None = None
     worse = 0
     for chosen in best_by_size(task, frame, offered):
-        further = None if best is None else extended(task, best.frame, best.columns, mechanisms, offered)
-        challenger = _least([settle(start) for start in (chosen, further) if start])
+        starts = [settle(chosen)]
+        if best is not None:
+            further = extended(task, best.frame, best.columns, mechanisms, offered)
+            starts.extend([settle(further, best.selected)] if further else [])
+        challenger = _least(starts)
         worse = 0 if best is None or challenger.information < best.information else worse + 1
         best = challenger if best is None else _least([best, challenger])
         if worse == PATIENCE:
             break
     assert best is not None
-    return _least([best, *(settle(start) for start in narrowed(task, best.frame, best.columns))])
+    plainer = [settle(chosen, chosen) for chosen in narrowed(task, best.frame, best.columns)]
+    return _least([best, *plainer])
+
+
+def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:
+    """The same columns fitted under the task's noise model, with their uncertainty."""
+    known = frozenset(fit.selected)
+    renewed = _settled(task, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched, known)
+    design = task.design(renewed.frame, renewed.columns)
+    if renewed.nonlinear:
+        slopes = prediction_slopes(
+            renewed.nonlinear, renewed.columns, renewed.values, _design_of(task, renewed)
+        )
+        design = np.column_stack([design, slopes])
+    covariance = covariance_of(design, renewed.residual, task.samples, task.efficiency)
+    linear = renewed.values.size
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))[linear:]
+    return replace(renewed, covariance=covariance[:linear, :linear], nonlinear_errors=tuple(errors.tolist()))
 
 
 def _least(fits: list[HypothesisFit]) -> HypothesisFit:
@@ -115,21 +141,28 @@ def _settled(
     mechanisms: tuple[Mechanism, ...],
     columns: tuple[Column, ...],
     searched: int,
+    known: frozenset[Column],
 ) -> HypothesisFit:
-    """Fitted, with C_mw brought up to date where the mechanism uses it, and refined."""
-    fit = _solve(task, frame, name, mechanisms, columns, searched)
+    """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
+    fit = _solved(task, frame, name, mechanisms, columns, searched)
     if any(mechanism.parameters() for mechanism in mechanisms):
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
-        fit = _solve(task, frame, name, mechanisms, fit.columns, searched)
-    return _refined(task, fit) if task.refine else fit
+        fit = _solved(task, frame, name, mechanisms, columns, searched)
+    if not task.refine:
+        return fit
+    parameters = nonlinear_parameters(columns, fit.baseline_size, frame.mechanisms, task.knots)
+    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
+    refined = refine(columns, parameters, fresh, _design_of(task, fit), task.response, task.samples)
+    return replace(
+        fit,
+        columns=refined.columns,
+        values=refined.values,
+        residual=refined.residual,
+        nonlinear=refined.nonlinear,
+    )
 
 
-def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns fitted under the task's noise model."""
-    return _settled(task, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched)
-
-
-def _solve(
+def _solved(
     task: Task,
     frame: RateFrame,
     name: str,
@@ -137,8 +170,9 @@ def _solve(
     columns: tuple[Column, ...],
     searched: int,
 ) -> HypothesisFit:
-    design, response = task.design(frame, columns), task.response
-    values, covariance, residual = least_squares(design, response, task.samples, task.efficiency)
+    design = task.design(frame, columns)
+    values = solve_scaled(design, task.response)
+    residual = task.response - design @ values
     return HypothesisFit(
         name,
         mechanisms,
@@ -146,52 +180,12 @@ def _solve(
         columns,
         len(task.baseline),
         values,
-        covariance,
         residual,
-        float(residual @ residual),
         task.samples,
         task.efficiency,
         searched,
-        Refinement(),
     )
 
 
-def least_squares(
-    design: FloatArray, response: FloatArray, samples: int, efficiency: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Values (k,), covariance (k, k) at the effective sample size, residual (n,); scaled for accuracy."""
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0.0] = 1.0
-    left, singular, right = np.linalg.svd(design / scale, full_matrices=False)
-    keep = singular > singular[0] * 1e-12
-    inverse = np.where(keep, 1.0 / np.where(keep, singular, 1.0), 0.0)
-    values = (right.T * inverse) @ (left.T @ response)
-    residual = response - (design / scale) @ values
-    variance = float(residual @ residual) / max(samples - int(keep.sum()), 1) / efficiency
-    covariance = variance * (right.T * inverse**2) @ right
-    return values / scale, covariance / np.outer(scale, scale), residual
-
-
-def _refined(task: Task, fit: HypothesisFit) -> HypothesisFit:
-    """Delays and knots moved to their best values; the covariance then carries their uncertainty too."""
-    refinement = refine(
-        fit.columns,
-        fit.baseline_size,
-        {m.name: m for m in fit.mechanisms},
-        task.knots,
-        lambda columns: task.design(fit.frame, columns),
-        task.response,
-        task.samples,
-        task.efficiency,
-    )
-    if refinement.columns is None:
-        return fit
-    return replace(
-        fit,
-        columns=refinement.columns,
-        values=refinement.values,
-        covariance=refinement.covariance,
-        residual=refinement.residual,
-        rss=float(refinement.residual @ refinement.residual),
-        refinement=refinement,
-    )
+def _design_of(task: Task, fit: HypothesisFit) -> DesignOf:
+    return lambda columns: task.design(fit.frame, columns)

@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.design.frame import Piece, RateFrame, whiten
 from brv_hypo.ranking.fit import HypothesisFit
+from brv_hypo.ranking.linear import solve_scaled
 from brv_hypo.ranking.task import Task
 
 
@@ -17,8 +18,8 @@ from brv_hypo.ranking.task import Task
 class HeldOut:
     """Errors on held-out blocks, pitch and yaw together.
 
-    `mean_square` of the moment coefficients over all blocks; `by_block` (blocks,) of the whitened rates, whose
-    noise hides less.
+    `mean_square` of the moment coefficients over all blocks; `by_block` (blocks,) of the whitened rates,
+    whose noise hides less.
     """
 
     mean_square: float
@@ -82,8 +83,6 @@ def held_out(task: Task, fit: HypothesisFit, count: int) -> HeldOut:
 
 def coefficients(task: Task, frame: RateFrame, rates: ComplexArray, pieces: tuple[Piece, ...]) -> FloatArray:
     """Coefficients (columns,) from some pieces of the record alone."""
-    design = whiten(rates, pieces, task.noise)
-    response = whiten(frame.observed[:, None], pieces, task.noise)[:, 0]
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(design / scale, response, rcond=1e-10)[0] / scale, dtype=float)
+    rows = task.rows_without(pieces)
+    design, response = rows.of(rates), rows.of(frame.observed[:, None])[:, 0]
+    return solve_scaled(design, response, 1e-10)

@@ -13,6 +13,7 @@ from brv_hypo.design.frame import RateFrame, remove_levels, whiten
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.design.whitening import NoiseModel, difference, effective_samples, fit_noise
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.ranking.linear import lengths, solve_scaled
 
 
 def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
@@ -48,17 +49,17 @@ def residual_rates(frame: RateFrame, rows: ComplexArray, noise: NoiseModel) -> l
     """Derolled rates that the columns do not explain, one (m,) array a piece, rad/s."""
     design = whiten(rows, frame.pieces, noise)
     response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0.0] = 1.0
-    values = np.linalg.lstsq(design / scale, response, rcond=1e-10)[0] / scale
+    values = solve_scaled(design, response, 1e-10)
     return remove_levels(frame.observed - rows @ values, frame.pieces, noise)
 
 
 def efficiency_of(residual: FloatArray, frame: RateFrame) -> float:
-    """Effective over actual number of samples of a whitened residual (2 rows,)."""
-    half = residual.size // 2
-    parts = [channel[a:b] for channel in (residual[:half], residual[half:]) for a, b in frame.pieces]
-    return effective_samples(parts) / residual.size
+    """Effective over actual number of samples of a whitened residual (rows,), rows of priors left out."""
+    half = frame.observed.size
+    parts = [
+        channel[a:b] for channel in (residual[:half], residual[half : 2 * half]) for a, b in frame.pieces
+    ]
+    return effective_samples(parts) / (2 * half)
 
 
 def drift_degrees(
@@ -74,7 +75,7 @@ def drift_degrees(
     wide = frame.with_mechanisms([rich])
     columns = baseline_columns(wide)
     design = whiten(wide.columns(columns), wide.pieces, noise)
-    design /= np.linalg.norm(design, axis=0)
+    design /= lengths(design)
     scores = {}
     for i in range(3) if offset is None else (offset,):
         for j in range(top + 1) if slope is None else (slope,):

@@ -7,7 +7,7 @@ derivatives and standard errors like any other parameter.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,10 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.design.columns import Column
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.ranking.linear import solve_scaled
+
+# A step that gains less than this, in units of twice the log-likelihood, ends the iteration.
+SMALLEST_GAIN = 0.2
 
 DesignOf = Callable[[Sequence[Column]], FloatArray]
 
@@ -43,63 +47,50 @@ class Nonlinear:
 
 
 @dataclass(frozen=True)
-class Refinement:
-    """The refined model; `columns` is None where there was nothing to refine or nothing was gained."""
+class Refined:
+    """Columns with refined delays and knots, and the fit at them; `residual` (rows,) is whitened."""
 
-    columns: tuple[Column, ...] | None = None
-    values: FloatArray = field(default_factory=lambda: np.zeros(0))
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    residual: FloatArray = field(default_factory=lambda: np.zeros(0))
-    nonlinear: tuple[Nonlinear, ...] = ()
-    std_errors: tuple[float, ...] = ()
-
-    @property
-    def delays(self) -> int:
-        """Number of nonlinear parameters of mechanisms; knots are paid for by the search."""
-        return sum(parameter.kind == "theta" for parameter in self.nonlinear)
+    columns: tuple[Column, ...]
+    values: FloatArray
+    residual: FloatArray
+    nonlinear: tuple[Nonlinear, ...]
 
 
 def refine(
     columns: tuple[Column, ...],
-    baseline_size: int,
-    mechanisms: Mapping[str, Mechanism],
-    knots: FloatArray,
+    nonlinear: tuple[Nonlinear, ...],
+    fresh: frozenset[int],
     design_of: DesignOf,
     response: FloatArray,
     samples: int,
-    efficiency: float,
     iterations: int = 6,
-) -> Refinement:
+) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
-    A knot may move by half the knot spacing, a delay within its bounds.
+    Parameters that move a column of `fresh` are scanned over their bounds first.
     """
-    nonlinear = _nonlinear(columns, baseline_size, mechanisms, knots)
-    if not nonlinear:
-        return Refinement()
-    nonlinear, columns = _scan(nonlinear, columns, design_of, response)
+    nonlinear, columns = _scan(nonlinear, columns, fresh, design_of, response)
     design = design_of(columns)
-    values = _solve(design, response)
+    values = solve_scaled(design, response)
     residual = response - design @ values
-    for _ in range(iterations):
-        slopes = _slopes(nonlinear, columns, values, design_of)
-        step = _solve(np.column_stack([design, slopes]), response - design @ values)[values.size :]
-        improved = _line_search(nonlinear, columns, step, design_of, response, float(residual @ residual))
+    for _ in range(iterations if nonlinear else 0):
+        slopes = prediction_slopes(nonlinear, columns, values, design_of)
+        step = solve_scaled(np.column_stack([design, slopes]), residual)[values.size :]
+        rss = float(residual @ residual)
+        improved = _line_search(nonlinear, columns, step, design_of, response, rss)
         if improved is None:
             break
-        gain = 1.0 - float(improved[4] @ improved[4]) / float(residual @ residual)
         nonlinear, columns, design, values, residual = improved
-        if gain < 1e-6:
+        left = float(residual @ residual)
+        if samples * (rss - left) < SMALLEST_GAIN * left:
             break
-    slopes = _slopes(nonlinear, columns, values, design_of)
-    covariance = _covariance(np.column_stack([design, slopes]), residual, samples, efficiency)
-    errors = tuple(float(e) for e in np.sqrt(np.diag(covariance))[values.size :])
-    return Refinement(columns, values, covariance[: values.size, : values.size], residual, nonlinear, errors)
+    return Refined(columns, values, residual, nonlinear)
 
 
-def _nonlinear(
+def nonlinear_parameters(
     columns: Sequence[Column], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray
 ) -> tuple[Nonlinear, ...]:
+    """The delays and knots of a model: knots may move by half their spacing, delays within their bounds."""
     reach = 0.5 * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     found: dict[tuple[Literal["theta", "knot"], str, float, str], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
@@ -120,6 +111,7 @@ def _nonlinear(
 def _scan(
     nonlinear: tuple[Nonlinear, ...],
     columns: tuple[Column, ...],
+    fresh: frozenset[int],
     design_of: DesignOf,
     response: FloatArray,
     points: int = 7,
@@ -127,6 +119,9 @@ def _scan(
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     settled = []
     for parameter in nonlinear:
+        if fresh.isdisjoint(parameter.columns):
+            settled.append(parameter)
+            continue
         others = [j for j in range(len(columns)) if j not in parameter.columns]
         basis, _ = np.linalg.qr(design_of([columns[j] for j in others]))
         left = response - basis @ (basis.T @ response)
@@ -135,14 +130,14 @@ def _scan(
             moved = parameter.moved(columns, float(value))
             own = design_of([moved[j] for j in parameter.columns])
             own = own - basis @ (basis.T @ own)
-            scores[float(value)] = float(np.sum((left - own @ _solve(own, left)) ** 2))
+            scores[float(value)] = float(np.sum((left - own @ solve_scaled(own, left)) ** 2))
         best = min(scores, key=lambda value: scores[value])
         columns = parameter.moved(columns, best)
         settled.append(replace(parameter, value=best))
     return tuple(settled), columns
 
 
-def _slopes(
+def prediction_slopes(
     nonlinear: Sequence[Nonlinear], columns: tuple[Column, ...], values: FloatArray, design_of: DesignOf
 ) -> FloatArray:
     """Derivative of the prediction with respect to each nonlinear parameter (2 rows, parameters)."""
@@ -175,22 +170,8 @@ def _line_search(
             trial = parameter.moved(trial, value)
             moved.append(replace(parameter, value=value))
         design = design_of(trial)
-        values = _solve(design, response)
+        values = solve_scaled(design, response)
         residual = response - design @ values
         if float(residual @ residual) < rss:
             return tuple(moved), trial, design, values, residual
     return None
-
-
-def _solve(design: FloatArray, response: FloatArray) -> FloatArray:
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(design / scale, response, rcond=1e-12)[0] / scale, dtype=float)
-
-
-def _covariance(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0.0] = 1.0
-    variance = float(residual @ residual) / max(samples - design.shape[1], 1) / efficiency
-    inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-13, hermitian=True)
-    return np.asarray(variance * inverse / np.outer(scale, scale), dtype=float)

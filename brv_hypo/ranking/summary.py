@@ -145,7 +145,7 @@ def _channel(fit: HypothesisFit, column: Column) -> str:
 def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     found = []
     end = float(fit.frame.time.max())
-    for parameter, sigma in zip(fit.refinement.nonlinear, fit.refinement.std_errors, strict=True):
+    for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
         if parameter.kind == "theta":
             found.append(
                 DerivedEstimate(
