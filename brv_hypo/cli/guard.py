@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import traceback
+import warnings
 from collections.abc import Callable
 from typing import ParamSpec
 
@@ -26,7 +27,10 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            command(*args, **kwargs)
+            with warnings.catch_warnings():
+                if not kwargs.get("verbose"):  # what a user can act on is in the result's own warnings
+                    warnings.simplefilter("ignore")
+                command(*args, **kwargs)
         except (typer.Exit, BrokenPipeError):
             raise
         except BrvHypoError as refusal:

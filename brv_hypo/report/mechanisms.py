@@ -13,6 +13,9 @@ from brv_hypo.mechanisms.conformance import Outcome
 from brv_hypo.mechanisms.registry import Installed
 from brv_hypo.report.style import plain_table
 
+KINDS = ("mechanism", "aerodynamic", "instrument", "environment")
+"""In the order of the list: what `compare` takes if nothing is named comes first."""
+
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
     """One row for each mechanism or effect: name, kind, package, claim; `verbose` adds the source."""
@@ -23,7 +26,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
     table.add_column("claims")
     if verbose:
         table.add_column("source")
-    for name, entry in found.items():
+    for name, entry in sorted(found.items(), key=lambda item: (KINDS.index(item[1].item.kind), item[0])):
         row = [name, entry.item.kind, f"{entry.package} {entry.version}", entry.item.claims]
         table.add_row(*row, *([entry.item.source] if verbose else []))
     return table

@@ -9,16 +9,26 @@ import numpy as np
 import pytest
 
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms import Derived, Mechanism, Parameter, RecordEffect, Term, mechanisms
+from brv_hypo.mechanisms import Derived, Mechanism, Parameter, RecordEffect, Term, installed
 from brv_hypo.mechanisms.conformance import EFFECT_CHECKS, MECHANISM_CHECKS, conformance, sample_motion
 from brv_hypo.mechanisms.conformance.samples import uniform_time
 from brv_hypo.motion.motion import Motion
 
 
+def installed_as(kind):
+    return [entry.item for entry in installed().values() if isinstance(entry.item, kind)]
+
+
 @pytest.mark.parametrize("check", MECHANISM_CHECKS, ids=str)
-@pytest.mark.parametrize("mechanism", mechanisms(), ids=lambda mechanism: mechanism.name)
+@pytest.mark.parametrize("mechanism", installed_as(Mechanism), ids=lambda mechanism: mechanism.name)
 def test_the_installed_mechanisms_conform(mechanism, check):
     check(mechanism)
+
+
+@pytest.mark.parametrize("check", EFFECT_CHECKS, ids=str)
+@pytest.mark.parametrize("effect", installed_as(RecordEffect), ids=lambda effect: effect.name)
+def test_the_installed_effects_conform(effect, check):
+    check(effect)
 
 
 class Sound(Mechanism):

@@ -1,0 +1,214 @@
+"""Each command does what the contract says, on small flights."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from brv_hypo.flight import load_flight, load_truth
+
+ROW_KEYS = "rank mechanism f_ratio cp prediction_error r2 bic log_likelihood n_terms n_effective terms ml"
+TERM_KEYS = "name mechanism channel value std_error f_ratio units region_s delay_s"
+
+
+def strict_json(text):
+    """The value of a JSON text; NaN and infinity are no JSON."""
+    return json.loads(text, parse_constant=lambda constant: pytest.fail(f"{constant} is not JSON"))
+
+
+class TestSimulate:
+    def test_writes_a_record_with_its_truth(self, simulated_file):
+        flight = load_flight(simulated_file)
+        assert flight.samples == 301
+        assert load_truth(simulated_file)["planted"] == "sticking"
+
+    def test_the_seed_makes_the_flight(self, brv_hypo, short_config, simulated_file, tmp_path):
+        for name, seed in (("same.h5", 4), ("other.h5", 5)):
+            assert (
+                brv_hypo("simulate", short_config, "-o", name, "--seed", seed, cwd=tmp_path).returncode == 0
+            )
+        first = load_flight(simulated_file)
+        np.testing.assert_array_equal(load_flight(tmp_path / "same.h5").q, first.q)
+        assert np.any(load_flight(tmp_path / "other.h5").q != first.q)
+
+    def test_json_says_what_was_planted(self, brv_hypo, tmp_path):
+        done = brv_hypo(
+            "simulate", "research_cone", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=tmp_path
+        )
+        assert done.returncode == 0, done.stderr
+        result = strict_json(done.stdout)
+        assert result["planted"] == ["bodyfixed"]
+        assert result["planted_share"]["out_of_plane"] > 0.0
+
+    def test_an_existing_flight_is_kept_unless_forced(self, brv_hypo, short_config, tmp_path):
+        target = tmp_path / "flight.h5"
+        target.write_text("mine")
+        assert brv_hypo("simulate", short_config, "-o", target).returncode == 2
+        assert target.read_text() == "mine"
+        assert brv_hypo("simulate", short_config, "-o", target, "--force").returncode == 0
+        assert load_flight(target).samples == 301
+
+    def test_an_unknown_configuration_ends_with_2_and_the_nearest(self, brv_hypo, tmp_path):
+        done = brv_hypo("simulate", "research_cane", "-o", tmp_path / "f.h5")
+        assert done.returncode == 2
+        assert "research_cone" in done.stderr
+
+
+class TestInspect:
+    def test_shows_channels_and_what_is_usable(self, brv_hypo, flight_file):
+        done = brv_hypo("inspect", flight_file)
+        assert done.returncode == 0, done.stderr
+        for expected in ("dynamic_pressure", "rad/s", "usable: 0.00", "100 Hz", "100 kg"):
+            assert expected in done.stdout
+
+    def test_json_holds_the_same(self, brv_hypo, flight_file):
+        result = strict_json(brv_hypo("inspect", flight_file, "--json", "-").stdout)
+        assert result["schema"] == "brv-hypo/inspect/1"
+        assert result["sample_rate"] == pytest.approx(100.0)
+        assert {"p", "q", "r", "velocity"} <= {channel["name"] for channel in result["channels"]}
+
+    def test_a_window_narrows_it(self, brv_hypo, flight_file):
+        result = strict_json(
+            brv_hypo("inspect", flight_file, "--start", 1, "--stop", 2, "--json", "-").stdout
+        )
+        assert result["samples"] == 101
+
+
+class TestImport:
+    @pytest.fixture
+    def foreign(self, tmp_path):
+        """A csv record with its map."""
+        time = np.arange(200) / 100.0
+        names = ("t", "wx", "wy", "wz", "fx", "fy", "fz", "v", "qinf")
+        rates = [10.0 + 0.0 * time, np.sin(6.0 * time), np.cos(6.0 * time)]
+        rest = [np.full_like(time, value) for value in (-20.0, 0.1, 0.2, 6000.0, 3e4)]
+        lines = [",".join(f"{value:.9g}" for value in row) for row in zip(time, *rates, *rest, strict=True)]
+        (tmp_path / "data.csv").write_text("\n".join([",".join(names), *lines]))
+        channels = ("time", "p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure")
+        units = ("s", "deg/s", "deg/s", "deg/s", "m/s^2", "m/s^2", "m/s^2", "m/s", "Pa")
+        mapped = [
+            f"  {channel}: {{column: {name}, units: {unit}}}"
+            for channel, name, unit in zip(channels, names, units, strict=True)
+        ]
+        vehicle = [
+            "  mass: {value: 100, units: kg}",
+            "  ixx: {value: 1.5, units: kg*m^2}",
+            "  iyy: {value: 10, units: kg*m^2}",
+            "  reference_length: {value: 0.4, units: m}",
+            "  reference_area: {value: 0.125, units: m^2}",
+        ]
+        (tmp_path / "map.yaml").write_text("\n".join(["channels:", *mapped, "vehicle:", *vehicle]))
+        return tmp_path
+
+    def test_brings_a_table_in_with_its_units(self, brv_hypo, foreign):
+        done = brv_hypo("import", "data.csv", "--map", "map.yaml", "-o", "flight.h5", cwd=foreign)
+        assert done.returncode == 0, done.stderr
+        assert load_flight(foreign / "flight.h5").p[0] == pytest.approx(np.radians(10.0))
+
+    def test_a_map_that_asks_for_what_is_not_there_ends_with_2(self, brv_hypo, foreign):
+        mapping = foreign / "map.yaml"
+        mapping.write_text(mapping.read_text().replace("column: wx", "column: wq"))
+        done = brv_hypo("import", "data.csv", "--map", "map.yaml", "-o", "flight.h5", cwd=foreign)
+        assert done.returncode == 2
+        assert "'wq'" in done.stderr
+        assert not (foreign / "flight.h5").exists()
+
+
+@pytest.fixture(scope="module")
+def compared(brv_hypo, simulated_file, tmp_path_factory):
+    """One comparison: the finished process, its JSON and its report."""
+    folder = tmp_path_factory.mktemp("compared")
+    files = ("--json", folder / "out.json", "--report", folder / "out.html")
+    done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", *files)
+    assert done.returncode == 0, done.stderr
+    return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
+
+
+class TestCompare:
+    def test_prints_the_ranking_and_the_verdict(self, compared):
+        printed = compared[0].stdout
+        for expected in ("mechanism", "F-ratio", "C_p", "pred. error", "R²", "damping", "none", "Verdict: "):
+            assert expected in printed
+        assert max(len(line) for line in printed.splitlines()) <= 100
+
+    def test_json_follows_the_contract(self, compared):
+        result = compared[1]
+        assert result["schema"] == "brv-hypo/compare/1"
+        assert {"path", "samples", "start_s", "stop_s", "sample_rate_hz"} <= set(result["flights"][0])
+        assert {"method", "alpha_rms_sigma_rad", "phi_w_rms_sigma_rad", "warnings"} <= set(
+            result["reconstruction"]
+        )
+        assert set(result["seconds"]) == {"reconstruct", "select", "ml", "total"}
+        for row in result["ranking"]:
+            assert set(ROW_KEYS.split()) <= set(row)
+            assert all(set(TERM_KEYS.split()) <= set(term) for term in row["terms"])
+        assert all(set(TERM_KEYS.split()) <= set(term) for term in result["baseline"]["terms"])
+        assert "series" not in result
+
+    def test_none_is_always_compared_and_ranks_count_from_one(self, compared):
+        ranking = compared[1]["ranking"]
+        assert {row["mechanism"] for row in ranking} == {"none", "damping"}
+        assert [row["rank"] for row in ranking] == [1, 2]
+
+    def test_probabilities_sum_to_one_over_the_hypotheses(self, compared):
+        verdict = compared[1]["verdict"]
+        assert sum(verdict["probability"].values()) == pytest.approx(1.0)
+        assert set(verdict["probability"]) == {"none", "damping"}
+        assert set(verdict["equivalent"]) <= {"none", "damping"}
+        assert verdict["winner"] in (None, *verdict["equivalent"])
+
+    def test_the_report_opens_offline(self, compared):
+        html = compared[2]
+        assert html.count("<script>/**") == 1
+        assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)\s*=\s*[\"']?https?:", html)
+        assert compared[1]["verdict"]["reason"] in html
+        assert html.count('class="plotly-graph-div"') == 4
+
+    def test_json_on_standard_output_is_alone_there(self, brv_hypo, simulated_file):
+        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "--json", "-")
+        assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
+        assert done.stderr == ""
+
+    def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, compared):
+        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "-q")
+        assert " ".join(done.stdout.split()) == compared[1]["verdict"]["reason"]
+
+    def test_verbose_shows_every_term(self, brv_hypo, simulated_file):
+        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "-v")
+        for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
+            assert expected in done.stdout
+
+    def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file):
+        files = (simulated_file, simulated_file)
+        done = brv_hypo("compare", *files, "--mechanisms", "damping", "--json", "-")
+        assert done.returncode == 0, done.stderr
+        assert len(strict_json(done.stdout)["flights"]) == 2
+
+    def test_a_configuration_sets_what_is_compared(self, brv_hypo, simulated_file, tmp_path):
+        (tmp_path / "config.yaml").write_text("mechanisms: [damping]\noptions: {damping: {form: complete}}\n")
+        config = ("--config", tmp_path / "config.yaml")
+        done = brv_hypo("compare", simulated_file, *config, "--json", "-")
+        row = next(row for row in strict_json(done.stdout)["ranking"] if row["mechanism"] == "damping")
+        assert {term["channel"] for term in row["terms"]} <= {"both"}
+
+
+class TestMechanisms:
+    def test_lists_name_package_and_claims(self, brv_hypo):
+        done = brv_hypo("mechanisms")
+        assert "sticking" in done.stdout
+        assert "brv-hypo" in done.stdout
+        assert "wind-fixed flow" in done.stdout
+
+    def test_check_reports_every_check(self, brv_hypo):
+        result = strict_json(brv_hypo("mechanisms", "check", "lag", "--json", "-").stdout)
+        assert result["passed"] is True
+        assert {"is_elementwise", "flags_its_delays"} <= {check["check"] for check in result["checks"]}
+
+    def test_new_writes_into_the_directory_given(self, brv_hypo, tmp_path):
+        done = brv_hypo("mechanisms", "new", "ablation", "-o", tmp_path)
+        assert done.returncode == 0
+        assert (tmp_path / "brv-hypo-ablation" / "pyproject.toml").exists()
+        assert "brv-hypo mechanisms check ablation" in done.stdout
