@@ -11,7 +11,9 @@ from numpy.polynomial.legendre import legder, legval, legvander
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 
 _ORDERS = (2, 4, 6)
-_MINIMUM_HALF_WIDTH = {2: 1, 4: 2, 6: 4}
+# Squared bias is weighed so much against variance: later statistics know the variance, but not the bias.
+_BIAS_COUNTS = 4.0
+_PAST_VALLEY = 3.0
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Derivative:
 
     `value`, `rate` (n,): smoothed signal and its derivative; `rate_gain` (n,): standard deviation of the rate per
     unit of white noise, 1/s; `value_gain` the same of the value; `interior` (n,): where the filter is centred, so that
-    `noise_correlation` (2 half_width + 1,) holds.
+    `noise_correlation` (2 half_width + 1,) holds; `rate_bias` rms bias of each part of the rate, as estimated.
     """
 
     value: ComplexArray
@@ -31,6 +33,7 @@ class Derivative:
     order: int
     half_width: int
     noise_correlation: FloatArray
+    rate_bias: float
 
 
 def differentiate(
@@ -38,12 +41,12 @@ def differentiate(
 ) -> Derivative:
     """Derivative of `signal` (n,), each part of which carries white noise of `sigma`, sampled each `step` s.
 
-    Order and width are those of the least mean-square error of the derivative. Its bias is judged, without bias,
-    by comparison with a filter too narrow to have any (Stein's unbiased risk; Efron, JASA 99:619, 2004).
+    Order and width are those of the least mean-square error of the derivative. Its bias is judged by what the
+    next even order finds in the same window, less the noise in that (Mallows, Technometrics 15:661, 1973).
     Each segment [start, stop) is filtered by itself; its ends by the outermost polynomial.
     """
     pieces = [signal[a:b] for a, b in segments]
-    order, half_width = _best_filter(pieces, sigma)
+    order, half_width, squared_bias = _best_filter(pieces, sigma)
     n = signal.size
     value, rate = signal.astype(complex), np.zeros(n, dtype=complex)
     value_gain, rate_gain, interior = np.ones(n), np.full(n, np.inf), np.zeros(n, dtype=bool)
@@ -56,7 +59,8 @@ def differentiate(
     weights = _weights(order, half_width, 1)[0]
     correlation = np.correlate(weights, weights, "full")[2 * half_width :]
     return Derivative(
-        value, rate / step, value_gain, rate_gain / step, interior, order, half_width, correlation / correlation[0]
+        value, rate / step, value_gain, rate_gain / step, interior, order, half_width, correlation / correlation[0],
+        float(np.sqrt(0.5 * squared_bias)) / step,
     )
 
 
@@ -84,26 +88,25 @@ def _filtered(piece: ComplexArray, middle: FloatArray, before: FloatArray) -> tu
     return answer, gain
 
 
-def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int]:
-    """Order and half-width of the filter of least estimated mean-square error."""
+def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
+    """Order, half-width and squared bias (per sample squared) of the filter of least estimated mean-square error.
+
+    The search over widths stops past the first valley of each order: a window of many cycles smooths everything away,
+    whatever its order, and shows no bias any more.
+    """
     longest = max(piece.size for piece in pieces)
-    highest, narrowest = _reference_filter(longest)
-    reference = _weights(highest, narrowest, 1)[0]
-    best, choice = np.inf, (highest, narrowest)
-    for order in (order for order in _ORDERS if order <= highest):
-        for half_width in _half_widths(_MINIMUM_HALF_WIDTH[order], longest):
+    best, choice = np.inf, (_ORDERS[0], 1, 0.0)
+    for order in _ORDERS:
+        valley = np.inf
+        for half_width in _half_widths(order // 2 + 1, longest):
             weights = _weights(order, half_width, 1)[0]
-            bias = _squared_bias(pieces, weights, reference, sigma)
-            error = max(bias, 0.0) + 2.0 * sigma**2 * float(weights @ weights)
+            bias = _squared_bias(pieces, weights, _weights(order + 2, half_width, 1)[0], sigma)
+            error = _BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
             if error < best:
-                best, choice = error, (order, half_width)
+                best, choice = error, (order, half_width, bias)
+            if error > _PAST_VALLEY * (valley := min(valley, error)):
+                break
     return choice
-
-
-def _reference_filter(longest: int) -> tuple[int, int]:
-    """The highest order at its narrowest that the longest piece has room for."""
-    order = next((k for k in reversed(_ORDERS) if 2 * _MINIMUM_HALF_WIDTH[k] + 1 <= longest), _ORDERS[0])
-    return order, _MINIMUM_HALF_WIDTH[order]
 
 
 def _half_widths(smallest: int, longest: int) -> list[int]:
@@ -115,9 +118,8 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
 
 
 def _squared_bias(pieces: list[ComplexArray], weights: FloatArray, reference: FloatArray, sigma: float) -> float:
-    """Mean squared bias of a filter, as seen against the reference; unbiased, so it may be below zero."""
-    widest = max(weights.size, reference.size)
-    difference = np.pad(weights, (widest - weights.size) // 2) - np.pad(reference, (widest - reference.size) // 2)
-    gaps = [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= widest]
-    gap = np.concatenate(gaps) if gaps else np.full(1, np.inf)
-    return float(np.mean(np.abs(gap) ** 2)) - 2.0 * sigma**2 * float(difference @ difference)
+    """Mean squared bias of a filter, judged against one of less bias."""
+    difference = weights - reference
+    gaps = [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= difference.size]
+    gap = np.concatenate(gaps)
+    return max(float(np.mean(np.abs(gap) ** 2)) - 2.0 * sigma**2 * float(difference @ difference), 0.0)

@@ -10,7 +10,7 @@ from brv_hypo.motion.reconstruction import MomentEstimate
 
 
 def moment_estimate(record: InertialRecord) -> MomentEstimate:
-    """C_m + i C_n and its noise.
+    """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count.
 
     With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I (C_m + i C_n):
     it is y that is differentiated.
@@ -19,7 +19,7 @@ def moment_estimate(record: InertialRecord) -> MomentEstimate:
     turned = np.exp(-1j * record.spin_angle)
     return MomentEstimate(
         body=np.asarray(spin.rate * turned / record.moment_scale),
-        sigma=np.asarray(record.gyro_sigma * spin.rate_gain / record.moment_scale),
+        sigma=np.asarray(np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale),
         usable=record.measured & spin.interior,
         filter_half_width=spin.half_width,
         noise_correlation=spin.noise_correlation,

@@ -73,24 +73,26 @@ class WalkEquations:
         return self._at(mean, mixed)
 
     def _at(self, theta: FloatArray, covariance: FloatArray) -> WalkSolution:
-        walk = self.walk + self.sensitivity @ theta
-        residuals = tuple(tie.residual - tie.columns @ theta - tie.gain * walk for tie in self.ties)
         cost = float(self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta)
-        return WalkSolution(walk, theta, covariance, cost, residuals)
+        return WalkSolution(self.walk + self.sensitivity @ theta, theta, covariance, cost)
+
+    def residual(self, index: int, solution: WalkSolution) -> ComplexArray:
+        """What the solution leaves of the tie number `index`, (n,)."""
+        tie = self.ties[index]
+        return np.asarray(tie.residual - tie.columns @ solution.theta - tie.gain * solution.walk)
 
 
 @dataclass(frozen=True)
 class WalkSolution:
     """Walk (n,), globals (k,) and their covariance (k, k).
 
-    `cost`: minus twice the log-likelihood but for a constant, without the prior; `residuals`: of each tie (n,).
+    `cost`: minus twice the log-likelihood but for a constant, without the prior.
     """
 
     walk: ComplexArray
     theta: FloatArray
     covariance: FloatArray
     cost: float
-    residuals: tuple[ComplexArray, ...]
 
 
 def walk_equations(ties: Sequence[Tie], step_variance: FloatArray, start_variance: float) -> WalkEquations:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods.tied_walk import TiedFit, TiedWalk
@@ -47,7 +47,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
 def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
     """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to what is left over."""
     fit = _choose_slope(problem, (), tie)
-    residual = fit.solution.residuals[-1]
+    residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
     return problem.solve((replace(fit.ties[-1], sigma=sigma),), fit)
@@ -59,10 +59,10 @@ def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel)
     tie = replace(tie, sigma=tie.sigma + 0.1 * _rms(tie.observed, tie.sigma))
     fit = problem.solve_from_scratch((*others, tie))
     for _ in range(2):
-        tie = replace(tie, sigma=_coloured_sigma(fit.solution.residuals[-1], tie.sigma))
+        tie = replace(tie, sigma=_coloured_sigma(fit.residual, tie.sigma))
         fit = problem.solve((*others, tie), fit)
     fit = _choose_slope(problem, others, tie)
-    sigma = _coloured_sigma(fit.solution.residuals[-1], tie.sigma)
+    sigma = _coloured_sigma(fit.residual, tie.sigma)
     return problem.solve((*others, replace(fit.ties[-1], sigma=sigma)), fit)
 
 
@@ -82,17 +82,17 @@ def _choose_slope(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel
     return best
 
 
-def _misfit(residual: FloatArray, sigma: FloatArray) -> float:
+def _misfit(residual: ComplexArray, sigma: FloatArray) -> float:
     """Residual over stated noise, by the median: spikes do not count."""
     seen = np.isfinite(sigma)
     return float(np.median(np.abs(residual[seen]) / sigma[seen]) / np.sqrt(2.0 * np.log(2.0)))
 
 
-def _rms(values: FloatArray, sigma: FloatArray) -> float:
+def _rms(values: ComplexArray, sigma: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.abs(values[np.isfinite(sigma)]) ** 2)))
 
 
-def _coloured_sigma(residual: FloatArray, sigma: FloatArray) -> FloatArray:
+def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
     """White noise (n,) of as much information as the residual: its local rms times the root of its correlation time."""
     seen = np.isfinite(sigma)
     values = residual[seen]

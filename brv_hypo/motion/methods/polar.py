@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import crossflow
@@ -13,19 +14,30 @@ from brv_hypo.motion.methods.wind_history import WindHistory, open_loop
 from brv_hypo.motion.wind import WindStart, force_impulse, gravity_magnitude, start_from_nose
 
 
+# Instants whose meridian or precession rate is known to less than this share, or angle in rad, are passed over.
+_DOUBTFUL = 0.1
+
+
 def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     """Start from the best-conditioned instant, then the attitude about a fixed velocity as in method 2.
 
     The meridian is where the transverse force points away from (A.11). The transverse rate then is
     (q + i r) exp(i phi_w) = alpha_rate + i alpha psi_c_rate (A.15 to A.17 as one complex equation), with
-    psi_c_rate = p - phi_w_rate (A.16), whose imaginary part gives alpha without the square root of A.18.
+    psi_c_rate = p - phi_w_rate (A.16), whose imaginary part gives alpha without the square root of A.18. The rate
+    at which the force itself turns the velocity, which A.15 leaves out, is taken off first.
     From there on the velocity is propagated as in method 1. One instant cannot tell gravity: where it is wanted, it
     comes from the nose's mean, as in method 1.
     """
     spin = np.exp(1j * record.roll)
     force = differentiate(record.transverse_force * spin, record.flight.step, record.accel_sigma, record.flight.segments)
     alpha, meridian, sigma = _polar_angles(record, force.value, force.rate, force.rate_gain, force.value_gain)
-    best = int(np.argmin(np.where(record.measured & force.interior, sigma, np.inf)))
+    sigma = np.where(record.measured & force.interior, sigma, np.inf)
+    best = int(np.argmin(sigma))
+    if not np.isfinite(sigma[best]):
+        raise UnanswerableError(
+            "at no instant do the accelerometers give the windward meridian and its rate well enough for the polar "
+            "start of Appendix A: the transverse force is too small against its noise. Use method joint."
+        )
     xi = crossflow(alpha[best : best + 1], meridian[best : best + 1])[0]
     body = np.array([np.sqrt(max(1.0 - abs(xi) ** 2, 0.0)), xi.real, xi.imag])
     size = (config.gravity_magnitude or gravity_magnitude(record.flight)) if config.gravity else 0.0
@@ -48,11 +60,14 @@ def _polar_angles(
     meridian = np.arctan2(windward.real, windward.imag)
     size_squared = np.maximum(np.abs(force) ** 2, 1e-300)
     precession_rate = (change * np.conj(force)).imag / size_squared
-    turned = record.transverse_rate * np.exp(1j * meridian)
+    carried = 1j * force * np.exp(-1j * record.roll) / record.flight.velocity
+    turned = (record.transverse_rate - carried) * np.exp(1j * meridian)
     alpha = turned.imag / np.where(precession_rate == 0.0, 1e-300, precession_rate)
     size = np.sqrt(size_squared)
-    tangential = np.abs(alpha) * record.accel_sigma * value_gain / size
-    radial = np.hypot(record.gyro_sigma, alpha * record.accel_sigma * rate_gain / size) / np.abs(precession_rate)
-    flipped = alpha < 0.0
-    sigma = np.where(flipped, np.inf, np.hypot(radial, tangential))
-    return np.abs(alpha), meridian, sigma
+    meridian_error = record.accel_sigma * value_gain / size
+    precession_error = record.accel_sigma * rate_gain / size
+    sigma = np.hypot(
+        np.hypot(record.gyro_sigma, alpha * precession_error) / np.abs(precession_rate), alpha * meridian_error
+    )
+    doubtful = (precession_error > _DOUBTFUL * np.abs(precession_rate)) | (meridian_error > _DOUBTFUL)
+    return np.abs(alpha), meridian, np.where(doubtful | (alpha < 0.0), np.inf, sigma)

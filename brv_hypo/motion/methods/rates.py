@@ -14,8 +14,7 @@ from brv_hypo.motion.wind import body_crossflow, cycles, gravity_magnitude, star
 def rates(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     """The velocity keeps its direction, as the report has it, or turns by gravity alone (`config.gravity`).
 
-    The start is the mean direction of the nose. Its standard deviation is the nose's departure from its mean, per
-    independent sample, of which the record has two a cycle of the motion.
+    The start is the mean direction of the nose.
     """
     size = (config.gravity_magnitude or gravity_magnitude(record.flight)) if config.gravity else 0.0
     start = start_from_nose(record, size, forces=False)
@@ -25,5 +24,5 @@ def rates(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
 
 
 def start_sigma_of(xi: ComplexArray, record: InertialRecord) -> float:
-    """Standard deviation (rad) of each part of a mean nose direction as a start."""
-    return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2) / (2.0 * cycles(record))))
+    """Standard deviation (rad) of each part of a mean nose direction as a start: what a broken cycle leaves."""
+    return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2)) / (np.pi * cycles(record)))

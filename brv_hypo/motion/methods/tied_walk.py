@@ -12,7 +12,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.random_walk import Tie, WalkEquations, WalkSolution, walk_equations
+from brv_hypo.motion.random_walk import Tie, WalkEquations, walk_equations
 from brv_hypo.motion.ties import TieModel, effective
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
@@ -25,7 +25,9 @@ from brv_hypo.motion.wind import (
 )
 
 _MOST_STEPS = 15
-_LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
+# Largest change of the crossflow, rad, in the last step.
+_CONVERGED = 1e-8
+_LEVELS = (1.0, 0.1, 0.01, 0.001)
 # Three parts each of gravity and gyro bias, two of accelerometer bias.
 _SHARED = 8
 
@@ -34,16 +36,16 @@ _SHARED = 8
 class TiedFit:
     """A converged fit: where the nominal motion starts, what the ties' coefficients are, and the crossflow.
 
-    `score` is the Bayesian information criterion. `response` (n, k) is the crossflow's change, in wind axes, per unit of
+    `residual` (n,) is what is left of the last tie; `score` is the Bayesian information criterion. `response` (n, k) is the crossflow's change, in wind axes, per unit of
     each global; `wander` (n,) its standard deviation given the globals; `turn` (n,) the unit number from wind to body axes.
     """
 
     ties: tuple[TieModel, ...]
     start: WindStart
     coefficients: tuple[FloatArray, ...]
-    biases: FloatArray
     crossflow: ComplexArray
-    solution: WalkSolution
+    residual: ComplexArray
+    covariance: FloatArray
     response: ComplexArray
     wander: FloatArray
     turn: ComplexArray
@@ -53,9 +55,8 @@ class TiedFit:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
         along = self.crossflow / np.maximum(np.abs(self.crossflow), 1e-12)
         projected = self.response * (self.turn * np.conj(along))[:, None]
-        covariance = self.solution.covariance
-        radial = np.einsum("nk,kl,nl->n", projected.real, covariance, projected.real)
-        tangential = np.einsum("nk,kl,nl->n", projected.imag, covariance, projected.imag)
+        radial = np.einsum("nk,kl,nl->n", projected.real, self.covariance, projected.real)
+        tangential = np.einsum("nk,kl,nl->n", projected.imag, self.covariance, projected.imag)
         return np.sqrt(self.wander**2 + np.maximum(radial, 0.0)), np.sqrt(self.wander**2 + np.maximum(tangential, 0.0))
 
 
@@ -88,12 +89,12 @@ class TiedWalk:
     def solve_from_scratch(self, ties: tuple[TieModel, ...]) -> TiedFit:
         """Fit from the nose's mean, and from the linear fit of the ties about it; the better of the two."""
         starts = [self.nose_start, *(s for tie in ties if (s := self._linear_start(tie)) is not None)]
-        fits = [self._iterate(ties, start, None, None) for start in starts]
+        fits = [self._iterate(ties, start) for start in starts]
         return min(fits, key=lambda fit: fit.score)
 
     def solve(self, ties: tuple[TieModel, ...], near: TiedFit) -> TiedFit:
         """Fit from a fit that is near."""
-        return self._iterate(ties, near.start, near.crossflow, near)
+        return self._iterate(ties, near.start, near.crossflow)
 
     def _linear_start(self, tie: TieModel) -> WindStart | None:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
@@ -111,41 +112,32 @@ class TiedWalk:
         return self._moved(self.nose_start, direction, offset, np.zeros(3))
 
     def _iterate(
-        self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None, near: TiedFit | None
+        self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None = None
     ) -> TiedFit:
-        current, offset = crossflow, None
-        coefficients: tuple[FloatArray, ...] | None = None
-        fit: TiedFit | None = None
+        """Gauss-Newton from a start, and a crossflow if one is known."""
+        coefficients: tuple[FloatArray, ...] = ()
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
-            nominal = body_crossflow(self.record, direction)
-            turn = self._turn(direction)
-            offset = np.zeros_like(nominal) if current is None else (current - nominal) * np.conj(turn)
-            xi = nominal + turn * offset
-            if coefficients is None:
-                coefficients = tuple(self._first_coefficients(tie, xi) for tie in ties)
+            nominal, turn = body_crossflow(self.record, direction), self._turn(direction)
+            xi = nominal if crossflow is None else crossflow
+            coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
             drift = self._drift(direction)
-            equations = self._linear(ties, coefficients, xi, turn, offset, drift)
+            equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
             solution = equations.solve(*self._prior(ties, coefficients, start))
-            shift = (solution.walk + drift @ solution.theta[:_SHARED]) / self.speed
-            moved = nominal + turn * shift
-            change = float(np.max(np.abs(moved - xi)))
-            biases = solution.theta[3:_SHARED]
+            crossflow = nominal + turn * (solution.walk + drift @ solution.theta[:_SHARED]) / self.speed
             start = self._moved(start, direction, solution.walk[0] / self.speed[0], solution.theta[:3])
             coefficients = _added(coefficients, solution.theta[_SHARED:])
-            current = moved
-            if change < 1e-9:
+            if float(np.max(np.abs(crossflow - xi))) < _CONVERGED:
                 break
         response = equations.sensitivity.copy()
         response[:, :_SHARED] += drift
-        unknowns = sum(tie.unknowns for tie in ties)
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
-        fit = TiedFit(
-            ties=ties, start=start, coefficients=coefficients, biases=biases, crossflow=current, solution=solution,
+        return TiedFit(
+            ties=ties, start=start, coefficients=coefficients, crossflow=crossflow,
+            residual=equations.residual(len(ties) - 1, solution), covariance=solution.covariance,
             response=response / self.speed[:, None], wander=np.sqrt(equations.walk_variance) / self.speed, turn=turn,
-            score=solution.cost + unknowns * float(np.log(seen)),
+            score=solution.cost + sum(tie.unknowns for tie in ties) * float(np.log(seen)),
         )
-        return fit
 
     def _linear(
         self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], xi: ComplexArray, turn: ComplexArray,
