@@ -13,12 +13,12 @@ def simulation_text(flown: SimulatedFlight) -> str:
     """What was flown, what was planted, and how much of the moment that is."""
     flight = flown.flight
     inside, outside = flown.truth.planted_share
-    planted = ", ".join(flown.truth.planted)
-    part = f"; it makes {share(inside)} of the moment in plane and {share(outside)} out of plane (rms)"
+    planted = ", ".join(flown.truth.planted) or "nothing"
+    if flown.truth.planted:
+        planted += f" ({share(inside)} of the moment's rms in plane, {share(outside)} out of plane)"
     return (
         f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
-        f"{flight.sample_rate:.4g} Hz.\n"
-        f"Planted: {planted or 'nothing'}{part if planted else ''}."
+        f"{flight.sample_rate:.4g} Hz.\nPlanted: {planted}."
     )
 
 

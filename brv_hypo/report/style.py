@@ -48,6 +48,8 @@ def probability(value: float | None) -> str:
 
 def share(value: float | None) -> str:
     """A ratio in percent at two digits."""
+    if value is not None and 0.0 < value < 1e-4:
+        return "<0.01 %"
     return NOT_A_NUMBER if value is None else f"{number(100.0 * value, 2)} %"
 
 
