@@ -1,7 +1,8 @@
 """Attitude from rate gyros: the roll angle, and the de-rolled axes in the axes of the first sample.
 
-The de-rolled axes turn with the body but for its roll: x is the body's, and a transverse pair is y + i z times
-exp(i roll). What is left to integrate varies with the slow pitching motion only, whatever the roll rate.
+The de-rolled axes turn with the body but for its roll: x is the body's, and a transverse pair is y + i z
+times exp(i roll). What is left to integrate varies with the slow pitching motion only, whatever the roll
+rate.
 """
 
 from __future__ import annotations

@@ -15,9 +15,9 @@ class ReconstructionConfig(BaseModel):
     """Options of `reconstruct`; the defaults suit an unknown flight.
 
     `method`: "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), "polar" (Appendix A).
-    `gravity`: let gravity turn the velocity; the report neglects it.
-    `ties`: what ties the attitude to the wind in the joint method: the normal force, the static moment, both, or
-    the force alone unless it says too little ("auto").
+    `gravity`: let gravity turn the velocity; the report neglects it. `ties`: what ties the attitude to the
+    wind in the joint method: the normal force, the static moment, both, or the force alone unless it says
+    too little ("auto").
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -25,8 +25,16 @@ class ReconstructionConfig(BaseModel):
     method: Method = "joint"
     gravity: bool = True
     ties: Ties = "auto"
-    gravity_magnitude: float | None = Field(None, gt=0.0, description="m/s^2; from planet and altitude if None")
-    gyro_sigma: float | None = Field(None, gt=0.0, description="white noise, rad/s; from the record if None")
-    accel_sigma: float | None = Field(None, gt=0.0, description="white noise, m/s^2; from the record if None")
-    gyro_bias_sigma: float = Field(1e-3, ge=0.0, description="how large a constant gyro bias may be, rad/s")
-    accel_bias_sigma: float = Field(0.1, ge=0.0, description="the same for the accelerometers, m/s^2")
+    gravity_magnitude: float | None = Field(
+        default=None, gt=0.0, description="m/s^2; from planet and altitude if None"
+    )
+    gyro_sigma: float | None = Field(
+        default=None, gt=0.0, description="white noise, rad/s; from the record if None"
+    )
+    accel_sigma: float | None = Field(
+        default=None, gt=0.0, description="white noise, m/s^2; from the record if None"
+    )
+    gyro_bias_sigma: float = Field(
+        default=1e-3, ge=0.0, description="how large a constant gyro bias may be, rad/s"
+    )
+    accel_bias_sigma: float = Field(default=0.1, ge=0.0, description="the same for the accelerometers, m/s^2")

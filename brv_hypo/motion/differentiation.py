@@ -20,11 +20,13 @@ _PAST_VALLEY = 3.0
 class Derivative:
     """First derivative of a sampled signal, and what the filter does to white noise.
 
-    `value`, `rate` (n,): smoothed signal and its derivative; `rate_gain` (n,): standard deviation of the rate per
-    unit of white noise, 1/s; `value_gain` the same of the value; `interior` (n,): where the filter is centred, so that
-    `noise_correlation` (2 half_width + 1,) holds; `rate_bias` rms bias of each part of the rate, as estimated.
+    `signal` (n,) as it was, `value`, `rate` (n,): smoothed signal and its derivative; `rate_gain` (n,):
+    standard deviation of the rate per unit of white noise, 1/s; `value_gain` the same of the value;
+    `interior` (n,): where the filter is centred, so that `noise_correlation` (2 half_width + 1,) holds;
+    `rate_bias` rms bias of each part of the rate, as estimated.
     """
 
+    signal: ComplexArray
     value: ComplexArray
     rate: ComplexArray
     value_gain: FloatArray
@@ -57,10 +59,18 @@ def differentiate(
         rate[a:b], rate_gain[a:b] = _filtered(piece, *_weights(order, half_width, 1))
         interior[a + half_width : b - half_width] = True
     weights = _weights(order, half_width, 1)[0]
-    correlation = np.correlate(weights, weights, "full")[2 * half_width :]
+    correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
     return Derivative(
-        value, rate / step, value_gain, rate_gain / step, interior, order, half_width, correlation / correlation[0],
-        float(np.sqrt(0.5 * squared_bias)) / step,
+        signal=signal,
+        value=value,
+        rate=rate / step,
+        value_gain=value_gain,
+        rate_gain=rate_gain / step,
+        interior=interior,
+        order=order,
+        half_width=half_width,
+        noise_correlation=correlation / correlation[0],
+        rate_bias=float(np.sqrt(0.5 * squared_bias)) / step,
     )
 
 
@@ -68,8 +78,8 @@ def differentiate(
 def _weights(order: int, half_width: int, derivative: int) -> tuple[FloatArray, FloatArray]:
     """Filter weights of the value (`derivative` 0) or of its derivative per sample (1).
 
-    Returns those of the window's middle (2 half_width + 1,) and of each place before it (half_width, 2 half_width + 1).
-    The polynomials are Legendre's: raw powers lose all digits on wide windows.
+    Returns those of the window's middle (2 half_width + 1,) and of each place before it (half_width, 2
+    half_width + 1). The polynomials are Legendre's: raw powers lose all digits on wide windows.
     """
     places = np.arange(-half_width, half_width + 1) / half_width
     orthogonal, triangle = np.linalg.qr(legvander(places, order))
@@ -82,17 +92,20 @@ def _filtered(piece: ComplexArray, middle: FloatArray, before: FloatArray) -> tu
     """`piece` (n,) filtered, and the filter's gain (n,) on white noise; the far end mirrors the near one."""
     width, half_width = middle.size, middle.size // 2
     mirrored = before[::-1, ::-1] * np.sign(middle @ middle[::-1])
-    answer = np.concatenate([before @ piece[:width], np.correlate(piece, middle, "valid"), mirrored @ piece[-width:]])
+    answer = np.concatenate(
+        [before @ piece[:width], np.correlate(piece, middle, "valid"), mirrored @ piece[-width:]]
+    )
     ends = np.linalg.norm(before, axis=1)
     gain = np.concatenate([ends, np.full(piece.size - 2 * half_width, np.linalg.norm(middle)), ends[::-1]])
     return answer, gain
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
-    """Order, half-width and squared bias (per sample squared) of the filter of least estimated mean-square error.
+    """Order, half-width and squared bias (per sample squared) of the filter of least estimated mean-square
+    error.
 
-    The search over widths stops past the first valley of each order: a window of many cycles smooths everything away,
-    whatever its order, and shows no bias any more.
+    The search over widths stops past the first valley of each order: a window of many cycles smooths
+    everything away, whatever its order, and shows no bias any more.
     """
     longest = max(piece.size for piece in pieces)
     best, choice = np.inf, (_ORDERS[0], 1, 0.0)
@@ -117,7 +130,9 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
     return widths
 
 
-def _squared_bias(pieces: list[ComplexArray], weights: FloatArray, reference: FloatArray, sigma: float) -> float:
+def _squared_bias(
+    pieces: list[ComplexArray], weights: FloatArray, reference: FloatArray, sigma: float
+) -> float:
     """Mean squared bias of a filter, judged against one of less bias."""
     difference = weights - reference
     gaps = [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= difference.size]

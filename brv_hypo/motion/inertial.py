@@ -22,10 +22,11 @@ class InertialRecord:
     """A flight, integrated; transverse pairs are y + i z, arrays are over time (n,).
 
     `roll` rad, the integral of p; `attitude` (n, 3, 3) turns body axes into those of the first sample;
-    `transverse_rate` q + i r, smoothed, and `spin_rate` its derivative with the filter's error (`Derivative`, of the rate
-    in the axes that turn with (1 - Ix/I) of the roll); `force` (n, 3) specific force at the c.g. in body axes, m/s^2;
-    `measured` where the instruments were read, not bridged; `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise;
-    `force_sigma` (n,) m/s^2 that of the transverse force once moved to the c.g.
+    `transverse_rate` q + i r, smoothed, and `spin_rate` its derivative with the filter's error
+    (`Derivative`, of the rate in the axes that turn with (1 - Ix/I) of the roll); `force` (n, 3) specific
+    force at the c.g. in body axes, m/s^2; `measured` where the instruments were read, not bridged;
+    `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise; `force_sigma` (n,) m/s^2 that of the transverse
+    force once moved to the c.g.
     """
 
     flight: Flight
@@ -44,7 +45,7 @@ class InertialRecord:
     @property
     def time(self) -> FloatArray:
         """Time since the first sample, s."""
-        return self.flight.time - self.flight.time[0]
+        return np.asarray(self.flight.time - self.flight.time[0])
 
     @property
     def transverse_force(self) -> ComplexArray:
@@ -83,16 +84,27 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     time = flight.time - flight.time[0]
     roll = running_integral(time, flight.p)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    spin = differentiate((flight.q + 1j * flight.r) * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments)
+    spin = differentiate(
+        (flight.q + 1j * flight.r) * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments
+    )
     rate = spin.value * np.exp(-1j * spin_angle)
     turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate
     change = spin.rate * np.exp(-1j * spin_angle) - turning
     derolled = derolled_attitude(time, (flight.q + 1j * flight.r) * np.exp(1j * roll))
     force, force_sigma = _force_at_cg(flight, rate, change, spin, gyro_sigma, accel_sigma)
     return InertialRecord(
-        flight=flight, roll=roll, attitude=derolled @ _roll_matrices(roll), transverse_rate=rate, rate_change=change,
-        spin_rate=spin, spin_angle=spin_angle, force=force, measured=_measured(flight),
-        gyro_sigma=gyro_sigma, accel_sigma=accel_sigma, force_sigma=force_sigma,
+        flight=flight,
+        roll=roll,
+        attitude=derolled @ _roll_matrices(roll),
+        transverse_rate=rate,
+        rate_change=change,
+        spin_rate=spin,
+        spin_angle=spin_angle,
+        force=force,
+        measured=_measured(flight),
+        gyro_sigma=gyro_sigma,
+        accel_sigma=accel_sigma,
+        force_sigma=force_sigma,
     )
 
 
@@ -108,7 +120,8 @@ def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
         if not lowest > 0.0:
             raise UnanswerableError(
                 f"{name} falls to {lowest:.3g}; angles and coefficients need it above zero throughout. "
-                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and --stop."
+                "Likely cause: the record goes on after landing or before entry. Narrow it with --start and "
+                "--stop."
             )
 
 
@@ -134,14 +147,21 @@ def _roll_matrices(roll: FloatArray) -> FloatArray:
 
 
 def _force_at_cg(
-    flight: Flight, rate: ComplexArray, change: ComplexArray, spin: Derivative, gyro_sigma: float, accel_sigma: float
+    flight: Flight,
+    rate: ComplexArray,
+    change: ComplexArray,
+    spin: Derivative,
+    gyro_sigma: float,
+    accel_sigma: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Specific force at the c.g. (n, 3) and its transverse noise (n,), from CONVENTIONS (errata E10, E11)."""
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     sensed = np.stack([flight.ax, flight.ay, flight.az], axis=1)
     if not np.any(arm):
         return sensed, np.full(flight.samples, accel_sigma)
-    roll_rate = differentiate(flight.p.astype(complex), flight.step, _pooled(flight, ("p", "p")), flight.segments)
+    roll_rate = differentiate(
+        flight.p.astype(complex), flight.step, _pooled(flight, ("p", "p")), flight.segments
+    )
     omega = np.stack([flight.p, rate.real, rate.imag], axis=1)
     acceleration = np.stack([roll_rate.rate.real, change.real, change.imag], axis=1)
     moved = sensed - np.cross(acceleration, arm) - np.cross(omega, np.cross(omega, arm))

@@ -10,7 +10,7 @@ from brv_hypo.motion.methods import WindHistory
 from brv_hypo.motion.reconstruction import MomentEstimate
 from brv_hypo.motion.wind import gravity_magnitude
 
-_FEW_SAMPLES = 25.0
+_FEW_SAMPLES = 20.0
 _POORLY_KNOWN = 0.1
 _NOISY_MOMENTS = 0.2
 
@@ -23,11 +23,12 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
 
 def _alpha_error(wind: WindHistory) -> str | None:
     alpha = angle_of_attack(wind.crossflow)
-    share = float(np.sqrt(np.mean(wind.alpha_sigma**2) / max(np.mean(alpha**2), 1e-300)))
+    share = float(np.sqrt(np.mean(wind.alpha_sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
     if share < _POORLY_KNOWN:
         return None
     return (
-        f"the angle of attack is known to {100.0 * share:.0f} % of its rms only; a longer window, or one of higher dynamic "
+        f"the angle of attack is known to {100.0 * share:.0f} % of its rms only; a longer window, or one of "
+        "higher dynamic "
         "pressure, ties the attitude to the wind better"
     )
 
@@ -43,19 +44,19 @@ def _moment_noise(moments: MomentEstimate) -> str | None:
 
 
 def _samples_per_cycle(record: InertialRecord) -> str | None:
-    """Samples in one cycle of the fastest strong motion, from the rms rate of change of the moments' axes."""
+    """Samples in one cycle of the motion, from the rms of the rate's steps over that of the rate."""
     spin = record.spin_rate
-    value = spin.value[spin.interior]
-    value = value - value.mean() if value.size else value
-    power = float(np.mean(np.abs(value) ** 2)) if value.size else 0.0
-    if power == 0.0:
-        return None
-    frequency = float(np.sqrt(np.mean(np.abs(spin.rate[spin.interior]) ** 2) / power))
-    samples = 2.0 * np.pi / (frequency * record.flight.step)
-    if samples > _FEW_SAMPLES:
+    change = np.diff(spin.signal)[record.measured[1:] & record.measured[:-1]]
+    noise = record.gyro_sigma**2
+    power = float(np.var(spin.signal[record.measured])) - 2.0 * noise
+    if power <= 0.0:
+        return "the transverse rates hold nothing but noise"
+    step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
+    if 2.0 * np.pi > _FEW_SAMPLES * step:
         return None
     return (
-        f"{samples:.0f} samples per cycle of the oscillation at {record.flight.sample_rate:.3g} Hz: differentiated gyros are "
+        f"about {2.0 * np.pi / step:.0f} samples per cycle of the oscillation at "
+        f"{record.flight.sample_rate:.3g} Hz: differentiated gyros are "
         "noisy, and delays shorter than a few samples cannot be told from none"
     )
 
@@ -66,6 +67,7 @@ def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
     if expected is None or found == 0.0 or found < 2.0 * expected:
         return None
     return (
-        f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind shear, gyro bias or "
+        f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
+        "shear, gyro bias or "
         "a wrong accelerometer position are likely"
     )

@@ -12,8 +12,8 @@ from brv_hypo.motion.reconstruction import MomentEstimate
 def moment_estimate(record: InertialRecord) -> MomentEstimate:
     """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count.
 
-    With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I (C_m + i C_n):
-    it is y that is differentiated.
+    With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I
+    (C_m + i C_n): it is y that is differentiated.
     """
     spin = record.spin_rate
     turned = np.exp(-1j * record.spin_angle)

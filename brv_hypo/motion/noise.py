@@ -16,8 +16,9 @@ _MAD_TO_SIGMA = 1.4826
 def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
     """Standard deviation of the white noise of `channel` (n,), in its units.
 
-    High-order differences, scaled by their noise gain sqrt(binom(2k, k)); the median absolute value keeps spikes
-    and jumps out. A channel that stands still between its steps is credited with the noise of its quantisation.
+    High-order differences, scaled by their noise gain sqrt(binom(2k, k)); the median absolute value keeps
+    spikes and jumps out. A channel that stands still between its steps is credited with the noise of its
+    quantisation.
     """
     pieces = [channel[a:b] for a, b in segments if b - a > _HIGHEST_ORDER + 2]
     if not pieces:

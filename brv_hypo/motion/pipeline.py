@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
@@ -52,12 +52,20 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
     weight = np.where(moments.usable, 1.0 / moments.sigma**2, 0.0)
     unknown = np.full(flight.samples, np.nan)
     return Motion(
-        time=flight.time, alpha=alpha, alpha_rate=alpha_rate, windward_meridian=meridian,
-        windward_meridian_rate=meridian_rate, p=flight.p, q=record.transverse_rate.real, r=record.transverse_rate.imag,
-        velocity=flight.velocity, dynamic_pressure=flight.dynamic_pressure,
+        time=flight.time,
+        alpha=alpha,
+        alpha_rate=alpha_rate,
+        windward_meridian=meridian,
+        windward_meridian_rate=meridian_rate,
+        p=flight.p,
+        q=record.transverse_rate.real,
+        r=record.transverse_rate.imag,
+        velocity=flight.velocity,
+        dynamic_pressure=flight.dynamic_pressure,
         mach=unknown if flight.mach is None else flight.mach,
         reynolds=unknown if flight.reynolds is None else flight.reynolds,
-        in_plane_moment=static_in_plane(in_plane, alpha, weight), reference_length=flight.vehicle.reference_length,
+        in_plane_moment=static_in_plane(in_plane, alpha, weight),
+        reference_length=flight.vehicle.reference_length,
     )
 
 
@@ -70,5 +78,3 @@ def _crossflow_rate(record: InertialRecord, wind: WindHistory) -> ComplexArray:
     along = acceleration[:, 0] * forward + (transverse * np.conj(xi)).real
     turning = -1j * flight.p * xi + 1j * record.transverse_rate * forward
     return np.asarray(turning + (transverse - xi * along) / flight.velocity)
-
-

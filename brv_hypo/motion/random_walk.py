@@ -2,9 +2,9 @@
 
 Observation k of a tie is   y = h_k z_k + A_k theta + noise,   z_k = z_(k-1) + step,
 
-with noise and steps Gaussian and alike in both parts of the complex numbers. Given the globals theta the walk has
-a tridiagonal information matrix, so the solution and its covariance cost a time linear in n. This is
-the fixed-interval smoother (Rauch, Tung and Striebel, AIAA J. 3:1445, 1965) in information form.
+with noise and steps Gaussian and alike in both parts of the complex numbers. Given the globals theta the
+walk has a tridiagonal information matrix, so the solution and its covariance cost a time linear in n. This
+is the fixed-interval smoother (Rauch, Tung and Striebel, AIAA J. 3:1445, 1965) in information form.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 
-
 # Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
 _RIDGE = 1e-11
 
 
 @dataclass(frozen=True)
 class Tie:
-    """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,), inf = none.
+    """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,), inf =
+    none.
 
     `sigma` is the standard deviation of each part of the complex noise.
     """
@@ -36,11 +36,25 @@ class Tie:
 
 
 @dataclass(frozen=True)
+class GlobalPriors:
+    """Several Gaussian priors of the globals: one mean (k,), m diagonals of information (m, k), m log
+    weights (m,).
+
+    Information is zero where nothing is known: in the same places for all of them.
+    """
+
+    mean: FloatArray
+    information: FloatArray
+    log_weight: FloatArray
+
+
+@dataclass(frozen=True)
 class WalkEquations:
     """The problem once the walk is eliminated: normal equations of the globals.
 
-    `walk` (n,) at theta = 0 and `sensitivity` (n, k), its change per unit of each global; `walk_variance` (n,) per part,
-    given the globals; `gram` (k + 1, k + 1): inner products of residual (first) and columns, whitened.
+    `walk` (n,) at theta = 0 and `sensitivity` (n, k), its change per unit of each global; `walk_variance`
+    (n,) per part, given the globals; `gram` (k + 1, k + 1): inner products of residual (first) and columns,
+    whitened.
     """
 
     ties: tuple[Tie, ...]
@@ -49,22 +63,22 @@ class WalkEquations:
     walk_variance: FloatArray
     gram: FloatArray
 
-    def solve(self, prior_mean: FloatArray, prior_information: FloatArray) -> WalkSolution:
-        """Walk and globals averaged over Gaussian priors of the globals, each weighted by its evidence.
-
-        `prior_mean` (k,); `prior_information` (m, k), the diagonals of m priors, zero where nothing is known: in the
-        same places for all of them.
-        """
+    def solve(self, priors: GlobalPriors) -> WalkSolution:
+        """Walk and globals averaged over Gaussian priors of the globals, each weighted by its evidence."""
+        prior_mean, prior_information = priors.mean, priors.information
         normal = self.gram[1:, 1:] + prior_information[:, :, None] * np.eye(prior_mean.size)
         right = self.gram[1:, 0] + prior_information * prior_mean
         scale = 1.0 / np.sqrt(np.maximum(np.einsum("mii->mi", normal), 1e-300))
-        inverse = np.linalg.inv(normal * scale[:, :, None] * scale[:, None, :] + _RIDGE * np.eye(prior_mean.size))
+        inverse = np.linalg.inv(
+            normal * scale[:, :, None] * scale[:, None, :] + _RIDGE * np.eye(prior_mean.size)
+        )
         covariance = inverse * scale[:, :, None] * scale[:, None, :]
         theta = np.einsum("mij,mj->mi", covariance, right)
         misfit = self.gram[0, 0] - np.einsum("mi,mi->m", theta, right) + prior_information @ prior_mean**2
         _, log_volume = np.linalg.slogdet(normal)
         known = prior_information[0] > 0.0
         evidence = -0.5 * (misfit + log_volume - np.sum(np.log(prior_information[:, known]), axis=1))
+        evidence = evidence + priors.log_weight
         weight = np.exp(evidence - evidence.max())
         weight /= weight.sum()
         mean = weight @ theta

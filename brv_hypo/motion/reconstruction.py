@@ -38,10 +38,10 @@ class MomentEstimate:
 class Reconstruction:
     """Wind-relative motion and moments of one flight.
 
-    Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body axes
-    at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force; `gyro_sigma` rad/s and
-    `accel_sigma` m/s^2 are the white-noise levels estimated from the record. `status` is "ok" or "degraded";
-    `warnings` say what limits the result and what would help.
+    Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
+    axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force; `gyro_sigma` rad/s
+    and `accel_sigma` m/s^2 are the white-noise levels estimated from the record. `status` is "ok" or
+    "degraded"; `warnings` say what limits the result and what would help.
     """
 
     flight: Flight

@@ -1,7 +1,7 @@
 """What ties the attitude to the wind: the normal force, and the static moment.
 
-Both oppose the crossflow, with a slope that varies slowly and is not known beforehand. Each model is linear in
-its unknowns, given the crossflow xi:
+Both oppose the crossflow, with a slope that varies slowly and is not known beforehand. Each model is linear
+in its unknowns, given the crossflow xi:
 
     force    f_y + i f_z = -(q_inf S / m) C_N(t) (alpha / sin alpha) xi + b
     moment   C_m + i C_n = -i C_m_alpha(t) (alpha / sin alpha) xi + C_mq omega d / 2V + trim
@@ -20,8 +20,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 
-
-# How far the accelerometers may be misaligned with the spin axis, rad (and a body-fixed force, per axial force).
+# How far the accelerometers may be misaligned with the spin axis, rad; a body-fixed force looks the same.
 _MISALIGNMENT = 2e-3
 
 
@@ -29,10 +28,11 @@ _MISALIGNMENT = 2e-3
 class TieModel:
     """One kind of observation of the crossflow.
 
-    `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance; `slope_basis` (n, k);
-    `nuisance` (n, m) complex columns with real coefficients, each expected within its `nuisance_sigma` (m,);
-    `sigma` (n,), inf where nothing is seen; `complex_slope`: whether the slope's coefficients are complex;
-    `accelerometers`: whether a constant accelerometer bias adds to the observation.
+    `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance;
+    `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients, each expected within its
+    `nuisance_sigma` (m,); `sigma` (n,), inf where nothing is seen; `complex_slope`: whether the slope's
+    coefficients are complex; `accelerometers`: whether a constant accelerometer bias adds to the
+    observation.
     """
 
     name: str
@@ -48,7 +48,7 @@ class TieModel:
     @property
     def unknowns(self) -> int:
         """How many real coefficients the model has."""
-        return self.slope_basis.shape[1] * (2 if self.complex_slope else 1) + self.nuisance.shape[1]
+        return int(self.slope_basis.shape[1]) * (2 if self.complex_slope else 1) + int(self.nuisance.shape[1])
 
     def slope(self, coefficients: FloatArray) -> ComplexArray:
         """Slope (n,) of the first coefficients."""

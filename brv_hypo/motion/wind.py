@@ -16,7 +16,12 @@ from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.inertial import InertialRecord
 
 # Surface gravity m/s^2 and mean radius m.
-_PLANETS = {"earth": (9.80665, 6.371e6), "mars": (3.721, 3.3895e6), "venus": (8.87, 6.0518e6), "titan": (1.352, 2.5747e6)}
+_PLANETS = {
+    "earth": (9.80665, 6.371e6),
+    "mars": (3.721, 3.3895e6),
+    "venus": (8.87, 6.0518e6),
+    "titan": (1.352, 2.5747e6),
+}
 
 # How large gravity may be where the planet is not known, m/s^2.
 FREE_GRAVITY = 30.0
@@ -24,7 +29,8 @@ FREE_GRAVITY = 30.0
 
 @dataclass(frozen=True)
 class WindStart:
-    """Direction of the velocity at the first sample (3,), a unit vector, and gravity (3,) m/s^2, in its body axes."""
+    """Direction of the velocity at the first sample (3,), a unit vector, and gravity (3,) m/s^2, in its
+    body axes."""
 
     direction: FloatArray
     gravity: FloatArray
@@ -40,7 +46,8 @@ def gravity_magnitude(flight: Flight) -> float | None:
 
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
-    """Unit velocity (n, 3) in the axes of the first sample; `forces` False leaves the aerodynamic forces out."""
+    """Unit velocity (n, 3) in the axes of the first sample; `forces` False leaves the aerodynamic forces
+    out."""
     speed = record.flight.velocity
     if forces:
         velocity = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
@@ -51,7 +58,8 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
 
 
 def force_impulse(record: InertialRecord) -> FloatArray:
-    """Change of the velocity relative to the air by forces and wind (n, 3) in the axes of the first sample, m/s."""
+    """Change of the velocity relative to the air by forces and wind (n, 3) in the axes of the first sample,
+    m/s."""
     impulse = running_integral(record.time, record.force_inertial)
     wind = record.flight.wind
     return impulse if wind is None else impulse - (wind - wind[0])
@@ -64,7 +72,8 @@ def body_crossflow(record: InertialRecord, direction: FloatArray) -> ComplexArra
 
 
 def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two axes (n, 3) across the velocity, carried along with it by the smallest turn from the first sample's."""
+    """Two axes (n, 3) across the velocity, carried along with it by the smallest turn from the first
+    sample's."""
     first = direction[0]
     helper = np.eye(3)[int(np.argmin(np.abs(first)))]
     third = np.cross(first, helper)
@@ -79,7 +88,8 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def cycles(record: InertialRecord) -> float:
-    """How often the nose goes round or to and fro in the record, at least one half: from its rate and its path."""
+    """How often the nose goes round or to and fro in the record, at least one half: from its rate and its
+    path."""
     nose = record.attitude[:, 1:, 0] - record.attitude[:, 1:, 0].mean(axis=0)
     path = float(np.sum(np.linalg.norm(np.diff(nose, axis=0), axis=1)))
     size = float(np.sqrt(np.mean(np.sum(nose**2, axis=1))))
@@ -89,8 +99,9 @@ def cycles(record: InertialRecord) -> float:
 def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
-    The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity and
-    forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves it out.
+    The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity
+    that gravity and forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves
+    it out.
     """
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]

@@ -1,7 +1,8 @@
-"""Accuracy of the reconstruction on simulated flights: `python -m tests.motion.study [SEEDS]` prints the table.
+"""Accuracy of the reconstruction on simulated flights: `python -m tests.motion.study [SEEDS]` prints the
+table.
 
-Errors are rms over time and seeds: alpha in deg, phi_w in rad where alpha > 0.2 deg, moments in per cent of their rms.
-`ratio` is rms error over rms stated standard deviation.
+Errors are rms over time and seeds: alpha in deg, phi_w in rad where alpha > 0.2 deg, moments in per cent of
+their rms. `ratio` is rms error over rms stated standard deviation.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ class Score:
     seconds: float
 
 
-def score(truth: Truth, seeds: Iterable[int], config: ReconstructionConfig | None = None, **changes: object) -> Score:
+def score(
+    truth: Truth, seeds: Iterable[int], config: ReconstructionConfig | None = None, **changes: object
+) -> Score:
     """Reconstruct the scenario once for each seed."""
     squares, seconds = [], []
     for seed in seeds:
@@ -43,7 +46,12 @@ def score(truth: Truth, seeds: Iterable[int], config: ReconstructionConfig | Non
         squares.append(_squares(truth, result))
     alpha, alpha_s, phi, phi_s, moment, moment_s, size = np.sqrt(np.mean(squares, axis=0))
     return Score(
-        np.degrees(alpha), alpha / alpha_s, phi, phi / phi_s, 100 * moment / size, moment / moment_s,
+        np.degrees(alpha),
+        alpha / alpha_s,
+        phi,
+        phi / phi_s,
+        100 * moment / size,
+        moment / moment_s,
         float(np.median(seconds)),
     )
 
@@ -55,8 +63,12 @@ def _squares(truth: Truth, result: Reconstruction) -> list[float]:
     return [
         float(np.mean(np.abs(values) ** 2))
         for values in (
-            result.motion.alpha - truth.alpha, result.alpha_sigma, turn, result.phi_w_sigma[known],
-            (result.moments.body - truth.moment)[usable], np.sqrt(2.0) * result.moments.sigma[usable],
+            result.motion.alpha - truth.alpha,
+            result.alpha_sigma,
+            turn,
+            result.phi_w_sigma[known],
+            (result.moments.body - truth.moment)[usable],
+            np.sqrt(2.0) * result.moments.sigma[usable],
             truth.moment[usable],
         )
     ]
@@ -74,8 +86,11 @@ def variations() -> Iterator[tuple[str, Scenario, dict[str, object]]]:
     yield "slender, 3 s", replace(SLENDER, duration=3.0), {}
     yield "cone, 400 Hz", replace(CONE, sample_rate=400.0), {}
     yield "slender, 50 Hz", replace(SLENDER, sample_rate=50.0), {}
-    yield "capsule, 160 s, 8 Hz", replace(
-        CAPSULE, duration=160.0, sample_rate=8.0, altitude=70000.0, flight_path=-0.1, roll_rate=0.3), {}
+    yield (
+        "capsule, 160 s, 8 Hz",
+        replace(CAPSULE, duration=160.0, sample_rate=8.0, altitude=70000.0, flight_path=-0.1, roll_rate=0.3),
+        {},
+    )
     for base in (CONE, CAPSULE, SLENDER):
         for factor in (0.1, 5.0):
             noise = {"gyro_noise": factor * base.gyro_noise, "accel_noise": factor * base.accel_noise}
@@ -87,7 +102,9 @@ def variations() -> Iterator[tuple[str, Scenario, dict[str, object]]]:
 
 def main(seeds: int) -> None:
     """Print the table."""
-    print(f"{'scenario':26s} {'alpha deg':>10s} ratio {'phi_w rad':>10s} ratio {'moment %':>9s} ratio {'s':>6s}")
+    print(
+        f"{'scenario':26s} {'alpha deg':>10s} ratio {'phi_w rad':>10s} ratio {'moment %':>9s} ratio {'s':>6s}"
+    )
     for name, scenario, changes in variations():
         _row(name, score(fly(scenario), range(seeds), **changes))
     print("other methods, gravity carried and neglected")
@@ -96,13 +113,16 @@ def main(seeds: int) -> None:
         for method in ("velocity", "rates", "polar"):
             for gravity in (True, False):
                 config = ReconstructionConfig(method=method, gravity=gravity)
-                _row(f"{base.name}, {method}{'' if gravity else ', no g'}", score(truth, range(seeds), config))
+                _row(
+                    f"{base.name}, {method}{'' if gravity else ', no g'}", score(truth, range(seeds), config)
+                )
 
 
 def _row(name: str, s: Score) -> None:
     print(
         f"{name:26s} {s.alpha_deg:10.5f} {s.alpha_ratio:5.2f} {s.phi_w_rad:10.5f} {s.phi_w_ratio:5.2f} "
-        f"{s.moment_percent:9.3f} {s.moment_ratio:5.2f} {s.seconds:6.3f}", flush=True,
+        f"{s.moment_percent:9.3f} {s.moment_ratio:5.2f} {s.seconds:6.3f}",
+        flush=True,
     )
 
 

@@ -1,6 +1,7 @@
 """A compact 6-DOF truth, independent of the package: body axes, flat planet, DOP853 to 1e-10.
 
-The aerodynamics are those of CONVENTIONS, linear in alpha: axial force, normal force, static moment, pitch damping.
+The aerodynamics are those of CONVENTIONS, linear in alpha: axial force, normal force, static moment, pitch
+damping.
 """
 
 from __future__ import annotations
@@ -43,19 +44,48 @@ class Scenario:
 
 
 CONE = Scenario(
-    "cone", Vehicle(110.0, 2.2, 24.0, 0.5, 0.19635, (0.05, 0.02, -0.03)),
-    axial=0.12, normal_slope=1.8, static_slope=-0.55, damping=-2.0, speed=7000.0, altitude=22000.0, flight_path=-0.5,
-    roll_rate=6.0, alpha=np.radians(2.0), precession=0.6,
+    "cone",
+    Vehicle(110.0, 2.2, 24.0, 0.5, 0.19635, (0.05, 0.02, -0.03)),
+    axial=0.12,
+    normal_slope=1.8,
+    static_slope=-0.55,
+    damping=-2.0,
+    speed=7000.0,
+    altitude=22000.0,
+    flight_path=-0.5,
+    roll_rate=6.0,
+    alpha=np.radians(2.0),
+    precession=0.6,
 )
 CAPSULE = Scenario(
-    "capsule", Vehicle(50.0, 2.6, 2.2, 0.83, 0.541, (0.0, 0.0, 0.0)),
-    axial=1.5, normal_slope=0.15, static_slope=-0.12, damping=-0.3, speed=4000.0, altitude=45000.0, flight_path=-0.3,
-    roll_rate=1.0, alpha=np.radians(4.0), precession=0.5, duration=20.0,
+    "capsule",
+    Vehicle(50.0, 2.6, 2.2, 0.83, 0.541, (0.0, 0.0, 0.0)),
+    axial=1.5,
+    normal_slope=0.15,
+    static_slope=-0.12,
+    damping=-0.3,
+    speed=4000.0,
+    altitude=45000.0,
+    flight_path=-0.3,
+    roll_rate=1.0,
+    alpha=np.radians(4.0),
+    precession=0.5,
+    duration=20.0,
 )
 SLENDER = Scenario(
-    "slender", Vehicle(180.0, 4.0, 160.0, 0.438, 0.1507, (0.3, 0.0, 0.05)),
-    axial=0.3, normal_slope=4.0, static_slope=-3.0, damping=-60.0, speed=1200.0, altitude=25000.0, flight_path=-1.0,
-    roll_rate=8.0, alpha=np.radians(3.0), precession=0.4, duration=20.0,
+    "slender",
+    Vehicle(180.0, 4.0, 160.0, 0.438, 0.1507, (0.3, 0.0, 0.05)),
+    axial=0.3,
+    normal_slope=4.0,
+    static_slope=-3.0,
+    damping=-60.0,
+    speed=1200.0,
+    altitude=25000.0,
+    flight_path=-1.0,
+    roll_rate=8.0,
+    alpha=np.radians(3.0),
+    precession=0.4,
+    duration=20.0,
 )
 SCENARIOS = (CONE, CAPSULE, SLENDER)
 
@@ -91,11 +121,20 @@ def fly(scenario: Scenario) -> Truth:
     body_y /= np.linalg.norm(body_y)
     matrix = np.stack([nose, body_y, np.cross(nose, body_y)], axis=1)
     density = scenario.density * np.exp(-scenario.altitude / scenario.scale_height)
-    stiffness = np.sqrt(0.5 * density * scenario.speed**2 * scenario.vehicle.moment_scale * abs(scenario.static_slope))
+    stiffness = np.sqrt(
+        0.5 * density * scenario.speed**2 * scenario.vehicle.moment_scale * abs(scenario.static_slope)
+    )
     turn = scenario.precession * stiffness * scenario.alpha * matrix.T @ (0.6 * side + 0.8 * up)
-    state = np.concatenate([velocity, [0.0, 0.0, -scenario.altitude], matrix.ravel(), [scenario.roll_rate, turn[1], turn[2]]])
+    state = np.concatenate(
+        [velocity, [0.0, 0.0, -scenario.altitude], matrix.ravel(), [scenario.roll_rate, turn[1], turn[2]]]
+    )
     answer = solve_ivp(
-        lambda t, x: _derivative(scenario, x)[0], (0.0, time[-1]), state, method="DOP853", t_eval=time, rtol=1e-10,
+        lambda t, x: _derivative(scenario, x)[0],
+        (0.0, time[-1]),
+        state,
+        method="DOP853",
+        t_eval=time,
+        rtol=1e-10,
         atol=1e-10,
     )
     rows = [_derivative(scenario, column)[1] for column in answer.y.T]
@@ -104,8 +143,17 @@ def fly(scenario: Scenario) -> Truth:
     r = np.array(scenario.vehicle.accelerometer_position)
     sensed = force + np.cross(change, r) + np.cross(omega, np.cross(omega, r))
     return Truth(
-        scenario, time, omega, sensed, speed, -answer.y[5], pressure, np.arcsin(np.abs(xi)),
-        np.unwrap(np.arctan2(xi.real, xi.imag)), moment, gravity[0],
+        scenario,
+        time,
+        omega,
+        sensed,
+        speed,
+        -answer.y[5],
+        pressure,
+        np.arcsin(np.abs(xi)),
+        np.unwrap(np.arctan2(xi.real, xi.imag)),
+        moment,
+        gravity[0],
     )
 
 
@@ -118,19 +166,27 @@ def _derivative(s: Scenario, x: np.ndarray) -> tuple[np.ndarray, tuple]:
     pressure = 0.5 * s.density * np.exp(x[5] / s.scale_height) * speed**2
     v = s.vehicle
     windward = np.array([np.sin(meridian), np.cos(meridian)])
-    force = pressure * v.reference_area / v.mass * np.concatenate([[-s.axial], -s.normal_slope * alpha * windward])
+    force = (
+        pressure
+        * v.reference_area
+        / v.mass
+        * np.concatenate([[-s.axial], -s.normal_slope * alpha * windward])
+    )
     d = v.reference_length
     moment = (
         s.static_slope * alpha * np.exp(-1j * meridian)
-        + s.damping * (omega[1] + 1j * omega[2]) * d / (2 * speed) + s.trim
+        + s.damping * (omega[1] + 1j * omega[2]) * d / (2 * speed)
+        + s.trim
     )
     coupling = 1.0 - v.inertia_ratio
     scale = pressure * v.moment_scale
-    change = np.array([
-        0.0,
-        coupling * omega[0] * omega[2] + scale * moment.real,
-        -coupling * omega[0] * omega[1] + scale * moment.imag,
-    ])
+    change = np.array(
+        [
+            0.0,
+            coupling * omega[0] * omega[2] + scale * moment.real,
+            -coupling * omega[0] * omega[1] + scale * moment.imag,
+        ]
+    )
     gravity = np.array([0.0, 0.0, s.gravity])
     skew = np.array([[0, -omega[2], omega[1]], [omega[2], 0, -omega[0]], [-omega[1], omega[0], 0]])
     rate = np.concatenate([matrix @ force + gravity, velocity, (matrix @ skew).ravel(), change])
@@ -145,6 +201,16 @@ def observe(truth: Truth, seed: int, **changes: object) -> Flight:
     rates = truth.rates + np.array(s.gyro_bias) + s.gyro_noise * rng.standard_normal(truth.rates.shape)
     force = truth.force + np.array(s.accel_bias) + s.accel_noise * rng.standard_normal(truth.force.shape)
     return Flight(
-        time=100.0 + truth.time, p=rates[:, 0], q=rates[:, 1], r=rates[:, 2], ax=force[:, 0], ay=force[:, 1], az=force[:, 2],
-        velocity=truth.velocity, dynamic_pressure=truth.pressure, vehicle=s.vehicle, altitude=truth.altitude, planet=s.planet,
+        time=100.0 + truth.time,
+        p=rates[:, 0],
+        q=rates[:, 1],
+        r=rates[:, 2],
+        ax=force[:, 0],
+        ay=force[:, 1],
+        az=force[:, 2],
+        velocity=truth.velocity,
+        dynamic_pressure=truth.pressure,
+        vehicle=s.vehicle,
+        altitude=truth.altitude,
+        planet=s.planet,
     )

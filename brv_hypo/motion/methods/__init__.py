@@ -1,9 +1,9 @@
 """The reconstruction methods of Section 3.2, one file each, on one interface.
 
-    joint      method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity at once
-    velocity   method 1: Eq. 3.1 propagated from a start
-    rates      method 2: attitude alone, about a velocity that keeps its direction or turns by gravity
-    polar      Appendix A: the start from one instant, then method 1
+joint      method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity at once
+velocity   method 1: Eq. 3.1 propagated from a start
+rates      method 2: attitude alone, about a velocity that keeps its direction or turns by gravity
+polar      Appendix A: the start from one instant, then method 1
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.reconstruction import Method
 
 METHODS: dict[Method, Callable[[InertialRecord, ReconstructionConfig], WindHistory]] = {
-    "joint": joint, "velocity": velocity, "rates": rates, "polar": polar,
+    "joint": joint,
+    "velocity": velocity,
+    "rates": rates,
+    "polar": polar,
 }
 
 __all__ = ["METHODS", "WindHistory"]

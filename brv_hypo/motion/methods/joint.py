@@ -1,8 +1,10 @@
-"""Method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity in one least-squares problem.
+"""Method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity in one least-squares
+problem.
 
-Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A tie
-(normal force, static moment) sees the crossflow at each sample through a slowly varying, unknown slope. Gravity, the
-biases and the slope's coefficients are globals. The walk is linear, the globals nearly: a few Gauss-Newton steps.
+Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A
+tie (normal force, static moment) sees the crossflow at each sample through a slowly varying, unknown slope.
+Gravity, the biases and the slope's coefficients are globals. The walk is linear, the globals nearly: a few
+Gauss-Newton steps.
 """
 
 from __future__ import annotations
@@ -37,15 +39,17 @@ def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
         if config.ties == "both" or (config.ties == "auto" and alone > _ENOUGH):
             fit = _with_moment(problem, fit.ties, moment)
             warnings.append(
-                f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment was used to tie "
-                "the attitude to the wind as well. Better accelerometers or a window of higher dynamic pressure would do "
+                f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment "
+                "was used to tie "
+                "the attitude to the wind as well. Better accelerometers or a window of higher dynamic "
+                "pressure would do "
                 "without it"
             )
     return _history(problem, fit, tuple(warnings))
 
 
 def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
-    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to what is left over."""
+    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over."""
     fit = _choose_slope(problem, (), tie)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
@@ -54,7 +58,7 @@ def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
 
 
 def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
-    """Fit by the static moment too, its noise set so that anomalies in it count for what they are: not white."""
+    """Fit by the static moment too, its noise set so that anomalies count for what they are: not white."""
     tie = tie.with_slope_count(problem.record.time, 4)
     tie = replace(tie, sigma=tie.sigma + 0.1 * _rms(tie.observed, tie.sigma))
     fit = problem.solve_from_scratch((*others, tie))
@@ -93,11 +97,18 @@ def _rms(values: ComplexArray, sigma: FloatArray) -> float:
 
 
 def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
-    """White noise (n,) of as much information as the residual: its local rms times the root of its correlation time."""
+    """White noise (n,) of as much information as the residual: its local rms times the root of its
+    correlation time."""
     seen = np.isfinite(sigma)
     values = residual[seen]
     width = max(values.size // 12, 8)
-    local = np.sqrt(np.convolve(np.pad(np.abs(values) ** 2 / 2.0, width, mode="reflect"), np.ones(2 * width + 1) / (2 * width + 1), "valid"))
+    local = np.sqrt(
+        np.convolve(
+            np.pad(np.abs(values) ** 2 / 2.0, width, mode="reflect"),
+            np.ones(2 * width + 1) / (2 * width + 1),
+            "valid",
+        )
+    )
     spectrum = np.abs(np.fft.fft(values / local, 2 * values.size)) ** 2
     correlation = np.abs(np.fft.ifft(spectrum)[: values.size])
     first_low = int(np.argmax(correlation < 0.1 * correlation[0]))
@@ -121,6 +132,11 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
             slope = tie.slope(coefficients).real
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
-        crossflow=fit.crossflow, radial_sigma=radial, tangential_sigma=tangential, gravity=fit.start.gravity,
-        normal_force_slope=slope, accel_sigma=accel_sigma, warnings=warnings,
+        crossflow=fit.crossflow,
+        radial_sigma=radial,
+        tangential_sigma=tangential,
+        gravity=fit.start.gravity,
+        normal_force_slope=slope,
+        accel_sigma=accel_sigma,
+        warnings=warnings,
     )

@@ -12,7 +12,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.random_walk import Tie, WalkEquations, walk_equations
+from brv_hypo.motion.random_walk import GlobalPriors, Tie, WalkEquations, walk_equations
 from brv_hypo.motion.ties import TieModel, effective
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
@@ -28,6 +28,7 @@ _MOST_STEPS = 15
 # Largest change of the crossflow, rad, in the last step.
 _CONVERGED = 1e-8
 _LEVELS = (1.0, 0.1, 0.01, 0.001)
+_LEVEL_WEIGHTS = (1 / 6, 1 / 6, 1 / 6, 1 / 2)
 # Three parts each of gravity and gyro bias, two of accelerometer bias.
 _SHARED = 8
 
@@ -36,8 +37,9 @@ _SHARED = 8
 class TiedFit:
     """A converged fit: where the nominal motion starts, what the ties' coefficients are, and the crossflow.
 
-    `residual` (n,) is what is left of the last tie; `score` is the Bayesian information criterion. `response` (n, k) is the crossflow's change, in wind axes, per unit of
-    each global; `wander` (n,) its standard deviation given the globals; `turn` (n,) the unit number from wind to body axes.
+    `residual` (n,) is what is left of the last tie; `score` is the Bayesian information criterion.
+    `response` (n, k) is the crossflow's change, in wind axes, per unit of each global; `wander` (n,) its
+    standard deviation given the globals; `turn` (n,) the unit number from wind to body axes.
     """
 
     ties: tuple[TieModel, ...]
@@ -57,7 +59,9 @@ class TiedFit:
         projected = self.response * (self.turn * np.conj(along))[:, None]
         radial = np.einsum("nk,kl,nl->n", projected.real, self.covariance, projected.real)
         tangential = np.einsum("nk,kl,nl->n", projected.imag, self.covariance, projected.imag)
-        return np.sqrt(self.wander**2 + np.maximum(radial, 0.0)), np.sqrt(self.wander**2 + np.maximum(tangential, 0.0))
+        return np.sqrt(self.wander**2 + np.maximum(radial, 0.0)), np.sqrt(
+            self.wander**2 + np.maximum(tangential, 0.0)
+        )
 
 
 class TiedWalk:
@@ -104,7 +108,9 @@ class TiedWalk:
         seen = np.isfinite(tie.sigma)
         weight = 1.0 / tie.sigma[seen]
         ones = np.ones_like(xi)
-        columns = np.column_stack([tie.scale * effective(xi), tie.scale * turn, tie.scale * turn * self.record.time, ones])
+        columns = np.column_stack(
+            [tie.scale * effective(xi), tie.scale * turn, tie.scale * turn * self.record.time, ones]
+        )
         answer = np.linalg.lstsq(columns[seen] * weight[:, None], tie.observed[seen] * weight, rcond=None)[0]
         offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
         if not abs(offset) < 0.5:
@@ -115,16 +121,19 @@ class TiedWalk:
         self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None = None
     ) -> TiedFit:
         """Gauss-Newton from a start, and a crossflow if one is known."""
+        if crossflow is None:
+            crossflow = body_crossflow(self.record, self.direction(start))
         coefficients: tuple[FloatArray, ...] = ()
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
             nominal, turn = body_crossflow(self.record, direction), self._turn(direction)
-            xi = nominal if crossflow is None else crossflow
+            xi = crossflow
             coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
             drift = self._drift(direction)
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
-            solution = equations.solve(*self._prior(ties, coefficients, start))
-            crossflow = nominal + turn * (solution.walk + drift @ solution.theta[:_SHARED]) / self.speed
+            solution = equations.solve(self._priors(ties, coefficients, start))
+            shift = (solution.walk + drift @ solution.theta[:_SHARED]) / self.speed
+            crossflow = np.asarray(nominal + turn * shift)
             start = self._moved(start, direction, solution.walk[0] / self.speed[0], solution.theta[:3])
             coefficients = _added(coefficients, solution.theta[_SHARED:])
             if float(np.max(np.abs(crossflow - xi))) < _CONVERGED:
@@ -133,17 +142,29 @@ class TiedWalk:
         response[:, :_SHARED] += drift
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
         return TiedFit(
-            ties=ties, start=start, coefficients=coefficients, crossflow=crossflow,
-            residual=equations.residual(len(ties) - 1, solution), covariance=solution.covariance,
-            response=response / self.speed[:, None], wander=np.sqrt(equations.walk_variance) / self.speed, turn=turn,
+            ties=ties,
+            start=start,
+            coefficients=coefficients,
+            crossflow=crossflow,
+            residual=equations.residual(len(ties) - 1, solution),
+            covariance=solution.covariance,
+            response=response / self.speed[:, None],
+            wander=np.sqrt(equations.walk_variance) / self.speed,
+            turn=turn,
             score=solution.cost + sum(tie.unknowns for tie in ties) * float(np.log(seen)),
         )
 
     def _linear(
-        self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], xi: ComplexArray, turn: ComplexArray,
-        offset: ComplexArray, drift: ComplexArray,
+        self,
+        ties: Sequence[TieModel],
+        coefficients: Sequence[FloatArray],
+        xi: ComplexArray,
+        turn: ComplexArray,
+        offset: ComplexArray,
+        drift: ComplexArray,
     ) -> WalkEquations:
-        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes."""
+        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind
+        axes."""
         unknowns = [tie.unknowns for tie in ties]
         first = np.cumsum([_SHARED, *unknowns])
         rows = []
@@ -160,19 +181,22 @@ class TiedWalk:
             rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
         return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
 
-    def _prior(
+    def _priors(
         self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], start: WindStart
-    ) -> tuple[FloatArray, FloatArray]:
-        """Prior mean (k,) of the globals as they are counted here, from the nominal, and informations (m, k).
+    ) -> GlobalPriors:
+        """Priors of the globals, counted from the nominal.
 
-        How large the instruments' errors are is itself unknown: gyro bias, accelerometer bias and misalignment each
-        may be any of `_LEVELS` of the largest expected.
+        How large the instruments' errors are is itself unknown: gyro bias, accelerometer bias and
+        misalignment each may be any of `_LEVELS` of the largest expected, and are as likely negligible as
+        not.
         """
         mean = -np.concatenate([start.gravity, np.zeros(_SHARED - 3), *coefficients])
         sigma = np.concatenate([self.prior_sigma, *(tie.prior_sigma() for tie in ties)])
         group = np.concatenate([np.repeat([0, 1, 2], [3, 3, 2]), *(3 * tie.is_error() for tie in ties)])
-        levels = [np.array([1.0, *chosen])[group] for chosen in product(_LEVELS, repeat=int(group.max()))]
-        return mean, 1.0 / (sigma * np.array(levels)) ** 2
+        chosen = list(product(range(len(_LEVELS)), repeat=int(group.max())))
+        levels = np.array([[1.0, *(_LEVELS[i] for i in row)] for row in chosen])[:, group]
+        log_weight = np.log([np.prod([_LEVEL_WEIGHTS[i] for i in row]) for row in chosen])
+        return GlobalPriors(mean, 1.0 / (sigma * levels) ** 2, log_weight)
 
     def _drift(self, direction: FloatArray) -> ComplexArray:
         """Transverse velocity (n, 8) in wind axes per unit of gravity, gyro bias, accelerometer bias."""
@@ -196,7 +220,9 @@ class TiedWalk:
         stacked = np.concatenate([columns.real, columns.imag])
         return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
-    def _moved(self, start: WindStart, direction: FloatArray, offset: complex, gravity: FloatArray) -> WindStart:
+    def _moved(
+        self, start: WindStart, direction: FloatArray, offset: complex, gravity: FloatArray
+    ) -> WindStart:
         second, third = transverse_axes(direction[:1])
         moved = start.direction + second[0] * offset.real + third[0] * offset.imag
         return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
@@ -208,7 +234,8 @@ def _added(coefficients: tuple[FloatArray, ...], step: FloatArray) -> tuple[Floa
 
 
 def _step_variance(record: InertialRecord) -> FloatArray:
-    """Variance (n - 1,) per part of the walk's steps, (m/s)^2: gyro and accelerometer noise, and what gaps hide."""
+    """Variance (n - 1,) per part of the walk's steps, (m/s)^2: gyro and accelerometer noise, and what gaps
+    hide."""
     step = record.flight.step
     speed = 0.5 * (record.flight.velocity[1:] + record.flight.velocity[:-1])
     variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2

@@ -7,17 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.wind import WindStart, body_crossflow, wind_direction
+from brv_hypo.motion.wind import (
+    FREE_GRAVITY,
+    WindStart,
+    body_crossflow,
+    cycles,
+    gravity_magnitude,
+    start_from_nose,
+    wind_direction,
+)
+
+NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"
 
 
 @dataclass(frozen=True)
 class WindHistory:
     """Crossflow (v + i w) / V (n,) in body axes, and the standard deviations (n,) of its two parts.
 
-    `radial_sigma` along the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at the first
-    sample; `normal_force_slope` (n,) 1/rad, NaN where the method does not find it; `accel_sigma` m/s^2 as the fit left it.
+    `radial_sigma` along the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at
+    the first sample; `normal_force_slope` (n,) 1/rad, NaN where the method does not find it; `accel_sigma`
+    m/s^2 as the fit left it.
     """
 
     crossflow: ComplexArray
@@ -35,23 +47,74 @@ class WindHistory:
 
     @property
     def phi_w_sigma(self) -> FloatArray:
-        """Standard deviation of the windward meridian (n,), rad; that of an angle not known at all near alpha = 0."""
+        """Standard deviation of the windward meridian (n,), rad; that of an angle not known at all near
+        alpha = 0."""
         size = np.maximum(np.abs(self.crossflow), 1e-12)
-        return np.minimum(self.tangential_sigma / size, np.pi / np.sqrt(3.0))
+        return np.asarray(np.minimum(self.tangential_sigma / size, np.pi / np.sqrt(3.0)))
 
 
 def open_loop(
-    record: InertialRecord, start: WindStart, start_sigma: float, *, forces: bool, warnings: tuple[str, ...] = ()
+    record: InertialRecord,
+    start: WindStart,
+    start_sigma: float,
+    *,
+    forces: bool,
+    gravity_sigma: float,
+    known_at: float,
+    warnings: tuple[str, ...] = (),
 ) -> WindHistory:
     """Attitude about a velocity propagated from `start`, untied: gyro noise adds up as a random walk.
 
-    `start_sigma` rad is the standard deviation of each part of the direction at the start.
+    `start_sigma` rad is the standard deviation of each part of the direction, known best `known_at` s after
+    the first sample; `gravity_sigma` m/s^2 that of each part of gravity, or gravity itself where it is left
+    out.
     """
     speed = record.flight.velocity
     xi = body_crossflow(record, wind_direction(record, start, forces=forces))
-    walk = np.concatenate([[0.0], np.cumsum((speed[1:] * record.gyro_sigma * record.flight.step) ** 2)])
-    sigma = np.sqrt((start_sigma * speed[0]) ** 2 + walk) / speed
+    elapsed = np.abs(record.time - known_at)
+    walk = record.gyro_sigma**2 * record.flight.step * elapsed
+    sigma = np.sqrt(start_sigma**2 + walk + (gravity_sigma * elapsed / speed) ** 2)
     return WindHistory(
-        crossflow=xi, radial_sigma=sigma, tangential_sigma=sigma, gravity=start.gravity,
-        normal_force_slope=np.full(xi.size, np.nan), accel_sigma=record.accel_sigma, warnings=warnings,
+        crossflow=xi,
+        radial_sigma=sigma,
+        tangential_sigma=sigma,
+        gravity=start.gravity,
+        normal_force_slope=np.full(xi.size, np.nan),
+        accel_sigma=record.accel_sigma,
+        warnings=warnings,
     )
+
+
+def from_nose(record: InertialRecord, config: ReconstructionConfig, *, forces: bool) -> WindHistory:
+    """`open_loop` from the mean direction of the nose, with gravity found along unless `config.gravity` is
+    off."""
+    size = expected_gravity(record, config)
+    start = start_from_nose(record, size if config.gravity else 0.0, forces=forces)
+    xi = body_crossflow(record, wind_direction(record, start, forces=forces))
+    sigma = nose_sigma(record, xi)
+    return open_loop(
+        record,
+        start,
+        sigma,
+        forces=forces,
+        known_at=0.5 * float(record.time[-1]),
+        gravity_sigma=nose_gravity_sigma(record, sigma) if config.gravity else size,
+        warnings=() if config.gravity else (NO_GRAVITY,),
+    )
+
+
+def expected_gravity(record: InertialRecord, config: ReconstructionConfig) -> float:
+    """How large gravity may be, m/s^2."""
+    return config.gravity_magnitude or gravity_magnitude(record.flight) or FREE_GRAVITY
+
+
+def nose_sigma(record: InertialRecord, xi: ComplexArray) -> float:
+    """Standard deviation (rad) of each part of the nose's mean as the velocity's direction: what a broken
+    cycle leaves."""
+    return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2)) / (np.pi * cycles(record)))
+
+
+def nose_gravity_sigma(record: InertialRecord, sigma: float) -> float:
+    """Standard deviation (m/s^2) of gravity found from the nose's drift, its mean being known to `sigma`
+    rad."""
+    return float(np.sqrt(12.0) * sigma * np.mean(record.flight.velocity) / record.time[-1])
