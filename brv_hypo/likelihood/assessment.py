@@ -11,7 +11,14 @@ from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Outcome, residuals
-from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, SingularStatesError, information_factor, sensitivities
+from brv_hypo.likelihood.step import (
+    Iterate,
+    Problem,
+    Sensitivity,
+    SingularStatesError,
+    information_factor,
+    sensitivities,
+)
 from brv_hypo.likelihood.uncertainty import (
     coloured_covariance,
     covariance_from_information,
@@ -44,10 +51,14 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         triangle = information_factor(problem, segments)[:p, :p]
         unknowns = p + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
         inflation = samples / max(samples - unknowns, 1) if options.estimate_noise else 1.0
-        white = inflation * covariance_from_information(triangle, parameters.prior_std, np.flatnonzero(~at_bound))
+        white = inflation * covariance_from_information(
+            triangle, parameters.prior_std, np.flatnonzero(~at_bound)
+        )
         coloured = white
         if not np.any(problem.process_noise):
-            coloured = coloured_covariance(white, *_whitened(problem, segments), _reach(innovations)) / inflation
+            coloured = (
+                coloured_covariance(white, *_whitened(problem, segments), _reach(innovations)) / inflation
+            )
     return FitResult(
         status=outcome.status,
         message=outcome.message,
@@ -58,7 +69,9 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance=white,
         covariance_coloured=coloured,
         log_likelihood=-nllf,
-        innovation_covariance=estimate_covariance(together, seen, options.noise, iterate.covariance, options.floor),
+        innovation_covariance=estimate_covariance(
+            together, seen, options.noise, iterate.covariance, options.floor
+        ),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
         iterations=len(outcome.history),
@@ -74,7 +87,10 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
 
 
 def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
-    """Innovations by segment and the NLLF of Eq. 3.10 (E8): the filter's with process noise, else the residuals."""
+    """Innovations by segment, and the NLLF of Eq. 3.10 (E8).
+
+    With process noise they are the filter's, else the residuals.
+    """
     if np.any(problem.process_noise):
         filtered = kalman_innovations(problem, iterate)
         return tuple(f.innovations for f in filtered), sum(f.nllf for f in filtered)
@@ -83,10 +99,8 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
     return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
 
 
-def _whitened(
-    problem: Problem, segments: Sequence[Sensitivity]
-) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Whitened sensitivities in all parameters, (n, n_outputs, p), and residuals, (n, n_outputs), by segment."""
+def _whitened(problem: Problem, segments: Sequence[Sensitivity]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Whitened sensitivities (n, n_outputs, p) and residuals (n, n_outputs) by segment."""
     p = len(problem.parameters.names)
     spread, residual = [], []
     for segment, index in zip(segments, problem.parameters.segment_index, strict=True):
@@ -99,7 +113,7 @@ def _whitened(
 
 def _reach(innovations: Sequence[FloatArray]) -> int:
     """Longest lag of the coloured correction, samples."""
-    return min(max(v.shape[1] for v in innovations) // 5, 50)
+    return min(max(int(v.shape[1]) for v in innovations) // 5, 50)
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:

@@ -18,12 +18,12 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.interpolation import Stencil
-from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.segment import Grid, History, LookBack
 
 
 @dataclass(frozen=True)
 class Model:
-    """The user's functions and how they are differentiated; `delays` are the parameters that are delays, s."""
+    """The user's functions and how they are differentiated; `delays` names the parameters that are delays."""
 
     dynamics: Function
     outputs: Function
@@ -75,11 +75,11 @@ def evaluate_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
-    stencils = _stencils(model.delays, grid, theta)
-    at_samples = _points(grid, x, stencils, grid.samples)
+    back = _look_back(model.delays, grid, theta)
+    at_samples = _points(grid, x, back, grid.samples)
     f = evaluate(model.dynamics, at_samples, theta)
     middle = slice(grid.n, None)
-    f_mid = evaluate(model.dynamics, _points(grid, x, stencils, middle, _midpoints(grid, x, f)), theta)
+    f_mid = evaluate(model.dynamics, _points(grid, x, back, middle, _midpoints(grid, x, f)), theta)
     output = evaluate(model.outputs, at_samples, theta)
     return _defect(grid, x, f, f_mid).T, output.T
 
@@ -88,14 +88,14 @@ def linearise_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> Linearisation:
     """Defects, outputs and their derivatives by states and by the named parameters."""
-    stencils = _stencils(model.delays, grid, theta)
-    at_samples = _points(grid, x, stencils, grid.samples)
+    back = _look_back(model.delays, grid, theta)
+    at_samples = _points(grid, x, back, grid.samples)
     f = evaluate(model.dynamics, at_samples, theta)
-    everywhere = _points(grid, x, stencils, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
+    everywhere = _points(grid, x, back, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
     scale = model.scale or {}
     slope = jacobian(model.dynamics, everywhere, theta, names, model.method, scale)
     output = jacobian(model.outputs, at_samples, theta, names, model.method, scale)
-    by_state, by_parameter = _defect_derivatives(grid, slope, stencils)
+    by_state, by_parameter = _defect_derivatives(grid, slope, back)
     n = grid.n
     return Linearisation(
         defect=_defect(grid, x, slope.value[:, :n], slope.value[:, n:]).T,
@@ -103,7 +103,10 @@ def linearise_segment(
         defect_by_parameter=by_parameter,
         output=output.value.T,
         output_by_state=_with_delays(
-            n, 0, output.by_state[:, None], [(stencils[d], slice(0, n), b) for d, b in output.by_delayed.items()]
+            n,
+            0,
+            output.by_state[:, None],
+            [(back[d].stencil, slice(0, n), b) for d, b in output.by_delayed.items()],
         ),
         output_by_parameter=output.by_parameter,
     )
@@ -112,26 +115,29 @@ def linearise_segment(
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:
     """The samples, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
-    return _points(grid, x, _stencils(delays, grid, theta), grid.samples)
+    return _points(grid, x, _look_back(delays, grid, theta), grid.samples)
 
 
-def _stencils(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, Stencil]:
-    return {name: grid.stencil(theta[name]) for name in delays}
+def _look_back(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, LookBack]:
+    return {name: grid.look_back(theta[name]) for name in delays}
 
 
 def _points(
-    grid: Grid, x: FloatArray, stencils: Mapping[str, Stencil], part: slice, at: FloatArray | None = None
+    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], part: slice, at: FloatArray | None = None
 ) -> Points:
-    """The samples, midpoints or both, with what the delays see there; `at` are the states where not the samples."""
+    """The samples, midpoints or both, and what the delays see there; `at` gives states other than samples."""
     delayed: dict[str, Delayed] = {}
     rates: dict[str, Delayed] = {}
-    n = grid.n
-    for name, whole in stencils.items():
-        stencil = Stencil(whole.index[part], whole.value[part], whole.rate[part])
-        u = grid.u[:, :n]
-        delayed[name] = Delayed(stencil.apply(x), stencil.apply(u))
-        rates[name] = Delayed(stencil.apply_rate(x), stencil.apply_rate(u))
+    u = grid.u[:, : grid.n]
+    for name, whole in back.items():
+        stencil = whole.stencil.part(part)
+        delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, part)
+        rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, part)
     return Points(x if at is None else at, grid.u[:, part], grid.t[part], delayed, rates)
+
+
+def _with_history(x: FloatArray, u: FloatArray, before: History | None, part: slice) -> Delayed:
+    return Delayed(x, u) if before is None else Delayed(x + before.x[:, part], u + before.u[:, part])
 
 
 def _midpoints(grid: Grid, x: FloatArray, f: FloatArray) -> FloatArray:
@@ -143,7 +149,7 @@ def _defect(grid: Grid, x: FloatArray, f: FloatArray, f_mid: FloatArray) -> Floa
 
 
 def _defect_derivatives(
-    grid: Grid, slope: Jacobian, stencils: Mapping[str, Stencil]
+    grid: Grid, slope: Jacobian, back: Mapping[str, LookBack]
 ) -> tuple[BlockRows, FloatArray]:
     n, n_states = grid.n, slope.by_state.shape[1]
     h = grid.step[:, None, None]
@@ -158,7 +164,7 @@ def _defect_derivatives(
     coupling = []
     for name, by_delayed in slope.by_delayed.items():
         d, d_mid = by_delayed[:n], by_delayed[n:]
-        stencil = stencils[name]
+        stencil = back[name].stencil
         coupling += [
             (stencil, slice(0, n - 1), -h / 6 * d[:-1] - h / 4 * (through_mid @ d[:-1])),
             (stencil, slice(1, n), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
@@ -170,7 +176,7 @@ def _defect_derivatives(
 def _with_delays(
     n: int, offset: int, local: FloatArray, coupling: list[tuple[Stencil, slice, FloatArray]]
 ) -> BlockRows:
-    """Block rows of the local blocks, (rows, width, m, n_states), plus blocks spread over interpolation weights."""
+    """The local blocks, (rows, width, m, n_states), plus blocks spread over interpolation weights."""
     coupling = [entry for entry in coupling if np.any(entry[2])]
     if not coupling:
         return BlockRows(offset, local)
@@ -185,5 +191,3 @@ def _with_delays(
         for j in range(weights.shape[1]):
             blocks[rows, distance[:, j] - first] += weights[:, j, None, None] * by_delayed
     return BlockRows(first, blocks)
-
-

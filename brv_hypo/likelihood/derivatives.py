@@ -1,4 +1,4 @@
-"""First derivatives of the user's functions, all samples at once: complex-step, or scaled central differences.
+"""First derivatives of the user's functions, all samples at once.
 
 The complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) and needs functions that
 accept complex arrays and are analytic: no abs, no comparison of complex values, no arctan2. Where they
@@ -48,7 +48,10 @@ class Points:
 
 
 class Jacobian(NamedTuple):
-    """Value (m, n) and derivatives by states (n, m, n_states), parameters (n, m, p) and delayed states by name."""
+    """Value (m, n) and derivatives by states, parameters and delayed states.
+
+    `by_state` is (n, m, n_states), `by_parameter` (n, m, p), `by_delayed` (n, m, n_states) by name.
+    """
 
     value: FloatArray
     by_state: FloatArray
@@ -76,7 +79,7 @@ def jacobian(
     columns: list[FloatArray] = []
     n_states = points.x.shape[0]
     kind: type = complex if method == "complex" else float
-    x = points.x.astype(kind)
+    x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
 
@@ -88,7 +91,9 @@ def jacobian(
                 value.append(moved.real.copy())
         else:
             step = _CENTRAL_STEP * size
-            columns.append((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
+            columns.append(
+                (np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step)
+            )
 
     def along_row(array: FloatArray, row: int) -> Callable[[Any], Any]:
         def move(step: Any) -> Any:
@@ -134,7 +139,7 @@ def choose_method(
     names: tuple[str, ...],
     scale: Mapping[str, float],
 ) -> Method:
-    """The complex step where every function takes it and central differences agree, else central differences."""
+    """The complex step where every function takes it and central differences agree; else those."""
     for function in functions:
         central = jacobian(function, points, theta, names, "central", scale)
         try:
@@ -187,11 +192,18 @@ def check_shape(function: Function, points: Points, theta: Mapping[str, float], 
             f"{'state' if what == 'dynamics' else 'output'} and one column per sample"
         )
     if not np.all(np.isfinite(value)):
-        raise UsageError(f"{what} is not finite at the start values; check theta0, x0 and u, or start nearer to the solution")
+        raise UsageError(
+            f"{what} is not finite at the start values; check theta0, x0 and u, "
+            "or start nearer to the solution"
+        )
 
 
 def _call(
-    function: Function, x: FloatArray, points: Points, theta: Mapping[str, Any], delayed: Mapping[str, Delayed]
+    function: Function,
+    x: FloatArray,
+    points: Points,
+    theta: Mapping[str, Any],
+    delayed: Mapping[str, Delayed],
 ) -> Any:
     if delayed:
         return function(x, points.u, theta, points.t, delayed)

@@ -17,13 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import BlockRows
 
 _SINGULAR = 1e13
-"""Condition, estimated from the growth of a random right-hand side, at which the states count as undetermined."""
+"""Condition, from the growth of a random right-hand side, at which states count as undetermined."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,8 @@ class Quadratic:
 
     Attributes:
         residual: r, (n, n_outputs), whitened. by_state: J. by_parameter: J_p, (n, n_outputs, p).
-        defect: c, (n, n_states); row 0 is that of the initial state. defect_by_state: D without row 0, which is the unit matrix.
+        defect: c, (n, n_states); row 0 is that of the initial state. defect_by_state: D without row 0, which
+            is the unit matrix.
         defect_by_parameter: C, (n, n_states, p).
         variance: diagonal of Q, (n, n_states); row 0 infinite where the initial state is free.
     """
@@ -48,7 +48,9 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Eliminated:
-    """States and multipliers as affine functions of dp: dx = x[..., 0] + x[..., 1:] dp, likewise the multipliers.
+    """States and multipliers as affine functions of dp.
+
+    dx = x[..., 0] + x[..., 1:] dp, likewise the multipliers.
 
     `x` and `multiplier` are (n, n_states, 1 + p).
     """
@@ -58,12 +60,17 @@ class Eliminated:
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:
-    """The states and multipliers as affine functions of the parameter step; None where the outputs leave a state undetermined."""
+    """The states and multipliers as affine functions of the parameter step.
+
+    None where the outputs leave a state undetermined.
+    """
     n, n_states = problem.defect.shape
     weight = _balance(problem.by_state)
     band, width = _assemble(problem, weight)
     right = _right_hand_side(problem, weight)
     norm = float(np.abs(band).sum(axis=0).max())
+    from scipy.linalg import lapack  # here, for a cheap import of the package
+
     lu, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
     if info != 0:
         return None
@@ -78,6 +85,8 @@ def eliminate(problem: Quadratic) -> Eliminated | None:
 
 def log_determinant(problem: Quadratic) -> float:
     """log |det| of the matrix alone; nan where it is singular."""
+    from scipy.linalg import lapack
+
     band, width = _assemble(problem, _balance(problem.by_state))
     lu, _, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
     return float("nan") if info != 0 else float(np.sum(np.log(np.abs(lu[2 * width]))))
@@ -98,7 +107,10 @@ class _Band:
         self.storage = np.zeros((3 * width + 1, 2 * m * n), order="F")
 
     def add(self, row: tuple[int, int], column: tuple[int, int], blocks: FloatArray) -> None:
-        """Add blocks (count, m, m), the first at (stage, part) `row` and `column`, each next one a stage further."""
+        """Add blocks (count, m, m) along the diagonal.
+
+        The first stands at (stage, part) `row` and `column`, each next one a stage further.
+        """
         first = max(0, -row[0], -column[0])
         last = min(blocks.shape[0], self.n - row[0], self.n - column[0])
         if last <= first:

@@ -17,7 +17,14 @@ from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid
-from brv_hypo.likelihood.start import approach, delay_reach, looseness, smooth, state_sizes, states_from_outputs
+from brv_hypo.likelihood.start import (
+    approach,
+    delay_reach,
+    looseness,
+    smooth,
+    state_sizes,
+    states_from_outputs,
+)
 from brv_hypo.likelihood.step import Iterate, Problem, SingularStatesError
 
 
@@ -48,20 +55,23 @@ def fit(
     each segment's own, unless its `x0_std` says otherwise.
 
     Args:
-        dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs, n),
+        dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs,
+            n),
             theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
             derivatives; others central differences.
         outputs: h(x, u, theta, t) -> (n_outputs, n).
         segments: the record, in one or more continuous stretches.
         theta0: start values by name; 0 is as good a start as any.
-        process_noise: standard deviation of the white noise that drives each state, (n_states,), state units per root
+        process_noise: standard deviation of the white noise that drives each state, (n_states,), state units
+            per root
             second; None, or 0 for a state, makes its dynamics exact (output error).
         bounds: (lower, upper) by name.
         fixed: names held at their start value.
         per_segment: names that take a value of their own in each segment.
         priors: (mean, standard deviation) by name.
         delays: names whose value is a delay in s. Both functions then take a fifth argument, `delayed`, with
-            `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if negative);
+            `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if
+            negative);
             the derivatives by the delay and by the earlier states are carried in full.
         noise: shape of B, "diagonal" or "full".
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11.
@@ -75,7 +85,8 @@ def fit(
         The estimate, its errors and a status; failure to converge is a status, not an exception.
 
     Raises:
-        UsageError: arguments that do not fit together: shapes, names, bounds, functions that are not finite at the start.
+        UsageError: arguments that do not fit together: shapes, names, bounds, functions that are not finite
+            at the start.
     """
     grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
     if not grids:
@@ -87,10 +98,16 @@ def fit(
     n_states = grids[0].start.shape[0]
     driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
     if driving.shape != (n_states,) or np.any(driving < 0):
-        raise UsageError(f"process_noise is {driving}; expected {n_states} values, one per state, none negative")
-    problem = Problem(model, grids, parameters, state_sizes(histories), driving, np.full(len(parameters.names), np.inf))
+        raise UsageError(
+            f"process_noise is {driving}; expected {n_states} values, one per state, none negative"
+        )
+    problem = Problem(
+        model, grids, parameters, state_sizes(histories), driving, np.full(len(parameters.names), np.inf)
+    )
     y = np.concatenate([g.y for g in grids], axis=1)
-    covariance = noise_from_differences(y) if noise_covariance is None else np.asarray(noise_covariance, float)
+    covariance = (
+        noise_from_differences(y) if noise_covariance is None else np.asarray(noise_covariance, float)
+    )
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
@@ -115,7 +132,10 @@ def _prepared(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
         problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
         return problem, approach(problem, iterate, loose)
     except SingularStatesError:
-        return problem, iterate  # the search starts from the states as they are, and says so if they stay undetermined
+        return (
+            problem,
+            iterate,
+        )  # the search starts from the states as they are, and says so if they stay undetermined
 
 
 def _delay_bounds(delays: Sequence[str], grids: tuple[Grid, ...]) -> dict[str, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""Filter error: what process noise adds to output error, so that the states are integrated out, not only fitted.
+"""Filter error: process noise means that the states are integrated out, not only fitted.
 
 With Q > 0 the least-squares states are the smoothed ones, and the likelihood of theta is theirs times a
 determinant. For linear dynamics, and to the order of Laplace's approximation otherwise,
@@ -50,9 +50,12 @@ def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[
     p = len(parameters.names)
     norm = np.linalg.norm(information_factor(problem, segments)[:, :p], axis=0)
     gradient = np.zeros(p)
-    for i in np.flatnonzero(norm > 0):
+    for i in np.flatnonzero(norm > 0).tolist():
         step = _STEP / norm[i]
-        ends = [determinant_term(problem, _displaced(problem, iterate, segments, i, sign * step)) for sign in (1, -1)]
+        ends = [
+            determinant_term(problem, _displaced(problem, iterate, segments, i, sign * step))
+            for sign in (1, -1)
+        ]
         gradient[i] = (ends[0] - ends[1]) / (2 * step)
     return gradient
 
@@ -72,14 +75,15 @@ def output_spread(problem: Problem, iterate: Iterate, shape: Shape) -> FloatArra
                 change = np.zeros_like(r)
                 change[a, b] = change[b, a] = step
                 up, down = (
-                    _determinant(problem, replace(iterate, covariance=r + sign * change)) for sign in (1.0, -1.0)
+                    _determinant(problem, replace(iterate, covariance=r + sign * change))
+                    for sign in (1.0, -1.0)
                 )
                 gradient[a, b] = gradient[b, a] = (up - down) / (2 * step) / (1.0 if a == b else 2.0)
     return np.asarray(-r @ gradient @ r)
 
 
 def updated_process_noise(problem: Problem, iterate: Iterate) -> tuple[FloatArray, float]:
-    """A scoring step in the logarithm of each process noise variance, and the largest move, in standard errors.
+    """A scoring step in each log variance of process noise, and the largest move in standard errors.
 
     The score is that of the marginal likelihood (Fisher's identity), its information half the squared
     sensitivity of the innovations' covariance, both from derivatives of log|det K|.
@@ -125,7 +129,9 @@ def _held(problem: Problem, iterate: Iterate) -> list[Quadratic]:
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
         linearisation = linearise_segment(problem.model, grid, x, theta, ())
-        quadratic = quadratic_of(problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured))
+        quadratic = quadratic_of(
+            problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured)
+        )
         variance = quadratic.variance.copy()
         variance[0] = 0.0
         found.append(replace(quadratic, variance=variance))
@@ -148,7 +154,11 @@ def _displaced(
 
 @dataclass(frozen=True)
 class Filtered:
-    """One-step predictions of a segment: innovations (n_outputs, n), nan in gaps, their covariances (n, n_outputs, n_outputs), and the NLLF of Eq. 3.10 (E8)."""
+    """One-step predictions of a segment.
+
+    `innovations` (n_outputs, n), nan in gaps, their `covariance` (n, n_outputs, n_outputs), and the NLLF of
+    Eq. 3.10 (E8).
+    """
 
     innovations: FloatArray
     covariance: FloatArray
@@ -156,7 +166,7 @@ class Filtered:
 
 
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ...]:
-    """Innovations of the Kalman filter, linearised about the smoothed states, from the estimated initial state on."""
+    """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on."""
     found = []
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)

@@ -31,13 +31,17 @@ class Stencil:
     value: FloatArray
     rate: FloatArray
 
+    def part(self, where: slice) -> Stencil:
+        """The stencil of some of the query times."""
+        return Stencil(self.index[where], self.value[where], self.rate[where])
+
     def apply(self, signal: FloatArray) -> FloatArray:
         """The signal, (m, n_samples), at the query times, (m, n)."""
-        return np.einsum("mnw,nw->mn", signal[:, self.index], self.value)
+        return np.asarray(np.einsum("mnw,nw->mn", signal[:, self.index], self.value))
 
     def apply_rate(self, signal: FloatArray) -> FloatArray:
         """The time derivative of the signal, (m, n_samples), at the query times, (m, n)."""
-        return np.einsum("mnw,nw->mn", signal[:, self.index], self.rate)
+        return np.asarray(np.einsum("mnw,nw->mn", signal[:, self.index], self.rate))
 
 
 class Interpolator:
@@ -74,7 +78,7 @@ class Interpolator:
             first = self._slope_start[node] - start
             for j in range(_SLOPE_WIDTH):
                 weights[rows, first + j] += at_slope * self._slope[node, j]
-        return weights
+        return np.asarray(weights)
 
 
 def _slope_weights(t: FloatArray, nodes: IntArray, start: IntArray) -> FloatArray:
@@ -90,4 +94,4 @@ def _slope_weights(t: FloatArray, nodes: IntArray, start: IntArray) -> FloatArra
     weights = barycentric / barycentric[rows, here][:, None] / distance
     weights[rows, here] = 0.0
     weights[rows, here] = -weights.sum(axis=1)
-    return weights
+    return np.asarray(weights)

@@ -14,11 +14,16 @@ _SUFFICIENT = 1e-4
 
 
 def line_search(
-    problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] | None = None
+    problem: Problem,
+    iterate: Iterate,
+    step: Step,
+    penalty: float,
+    term: Callable[[Iterate], float] | None = None,
 ) -> tuple[Iterate, float]:
     """Halve the step until the merit falls enough; fraction 0 where it does not.
 
-    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is one.
+    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is
+    one.
     """
     cost, violation = objective(problem, iterate)
     merit = cost + penalty * violation + (term(iterate) if term else 0.0)

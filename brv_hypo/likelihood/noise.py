@@ -49,7 +49,8 @@ def estimate_covariance(
         shape: "diagonal" averages each output over its own samples; "full" fills gaps by their conditional
             expectation under `previous` (one step of expectation-maximisation; exact where there are none).
         previous: the covariance before, (n_outputs, n_outputs).
-        floor: least variance of each output, (n_outputs,): noise-free data must not end in a division by zero.
+        floor: least variance of each output, (n_outputs,): noise-free data must not end in a division by
+            zero.
         spread: sum over samples of the predicted outputs' own covariance (process noise), same shape.
     """
     n_outputs, n = residual.shape
@@ -71,7 +72,7 @@ def estimate_covariance(
         total += filled @ filled.T
     covariance = total / n
     covariance[np.diag_indices(n_outputs)] = np.maximum(np.diag(covariance), floor)
-    return covariance
+    return np.asarray(covariance)
 
 
 def negative_log_likelihood(residual: FloatArray, measured: BoolArray, covariance: FloatArray) -> float:
@@ -100,8 +101,10 @@ def noise_from_differences(y: FloatArray) -> FloatArray:
 
 
 def least_variance(y: FloatArray) -> FloatArray:
-    """The least noise variance to be believed of each output, (n_outputs,): rounding, against its mean square."""
-    mean_square = np.array([np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y])
+    """The least noise variance to be believed of each output, (n_outputs,): that of rounding."""
+    mean_square = np.array(
+        [np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y]
+    )
     return np.asarray(_ROUNDING * np.where(mean_square > 0, mean_square, 1.0))
 
 

@@ -50,15 +50,23 @@ def build_parameters(
     """Lay the parameters out in one vector.
 
     Raises:
-        UsageError: an unknown name, a bound or prior that makes no sense, a start outside its bounds, nothing free.
+        UsageError: an unknown name, a bound or prior that makes no sense, a start outside its bounds, nothing
+            free.
     """
-    for what, given in (("bounds", bounds), ("priors", priors), ("fixed", fixed), ("per_segment", per_segment)):
+    for what, given in (
+        ("bounds", bounds),
+        ("priors", priors),
+        ("fixed", fixed),
+        ("per_segment", per_segment),
+    ):
         unknown = sorted(set(given) - set(theta0))
         if unknown:
             raise UsageError(f"{what} names {unknown}, which theta0 does not have; it has {sorted(theta0)}")
     base = tuple(name for name in theta0 if name not in fixed)
     if not base:
-        raise UsageError("every parameter of theta0 is held fixed: there is nothing to estimate; free at least one")
+        raise UsageError(
+            "every parameter of theta0 is held fixed: there is nothing to estimate; free at least one"
+        )
     names: list[str] = []
     owner: list[str] = []
     index = np.zeros((n_segments, len(base)), dtype=np.int64)
@@ -68,22 +76,32 @@ def build_parameters(
         names.extend(f"{name}[{s}]" for s in range(copies)) if name in per_segment else names.append(name)
         owner.extend([name] * copies)
     start = np.array([float(theta0[name]) for name in owner])
-    lower, upper = (np.array([bounds.get(name, (-np.inf, np.inf))[side] for name in owner], float) for side in (0, 1))
+    lower, upper = (
+        np.array([bounds.get(name, (-np.inf, np.inf))[side] for name in owner], float) for side in (0, 1)
+    )
     prior = np.array([priors.get(name, (0.0, np.inf)) for name in owner], dtype=float)
     _check_values(names, start, lower, upper, prior)
     held = {name: float(theta0[name]) for name in theta0 if name in fixed}
-    return Parameters(
-        tuple(names), start, lower, upper, prior[:, 0], prior[:, 1], base, held, tuple(index)
-    )
+    return Parameters(tuple(names), start, lower, upper, prior[:, 0], prior[:, 1], base, held, tuple(index))
 
 
-def _check_values(names: list[str], start: FloatArray, lower: FloatArray, upper: FloatArray, prior: FloatArray) -> None:
+def _check_values(
+    names: list[str], start: FloatArray, lower: FloatArray, upper: FloatArray, prior: FloatArray
+) -> None:
     for i, name in enumerate(names):
         if not np.isfinite(start[i]):
             raise UsageError(f"theta0[{name!r}] is {start[i]}; expected a finite start value")
         if not lower[i] < upper[i]:
-            raise UsageError(f"bounds of {name!r} are ({lower[i]}, {upper[i]}); expected lower < upper. To hold it, use fixed")
+            raise UsageError(
+                f"bounds of {name!r} are ({lower[i]}, {upper[i]}); expected lower < upper. "
+                "To hold it, use fixed"
+            )
         if not lower[i] <= start[i] <= upper[i]:
-            raise UsageError(f"theta0[{name!r}] = {start[i]} lies outside its bounds ({lower[i]}, {upper[i]}); move one of them")
+            raise UsageError(
+                f"theta0[{name!r}] = {start[i]} lies outside its bounds ({lower[i]}, {upper[i]}); "
+                "move one of them"
+            )
         if not prior[i, 1] > 0:
-            raise UsageError(f"the prior of {name!r} has standard deviation {prior[i, 1]}; expected a positive one")
+            raise UsageError(
+                f"the prior of {name!r} has standard deviation {prior[i, 1]}; expected a positive one"
+            )

@@ -41,7 +41,7 @@ class ModelProblem:
     delays: tuple[str, ...] = ()
 
     def simulate(self, n: int, seed: int, correlation: float = 0.0) -> Segment:
-        """A record of n samples; `correlation` is that of the noise from one sample to the next (first-order Markov).
+        """A record of n samples; `correlation` is that of the noise from one sample to the next.
 
         The segment's x0 is what the instruments give: zeros.
         """
@@ -58,16 +58,18 @@ class ModelProblem:
         step = (t[1] - t[0]) / _SUBSTEPS
         fine = t[0] + step * np.arange((t.size - 1) * _SUBSTEPS + 1)
         u, u_mid = self.inputs(fine), self.inputs(fine + step / 2)
-        lag = {name: int(round(self.truth[name] / step)) for name in self.delays}
+        lag = {name: round(self.truth[name] / step) for name in self.delays}
         x = np.empty((self.x0.size, fine.size))
         x[:, 0] = self.x0
         drive = self.process_noise
 
         def slope(state: FloatArray, inputs: FloatArray, k: float) -> FloatArray:
-            past = ()
+            past: tuple[Any, ...] = ()
             if self.delays:
                 past = ({name: _past(x, u, k - shift) for name, shift in lag.items()},)
-            return np.asarray(self.dynamics(state[:, None], inputs[:, None], self.truth, fine[:1], *past))[:, 0]
+            return np.asarray(self.dynamics(state[:, None], inputs[:, None], self.truth, fine[:1], *past))[
+                :, 0
+            ]
 
         for k in range(fine.size - 1):
             now = x[:, k]
@@ -132,9 +134,12 @@ def short_period() -> ModelProblem:
 def spinning_body(
     pitch_damping: float = -0.3, onset: float = 0.0, x0: tuple[float, ...] = (0.0, 0.1, 0.15, 0.05)
 ) -> ModelProblem:
-    """A spinning axisymmetric body: states q, r (rad/s), alpha, beta (rad); gyros and accelerometers; 10 parameters.
+    """A spinning axisymmetric body with gyros and accelerometers: 10 parameters.
 
-    Roll rate and velocity are inputs. `onset` adds a known damping, onset (1 - sin^2 / 0.04), that makes motion grow at small
+    States q, r (rad/s), alpha, beta (rad).
+
+    Roll rate and velocity are inputs. `onset` adds a known damping, onset (1 - sin^2 / 0.04), that makes
+    motion grow at small
     angles and bounds it at large ones.
     """
     inertia = 0.8
@@ -182,7 +187,7 @@ def growing_body() -> ModelProblem:
 
 
 def lagging_body() -> ModelProblem:
-    """An oscillator whose restoring moment acts late: 2 states, 4 parameters, one of them a delay of 0.2 s."""
+    """An oscillator whose restoring moment acts late: 2 states, 4 parameters, one of them a delay."""
 
     def dynamics(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
         angle, rate = x
@@ -196,12 +201,19 @@ def lagging_body() -> ModelProblem:
 
     truth = {"stiffness": -12.0, "late": -4.0, "damping": -1.0, "delay": 0.2}
     return ModelProblem(
-        dynamics, outputs, truth, _elevator_strong, np.array([0.0, 0.0]), np.array([0.002, 0.01]), 50.0, delays=("delay",)
+        dynamics,
+        outputs,
+        truth,
+        _elevator_strong,
+        np.array([0.0, 0.0]),
+        np.array([0.002, 0.01]),
+        50.0,
+        delays=("delay",),
     )
 
 
 def _past(x: FloatArray, u: FloatArray, k: float) -> Any:
-    """States and inputs at the fine step k, which may be half a step in; the first one held before the start."""
+    """States and inputs at the fine step k, whole or half; the first one held before the start."""
     from brv_hypo.likelihood.derivatives import Delayed
 
     low = max(int(np.floor(k)), 0)

@@ -15,28 +15,33 @@ class FitResult:
     """A maximum-likelihood fit; p free parameters in the order of `names`.
 
     Attributes:
-        status: "converged", "iteration limit", "stalled", "undetermined" (a state that no output sees) or "diverged".
+        status: "converged", "iteration limit", "stalled", "undetermined" (a state that no output sees) or
+            "diverged".
         message: cause and remedy where it did not converge.
         names: the free parameters; a per-segment parameter b is b[0], b[1], ...
         theta: estimate by name, those held fixed included.
         std_error: standard error by name, residuals taken as white; nan at a bound or where the data do not
             determine the parameter.
         std_error_coloured: the same, corrected for coloured residuals (Morelli and Klein 1997): report this
-            one. With process noise, which is itself the model of what colours the residuals, equal to std_error.
+            one. With process noise, which is itself the model of what colours the residuals, equal to
+            std_error.
         covariance: (p, p), residuals taken as white.
         covariance_coloured: (p, p), corrected.
-        log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant
+        log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the
+            constant
             -1/2 N log(2 pi) is left out, as in the report.
         innovation_covariance: B of Eq. 3.11, (n_outputs, n_outputs).
         noise_covariance: covariance of the measurement noise; B itself in output error.
-        process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in output error.
+        process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in
+            output error.
         iterations: Gauss-Newton steps taken.
         history: NLLF, violation of the dynamics, step length and fraction after each iteration.
         identifiability: condition, and near-null directions by name.
         whiteness: test of each output's innovations.
         states: by segment, (n_states, n).
         innovations: by segment, measured minus predicted output, (n_outputs, n); nan in gaps.
-        at_bound: parameters that ended at a bound: their errors, and the meaning of the others', are conditional.
+        at_bound: parameters that ended at a bound: their errors, and the meaning of the others', are
+            conditional.
         derivatives: how the functions were differentiated.
         samples: number of measured values, all outputs and segments.
     """

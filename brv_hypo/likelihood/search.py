@@ -1,4 +1,6 @@
-"""The search: Gauss-Newton steps, a merit function that weighs fit against violated dynamics, and B by Eq. 3.11."""
+"""The search: Gauss-Newton steps, a merit function that weighs fit against violated dynamics, and B by Eq.
+3.11.
+"""
 
 from __future__ import annotations
 
@@ -100,7 +102,9 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         problem, iterate, noise_settled = _update_noise(problem, following, options)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
-            Progress(iteration, negative_log_likelihood_of(problem, iterate), violation, step.length, fraction)
+            Progress(
+                iteration, negative_log_likelihood_of(problem, iterate), violation, step.length, fraction
+            )
         )
         if options.progress is not None:
             options.progress(history[-1])
@@ -155,7 +159,9 @@ def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple
         difference = np.concatenate(residuals(problem, iterate), axis=1)
         old = iterate.covariance
         spread = output_spread(problem, iterate, options.noise)
-        new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor, spread)
+        new = estimate_covariance(
+            difference, np.isfinite(difference), options.noise, old, options.floor, spread
+        )
         iterate = replace(iterate, covariance=new)
         settled = settled and float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0))) < _SETTLED_CHANGE
     return problem, iterate, settled
@@ -169,14 +175,14 @@ def _undetermined(error: SingularStatesError) -> str:
 
 
 _DIVERGED = (
-    "the step is not finite: the functions overflowed or returned nan. Start nearer to the solution, set bounds, "
-    "or check the dynamics for divisions by zero"
+    "the step is not finite: the functions overflowed or returned nan. "
+    "Start nearer to the solution, set bounds, or check the dynamics for divisions by zero"
 )
 _STALLED = (
-    "no fraction of the step improves the fit: the derivatives are wrong (a function that is not smooth, or not "
-    "vectorised over samples) or the start is too far away. Check the functions, or start nearer"
+    "no fraction of the step improves the fit: the derivatives are wrong (a function that is not smooth, "
+    "or not vectorised over samples) or the start is too far away. Check the functions, or start nearer"
 )
 _LIMIT = (
-    "{} iterations were not enough. Look at the near-null directions in identifiability: parameters that the data do "
-    "not separate; fix or bound some, or raise max_iterations"
+    "{} iterations were not enough. Look at the near-null directions in identifiability: parameters that "
+    "the data do not separate; fix or bound some, or raise max_iterations"
 )

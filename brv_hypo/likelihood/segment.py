@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,10 @@ from brv_hypo.likelihood.interpolation import WIDTH, Interpolator, Stencil
 
 @dataclass(frozen=True)
 class History:
-    """What is known before a segment starts, for delayed quantities: t (n,), s; x (n_states, n); u (n_inputs, n)."""
+    """What is known before a segment starts, for delayed quantities.
+
+    t (n,), s; x (n_states, n); u (n_inputs, n).
+    """
 
     t: FloatArray
     x: FloatArray
@@ -46,6 +49,15 @@ class Segment:
 
 
 @dataclass(frozen=True)
+class LookBack:
+    """Quantities a delay earlier: weights on the samples, plus what comes from the history before them."""
+
+    stencil: Stencil
+    before: History | None
+    before_rate: History | None
+
+
+@dataclass(frozen=True)
 class Grid:
     """A segment made ready: samples and midpoints, measured mask, interpolator.
 
@@ -61,7 +73,6 @@ class Grid:
     start_std: FloatArray
     interpolator: Interpolator
     history: History | None = None
-    history_interpolator: Interpolator | None = field(default=None)
 
     @property
     def n(self) -> int:
@@ -73,16 +84,35 @@ class Grid:
         """Where the samples stand in `t` and `u`."""
         return slice(0, self.n)
 
-    def stencil(self, delay: float) -> Stencil:
-        """Weights of x(t - delay) at all samples and midpoints; delay in s."""
-        return self.interpolator.stencil(self.t - delay)
+    def look_back(self, delay: float) -> LookBack:
+        """How x(t - delay) and u(t - delay) come about at all samples and midpoints; delay in s."""
+        query = self.t - delay
+        stencil = self.interpolator.stencil(query)
+        history = self.history
+        if history is None or delay <= 0:
+            return LookBack(stencil, None, None)
+        early = query < self.t[0]
+        within = ~early[:, None]
+        stencil = Stencil(stencil.index, stencil.value * within, stencil.rate * within)
+        past = Interpolator(np.asarray(history.t, dtype=float)).stencil(query[early])
+        known = [
+            _spread(early, signal)
+            for signal in (
+                past.apply(history.x),
+                past.apply(history.u),
+                past.apply_rate(history.x),
+                past.apply_rate(history.u),
+            )
+        ]
+        return LookBack(stencil, History(query, *known[:2]), History(query, *known[2:]))
 
 
 def build_grid(segment: Segment, number: int) -> Grid:
     """Check a segment and lay out its grid.
 
     Raises:
-        UsageError: shapes that do not fit together, too few samples, times that do not increase, inputs that are not finite.
+        UsageError: shapes that do not fit together, too few samples, times that do not increase, inputs that
+            are not finite.
     """
     t = np.asarray(segment.t, dtype=float)
     y = np.atleast_2d(np.asarray(segment.y, dtype=float))
@@ -92,13 +122,17 @@ def build_grid(segment: Segment, number: int) -> Grid:
     _check(t, u, y, x0, number)
     interpolator = Interpolator(t)
     middle = 0.5 * (t[:-1] + t[1:])
-    u_mid = interpolator.stencil(middle).apply(u) if segment.u_mid is None else np.asarray(segment.u_mid, dtype=float)
+    u_mid = (
+        interpolator.stencil(middle).apply(u)
+        if segment.u_mid is None
+        else np.asarray(segment.u_mid, dtype=float)
+    )
     if u_mid.shape != (u.shape[0], t.size - 1):
         raise UsageError(
-            f"segment {number}: u_mid has shape {u_mid.shape}, expected {(u.shape[0], t.size - 1)}, one column per interval"
+            f"segment {number}: u_mid has shape {u_mid.shape}; expected {(u.shape[0], t.size - 1)}, "
+            "one column per interval"
         )
     n_states = x0.shape[0]
-    history = segment.history
     return Grid(
         t=np.concatenate([t, middle]),
         u=np.concatenate([u, u_mid], axis=1),
@@ -108,25 +142,39 @@ def build_grid(segment: Segment, number: int) -> Grid:
         start=x0,
         start_std=np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (n_states,)),
         interpolator=interpolator,
-        history=history,
-        history_interpolator=None if history is None else Interpolator(np.asarray(history.t, dtype=float)),
+        history=segment.history,
     )
+
+
+def _spread(where: BoolArray, signal: FloatArray) -> FloatArray:
+    """The signal's columns at the marked places, zero elsewhere."""
+    full = np.zeros((signal.shape[0], where.size))
+    full[:, where] = signal
+    return full
 
 
 def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: int) -> None:
     if t.ndim != 1 or t.size < WIDTH:
-        raise UsageError(f"segment {number}: t has shape {t.shape}; expected one dimension and at least {WIDTH} samples")
+        raise UsageError(
+            f"segment {number}: t has shape {t.shape}; expected one dimension and at least {WIDTH} samples"
+        )
     if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
         raise UsageError(
-            f"segment {number}: the sample times do not increase, or are not finite; remove repeated samples, "
-            "and cut the record into segments where it has gaps"
+            f"segment {number}: the sample times do not increase, or are not finite; "
+            "remove repeated samples, and cut the record into segments where it has gaps"
         )
     for name, array in (("u", u), ("y", y)):
         if array.shape[1:] != t.shape:
-            raise UsageError(f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), one column per sample")
+            raise UsageError(
+                f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), "
+                "one column per sample"
+            )
     if not np.all(np.isfinite(u)):
-        raise UsageError(f"segment {number}: u is not finite everywhere; only y may have gaps (NaN): interpolate u first")
+        raise UsageError(
+            f"segment {number}: u is not finite everywhere; only y may have gaps (NaN): interpolate u first"
+        )
     if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
         raise UsageError(
-            f"segment {number}: x0 has shape {x0.shape}; expected finite values, (n_states,) or (n_states, {t.size})"
+            f"segment {number}: x0 has shape {x0.shape}; expected finite values, "
+            f"(n_states,) or (n_states, {t.size})"
         )

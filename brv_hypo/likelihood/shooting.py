@@ -27,8 +27,10 @@ _DAMPING = (0.0, 1e-4, 1e-2, 1.0, 1e2, 1e4)
 class ShootingResult:
     """Estimate by single shooting.
 
-    `status` is "converged", "iteration limit", "stalled" or "diverged"; `theta` name to value; `x0` (n_segments, n_states);
-    `std_error` by name, residuals taken as white; `nllf` by Eq. 3.10 (E8); `states` by segment, (n_states, n).
+    `status` is "converged", "iteration limit", "stalled" or "diverged"; `theta` name to value; `x0`
+    (n_segments, n_states);
+    `std_error` by name, residuals taken as white; `nllf` by Eq. 3.10 (E8); `states` by segment, (n_states,
+    n).
     """
 
     status: str
@@ -65,9 +67,12 @@ def fit_single_shooting(
     max_iterations: int = 100,
     tolerance: float = 1e-6,
 ) -> ShootingResult:
-    """Output error by single shooting; arguments as in `fit`, `substeps` Runge-Kutta steps per sample interval.
+    """Output error by single shooting; arguments as in `fit`.
 
-    Initial states start at each segment's x0 (its first column) and are free. Functions must be analytic (complex step).
+    `substeps` Runge-Kutta steps are taken per sample interval.
+
+    Initial states start at each segment's x0 (its first column) and are free. Functions must be analytic
+    (complex step).
 
     Raises:
         UsageError: a segment that cannot be used.
@@ -107,11 +112,11 @@ class _Shooter:
         residual = self._residual(unknown)
         status, covariance = "diverged", np.diag(np.nan * self.floor)
         information = np.full((unknown.size, unknown.size), np.nan)
-        iteration = 0
+        taken = 0
         if np.all(np.isfinite(residual)):
             covariance = self._covariance(residual, np.diag(np.mean(residual**2, axis=1)))
             status = "iteration limit"
-            for iteration in range(1, max_iterations + 1):
+            for taken in range(1, max_iterations + 1):  # noqa: B007 - reported after the loop
                 step, information, accepted = self._step(unknown, residual, covariance)
                 if not accepted:
                     status = "stalled"
@@ -124,7 +129,7 @@ class _Shooter:
                 if np.sqrt(step @ information @ step / p) < tolerance and change < np.sqrt(tolerance):
                     status = "converged"
                     break
-        return self._result(unknown, residual, covariance, information, status, iteration)
+        return self._result(unknown, residual, covariance, information, status, taken)
 
     def _step(
         self, unknown: FloatArray, residual: FloatArray, covariance: FloatArray
@@ -139,7 +144,9 @@ class _Shooter:
         normal = information / np.outer(norm, norm)
         cost = float(right @ right)
         for damping in _DAMPING:
-            step = np.linalg.lstsq(normal + damping * np.eye(norm.size), gradient / norm, rcond=1e-14)[0] / norm
+            step = (
+                np.linalg.lstsq(normal + damping * np.eye(norm.size), gradient / norm, rcond=1e-14)[0] / norm
+            )
             trial = self._residual(unknown + step)
             if np.all(np.isfinite(trial)):
                 moved = float(np.sum((whitener @ trial.T[:, :, None]) ** 2))
@@ -152,7 +159,9 @@ class _Shooter:
 
     def _values(self, unknown: FloatArray) -> tuple[dict[str, float], FloatArray]:
         p = len(self.names)
-        return self.theta | dict(zip(self.names, unknown[:p].tolist(), strict=True)), unknown[p:].reshape(self.shape)
+        return self.theta | dict(zip(self.names, unknown[:p].tolist(), strict=True)), unknown[p:].reshape(
+            self.shape
+        )
 
     def _residual(self, unknown: FloatArray) -> FloatArray:
         """Measured minus predicted output, (n_outputs, all samples), 0 in gaps."""
@@ -172,7 +181,9 @@ class _Shooter:
         parts = []
         for s, (record, start) in enumerate(zip(self.records, x0, strict=True)):
             x = _integrate(self.dynamics, record, start, theta)
-            by_unknown = _propagate(self.dynamics, record, x, theta, self.names)[record.samples.start :: record.samples.step]
+            by_unknown = _propagate(self.dynamics, record, x, theta, self.names)[
+                record.samples.start :: record.samples.step
+            ]
             at = Points(x[:, record.samples], record.u_samples, record.t_samples)
             output = jacobian(self.outputs, at, theta, self.names, "complex", {})
             rows = np.zeros((at.t.size, output.value.shape[0], unknown.size))
@@ -204,7 +215,8 @@ class _Shooter:
             noise_covariance=covariance,
             iterations=iterations,
             states=tuple(
-                _integrate(self.dynamics, r, s, theta)[:, r.samples] for r, s in zip(self.records, x0, strict=True)
+                _integrate(self.dynamics, r, s, theta)[:, r.samples]
+                for r, s in zip(self.records, x0, strict=True)
             ),
         )
 
@@ -220,7 +232,9 @@ def _record(segment: Segment, number: int, substeps: int) -> _Record:
     return _Record(fine, Interpolator(t).stencil(fine).apply(u), grid.y, slice(0, None, substeps), u, t)
 
 
-def _integrate(dynamics: Function, record: _Record, start: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+def _integrate(
+    dynamics: Function, record: _Record, start: FloatArray, theta: Mapping[str, float]
+) -> FloatArray:
     """States after each Runge-Kutta step, (n_states, steps + 1)."""
     t, u = record.t, record.u
     steps = (t.size - 1) // 2
@@ -247,7 +261,10 @@ def _integrate(dynamics: Function, record: _Record, start: FloatArray, theta: Ma
 def _propagate(
     dynamics: Function, record: _Record, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> FloatArray:
-    """Derivative of the states after each step by parameters and initial state, (steps + 1, n_states, p + n_states)."""
+    """Derivative of the states after each step by parameters and initial state.
+
+    Shape (steps + 1, n_states, p + n_states).
+    """
     n_states, p = x.shape[0], len(names)
     steps = x.shape[1] - 1
     h = (record.t[2::2] - record.t[:-2:2])[:, None, None]
@@ -261,7 +278,10 @@ def _propagate(
         local = jacobian(dynamics, stage, theta, names, "complex", {})
         inner = reach * h * ahead
         ahead = np.concatenate(
-            [local.by_state @ (unit + inner[:, :, :n_states]), local.by_state @ inner[:, :, n_states:] + local.by_parameter],
+            [
+                local.by_state @ (unit + inner[:, :, :n_states]),
+                local.by_state @ inner[:, :, n_states:] + local.by_parameter,
+            ],
             axis=2,
         )
         slope = local.value

@@ -20,8 +20,12 @@ _LEAST_LOOSENESS = 1e-2
 """Least change of a state between samples that smoothing grants it, as a fraction of its size."""
 
 
-def states_from_outputs(model: Model, grids: Sequence[Grid], parameters: Parameters) -> tuple[FloatArray, ...]:
-    """A state history for each segment, (n_states, n): the one given, or the initial state moved to meet the outputs.
+def states_from_outputs(
+    model: Model, grids: Sequence[Grid], parameters: Parameters
+) -> tuple[FloatArray, ...]:
+    """A state history for each segment, (n_states, n).
+
+    The one given, or the initial state moved to meet the outputs.
 
     A state that the outputs do not show at a sample stays at its initial value.
     """
@@ -54,9 +58,16 @@ def looseness(grids: Sequence[Grid], histories: Sequence[FloatArray], size: Floa
     return np.asarray(change / np.sqrt(interval))
 
 
-def delay_reach(delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]) -> FloatArray:
-    """Largest change of each parameter in one step, (p,): half the time scale of the fastest state for a delay."""
-    rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1)
+def delay_reach(
+    delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]
+) -> FloatArray:
+    """Largest change of each parameter in one step, (p,).
+
+    For a delay, half the time scale of the fastest state.
+    """
+    rates = np.concatenate(
+        [np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1
+    )
     spread = np.std(np.concatenate(histories, axis=1), axis=1)
     rms = np.sqrt(np.mean(rates**2, axis=1))
     times = spread[rms > 0] / rms[rms > 0]
@@ -66,7 +77,7 @@ def delay_reach(delays: Sequence[str], parameters: Parameters, grids: Sequence[G
 
 
 def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
-    """States moved between outputs and model, theta held, the dynamics weighted by the process noise `loose`."""
+    """States moved between outputs and model, theta held, the dynamics loose by the process noise `loose`."""
     loosened = replace(problem, process_noise=loose)
     for _ in range(_SMOOTHING_STEPS):
         segments = sensitivities(loosened, iterate, anchored=True)
@@ -75,9 +86,10 @@ def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
 
 
 def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
-    """A few steps in theta and the states while the dynamics are tightened: from equation error towards output error.
+    """A few steps in theta and the states while the dynamics are tightened, from equation to output error.
 
-    With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no harm.
+    With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no
+    harm.
     """
     for fraction in _TIGHTENING:
         loosened = replace(problem, process_noise=np.hypot(problem.process_noise, fraction * loose))

@@ -1,4 +1,4 @@
-"""One Gauss-Newton step: states eliminated segment by segment, then a small least-squares problem in theta."""
+"""One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import BlockRows, Linearisation, Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.collocation import (
+    BlockRows,
+    Linearisation,
+    Model,
+    evaluate_segment,
+    linearise_segment,
+)
 from brv_hypo.likelihood.elimination import Eliminated, Quadratic, eliminate
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
@@ -27,8 +33,10 @@ class Problem:
     """All that stays the same during a fit.
 
     `size` (n_states,) is the magnitude of each state; `process_noise` (n_states,) the standard deviation of
-    the noise that drives each state, per root second; 0 makes its dynamics a constraint. `reach` (p,) limits the
-    change of each parameter in one step: infinite but for delays, whose effect is linear over a short time only.
+    the noise that drives each state, per root second; 0 makes its dynamics a constraint. `reach` (p,) limits
+    the
+    change of each parameter in one step: infinite but for delays, whose effect is linear over a short time
+        only.
     """
 
     model: Model
@@ -52,8 +60,10 @@ class Iterate:
 class Sensitivity:
     """One segment at its linearisation point, states eliminated.
 
-    `residual` (n, n_outputs, 1 + p) holds the whitened residual that a step of the states alone would leave, and its derivative
-    by the p parameters of the segment with the states following; `disturbance` (n, n_states, 1 + p) likewise the whitened process noise.
+    `residual` (n, n_outputs, 1 + p) holds the whitened residual that a step of the states alone would leave,
+    and its derivative
+    by the p parameters of the segment with the states following; `disturbance` (n, n_states, 1 + p) likewise
+    the whitened process noise.
     """
 
     linearisation: Linearisation
@@ -66,8 +76,10 @@ class Sensitivity:
 class Step:
     """A Gauss-Newton step: in theta, in the states of each segment, and what it promises.
 
-    `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in standard errors
-    (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of the objective, <= 0.
+    `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in
+    standard errors
+    (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of the objective,
+    <= 0.
     """
 
     theta: FloatArray
@@ -89,7 +101,8 @@ class SingularStatesError(ArithmeticError):
 def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) -> tuple[Sensitivity, ...]:
     """Linearise every segment and eliminate its states.
 
-    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet.
+    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it
+    yet.
 
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
@@ -98,7 +111,9 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
         linearisation = linearise_segment(problem.model, grid, x, theta, problem.parameters.base)
-        quadratic = quadratic_of(problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured))
+        quadratic = quadratic_of(
+            problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured)
+        )
         if anchored:
             quadratic = _anchor(quadratic)
         eliminated = eliminate(quadratic)
@@ -114,7 +129,10 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
 
 
 def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> FloatArray:
-    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1): its first p columns factor the information matrix."""
+    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1).
+
+    Its first p columns factor the information matrix.
+    """
     parameters = problem.parameters
     p = len(parameters.names)
     rows = [np.zeros((0, p + 1))]
@@ -170,7 +188,10 @@ def gauss_newton_step(
 
 
 def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
-    """Half the weighted sum of squares (outputs, process noise, priors), and the L1 norm of the scaled violated constraints."""
+    """Half the weighted sum of squares, and the violation of the constraints.
+
+    The first of outputs, process noise and priors; the second in the L1 norm, scaled.
+    """
     total, violation = 0.0, 0.0
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
@@ -221,7 +242,7 @@ def quadratic_of(
 
 
 def _drop_rounding(residual: FloatArray, disturbance: FloatArray, direct: FloatArray) -> None:
-    """Zero the columns of parameters that the states can follow entirely: what is left of them is rounding."""
+    """Zero the columns of parameters that the states can follow entirely: what is left is rounding."""
     left = np.sum(residual[:, :, 1:] ** 2, axis=(0, 1)) + np.sum(disturbance[:, :, 1:] ** 2, axis=(0, 1))
     void = left <= _ROUNDING**2 * np.sum(direct**2, axis=(0, 1))
     residual[:, :, 1:][:, :, void] = 0.0
@@ -252,7 +273,7 @@ def _flat(columns: FloatArray) -> FloatArray:
 
 
 def _triangle(rows: FloatArray) -> FloatArray:
-    """Upper triangle R of a tall matrix, (columns, columns), by QR of slabs and then of their triangles (TSQR).
+    """Upper triangle R of a tall matrix, (columns, columns): QR of slabs, then of their triangles (TSQR).
 
     Small slabs stay in cache and below the size at which a threaded BLAS would start its threads.
     """
@@ -261,7 +282,7 @@ def _triangle(rows: FloatArray) -> FloatArray:
     while rows.shape[0] > slab:
         spare = -rows.shape[0] % slab
         padded = np.concatenate([rows, np.zeros((spare, columns))])
-        rows = np.linalg.qr(padded.reshape(-1, slab, columns), mode="r").reshape(-1, columns)
+        rows = np.asarray(np.linalg.qr(padded.reshape(-1, slab, columns), mode="r")).reshape(-1, columns)
     padded = np.concatenate([rows, np.zeros((columns, columns))])
     return np.asarray(np.linalg.qr(padded, mode="r"))
 

@@ -1,4 +1,4 @@
-"""How well the parameters are known: covariance, its correction for coloured residuals, near-null directions, whiteness."""
+"""How well the parameters are known: covariance, coloured residuals, near-null directions, whiteness."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 
 _NEAR_NULL = 1e-3
-"""Singular value, relative to the largest, of column-scaled sensitivities below which a direction is near-null."""
+"""Singular value of column-scaled sensitivities, against the largest, of a near-null direction."""
 _NAMED = 0.1
 """Least weight with which a parameter is named in a near-null direction."""
 
@@ -19,7 +19,8 @@ _NAMED = 0.1
 class NearNull:
     """A combination of parameters that the data hardly see.
 
-    `weights` name the parameters, each scaled by its own information; `relative` is the singular value against the largest.
+    `weights` name the parameters, each scaled by its own information; `relative` is the singular value
+    against the largest.
     """
 
     weights: dict[str, float]
@@ -28,7 +29,7 @@ class NearNull:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Condition of the column-scaled sensitivities, and the combinations that the data hardly see, worst first."""
+    """Condition of the column-scaled sensitivities, and what the data hardly see, worst first."""
 
     condition: float
     near_null: tuple[NearNull, ...]
@@ -42,7 +43,10 @@ class Identifiability:
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Ljung-Box test of one output's innovations: statistic on `lags` lags, p-value, largest autocorrelation and its lag."""
+    """Ljung-Box test of one output's innovations.
+
+    Statistic on `lags` lags and its p-value; largest autocorrelation and its lag.
+    """
 
     statistic: float
     p_value: float
@@ -56,8 +60,13 @@ class Whiteness:
         return self.p_value >= 0.01
 
 
-def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
-    """Inverse of the information matrix T'T plus priors, (p, p); nan for parameters not in `estimated` (at a bound)."""
+def covariance_from_information(
+    triangle: FloatArray, prior_std: FloatArray, estimated: IntArray
+) -> FloatArray:
+    """Inverse of the information matrix T'T plus priors, (p, p).
+
+    nan for parameters not in `estimated` (at a bound).
+    """
     p = prior_std.size
     system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, estimated]
     covariance = np.full((p, p), np.nan)
@@ -108,7 +117,9 @@ def coloured_covariance(
     correlation = _autocorrelation(residual, reach)
     for s in sensitivity:
         for lag in range(min(reach, s.shape[0] - 1) + 1):
-            block = np.einsum("nap,ab,nbq->pq", s[: s.shape[0] - lag], correlation[lag], s[lag:], optimize=True)
+            block = np.einsum(
+                "nap,ab,nbq->pq", s[: s.shape[0] - lag], correlation[lag], s[lag:], optimize=True
+            )
             taper = 1.0 - lag / (reach + 1.0)
             middle += taper * (block if lag == 0 else block + block.T)
     return np.asarray(covariance @ middle @ covariance)
@@ -137,7 +148,10 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
         rows = [np.where(np.isfinite(row), row, 0.0) for row in rows]
         count = sum(int(np.count_nonzero(row)) for row in rows)
         power = sum(float(row @ row) for row in rows)
-        products = [sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)]
+        products = [
+            sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k)
+            for k in range(1, lags + 1)
+        ]
         r = np.array(products) / power if power > 0 else np.zeros(lags)
         statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
         worst = int(np.argmax(np.abs(r)))
