@@ -25,7 +25,7 @@ class Air:
 
 def standard_air(altitude: FloatArray) -> Air:
     """Air at `altitude` (m, any shape), within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them."""
-    values = _table()(np.clip(altitude, LOWEST, HIGHEST))
+    values = _table()(np.minimum(np.maximum(altitude, LOWEST), HIGHEST))
     return Air(np.exp(values[..., 0]), values[..., 1], values[..., 2])
 
 

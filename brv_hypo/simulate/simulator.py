@@ -48,7 +48,7 @@ def simulate_batch(
     plant: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> tuple[SimulatedFlight, ...]:
-    """One flight per seed, integrated together; a flight does not depend on the company it is simulated in.
+    """One flight per seed, integrated together: each is, to the order of the integration, what it is alone.
 
     `variations` maps dotted paths of the configuration to (flights,) values, such as
     'mechanisms.0.terms.eps'; a planted set is appended to `mechanisms`. Raises as `simulate` does.
