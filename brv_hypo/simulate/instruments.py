@@ -66,6 +66,8 @@ def measured(
     for name in ("velocity", "dynamic_pressure", "altitude"):
         gauge: GaugeConfig = getattr(instruments, name)
         channels[name] = _gauge(seen(getattr(signals, name), gauge.delay), gauge, streams[name])
+    for name in ("velocity", "dynamic_pressure"):
+        channels[name] = np.maximum(channels[name], 0.0)  # their gauges have a stop at zero
     if instruments.roll_rate_mag is not None:
         magnetometer = instruments.roll_rate_mag
         roll = seen(signals.rates[0], magnetometer.delay)

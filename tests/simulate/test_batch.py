@@ -8,9 +8,23 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.simulate import load_config, simulate, simulate_batch
 
-SHORT = load_config("research_cone", plant=("sticking",)).model_dump(exclude={"plantable"}) | {"duration": 1.0}
-CONE = load_config({**SHORT, "mechanisms": [{"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.5},
-                                            "start": 0.2, "stop": 0.8}]})
+SHORT = load_config("research_cone", plant=("sticking",)).model_dump(exclude={"plantable"}) | {
+    "duration": 1.0
+}
+CONE = load_config(
+    {
+        **SHORT,
+        "mechanisms": [
+            {
+                "mechanism": "sticking",
+                "theta": {"delay": 0.1},
+                "terms": {"eps": 0.5},
+                "start": 0.2,
+                "stop": 0.8,
+            }
+        ],
+    }
+)
 
 
 def test_a_flight_of_a_batch_is_that_flight_alone() -> None:
@@ -30,7 +44,9 @@ def test_a_flight_of_a_batch_is_that_flight_alone() -> None:
         assert flight.truth.parameters == alone.truth.parameters
         for name in ("q", "az", "velocity"):
             # Nodes are set by all flights' regions, so that the truncation error differs a little.
-            np.testing.assert_allclose(flight.record.channels[name], alone.record.channels[name], rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(
+                flight.record.channels[name], alone.record.channels[name], rtol=1e-6, atol=1e-6
+            )
         assert flight.truth.planted_share == pytest.approx(alone.truth.planted_share, rel=1e-4)
 
 

@@ -35,7 +35,7 @@ def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -
 @pytest.mark.parametrize("mechanism", MECHANISMS)
 @pytest.mark.parametrize("name", VEHICLES)
 def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanism: str) -> None:
-    """At least 5 % of the moment's rms, the threshold from which it must be found; alpha between 0.3 and 8 deg."""
+    """At least 5 % of the moment's rms, from which it must be found; alpha between 0.3 and 8 deg."""
     flight = simulate(name, seed=1, plant=(mechanism,))
     truth = flight.truth
     entry = flight.config.mechanisms[0]
@@ -50,7 +50,7 @@ def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanis
 
 
 def test_the_reports_flight_has_its_knots_and_its_size() -> None:
-    """Table 5.5 and 5.7: moments of a few 1e-4 (Table 5.4: mean square 1.65e-7), sticking from 320.75 to 322.5 s."""
+    """Moments of a few 1e-4 (Table 5.4: mean square 1.65e-7), sticking from 320.75 to 322.5 s (Table 5.7)."""
     flight = simulate("report_table_5", seed=1)
     truth = flight.truth
     assert truth.planted == ("inplane", "sticking")

@@ -45,7 +45,9 @@ def test_accelerometer_off_the_cg_feels_the_acceleration_of_its_place() -> None:
 
 
 def test_record_declares_the_vehicles_position_not_the_true_one() -> None:
-    flight = simulate(load_config({**CONE, "instruments": {"accelerometer": {"position": [0.3, 0.0, 0.0]}}}), seed=1)
+    flight = simulate(
+        load_config({**CONE, "instruments": {"accelerometer": {"position": [0.3, 0.0, 0.0]}}}), seed=1
+    )
     assert flight.record.vehicle.accelerometer_position == tuple(CONE["vehicle"]["accelerometer_position"])
 
 
@@ -68,8 +70,12 @@ def test_one_instruments_errors_leave_the_draws_of_the_others() -> None:
 
 
 def test_bias_and_scale() -> None:
-    found = channels({"gyro": {"bias": [0.1, 0.2, 0.3], "scale": [0.01, 0.02, 0.03]},
-                      "velocity": {"bias": 3.0, "scale": -0.01}})
+    found = channels(
+        {
+            "gyro": {"bias": [0.1, 0.2, 0.3], "scale": [0.01, 0.02, 0.03]},
+            "velocity": {"bias": 3.0, "scale": -0.01},
+        }
+    )
     for name, bias, scale in (("p", 0.1, 0.01), ("q", 0.2, 0.02), ("r", 0.3, 0.03), ("velocity", 3.0, -0.01)):
         np.testing.assert_allclose(found[name], (1.0 + scale) * CLEAN[name] + bias, rtol=1e-12)
 
@@ -105,7 +111,9 @@ def test_spikes_stand_out_where_they_were_put() -> None:
 
 
 def test_gaps_are_missing_samples_and_load_bridged_or_cut() -> None:
-    instruments = {"gaps": [{"start": 0.3, "duration": 0.015, "channels": ["q"]}, {"start": 0.6, "duration": 0.2}]}
+    instruments = {
+        "gaps": [{"start": 0.3, "duration": 0.015, "channels": ["q"]}, {"start": 0.6, "duration": 0.2}]
+    }
     flight = simulate(load_config({**CONE, "instruments": instruments}), seed=1)
     missing = np.isnan(flight.record.channels["q"])
     time = flight.record.time

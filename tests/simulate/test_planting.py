@@ -18,12 +18,32 @@ from brv_hypo.simulate.system import system
 
 CONE = load_config("research_cone")
 PLANTED: dict[str, dict[str, Any]] = {
-    "damping": {"mechanism": "damping", "options": {"form": "complete"}, "terms": {"C_damping": 40.0}, "start": 0.5},
-    "inplane": {"mechanism": "inplane", "terms": {"C_N0": 1e-4, "C_Nalpha": 0.01}, "kind": "ramp", "start": 0.3},
+    "damping": {
+        "mechanism": "damping",
+        "options": {"form": "complete"},
+        "terms": {"C_damping": 40.0},
+        "start": 0.5,
+    },
+    "inplane": {
+        "mechanism": "inplane",
+        "terms": {"C_N0": 1e-4, "C_Nalpha": 0.01},
+        "kind": "ramp",
+        "start": 0.3,
+    },
     "bodyfixed": {"mechanism": "bodyfixed", "terms": {"C_b cos(phi_b)": 2e-4, "C_b sin(phi_b)": 3e-4}},
-    "lag": {"mechanism": "lag", "theta": {"delay": 0.02}, "terms": {"lag fraction": 0.7}, "start": 0.4, "stop": 1.1},
-    "sticking": {"mechanism": "sticking", "options": {"form": "complete"}, "theta": {"delay": 0.1},
-                 "terms": {"eps": 0.4}},
+    "lag": {
+        "mechanism": "lag",
+        "theta": {"delay": 0.02},
+        "terms": {"lag fraction": 0.7},
+        "start": 0.4,
+        "stop": 1.1,
+    },
+    "sticking": {
+        "mechanism": "sticking",
+        "options": {"form": "complete"},
+        "theta": {"delay": 0.1},
+        "terms": {"eps": 0.4},
+    },
 }
 
 
@@ -44,10 +64,15 @@ def true_motion(config: SimulationConfig) -> Motion:
         name: value[chosen, 0] if isinstance(value, np.ndarray) and value.ndim == 2 else value
         for name, value in vars(motion).items()
     }
-    return recorded(Motion(**{
-        **values, "windward_meridian": np.unwrap(values["windward_meridian"]),
-        "reference_length": config.vehicle.reference_length,
-    }))
+    return recorded(
+        Motion(
+            **{
+                **values,
+                "windward_meridian": np.unwrap(values["windward_meridian"]),
+                "reference_length": config.vehicle.reference_length,
+            }
+        )
+    )
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -58,8 +83,11 @@ def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     motion = true_motion(config)
     entry = config.mechanisms[0]
     mechanism = find(entry.mechanism, entry.options)
-    course = TimeFunction(entry.kind, -np.inf if entry.start is None else entry.start,
-                          np.inf if entry.stop is None else entry.stop)(motion.time)
+    course = TimeFunction(
+        entry.kind,
+        -np.inf if entry.start is None else entry.start,
+        np.inf if entry.stop is None else entry.stop,
+    )(motion.time)
     terms = {term.name: term for term in mechanism.terms(motion, entry.theta)}
     in_plane = sum(value * course * terms[key].in_plane for key, value in entry.terms.items())
     out_of_plane = sum(value * course * terms[key].out_of_plane for key, value in entry.terms.items())
@@ -75,8 +103,12 @@ def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
     """C_mw of Eq. 5.1 holds the planted in-plane flow: the sticking moment grows with it."""
     alone = simulate(planting("sticking", duration=0.2), seed=1).truth
     stronger = dict(PLANTED["inplane"], kind="jump", start=None, terms={"C_Nalpha": -0.0883})
-    config = load_config({**planting("sticking", duration=0.2).model_dump(exclude={"plantable"}),
-                          "mechanisms": [PLANTED["sticking"], stronger]})
+    config = load_config(
+        {
+            **planting("sticking", duration=0.2).model_dump(exclude={"plantable"}),
+            "mechanisms": [PLANTED["sticking"], stronger],
+        }
+    )
     # At the first sample the motions agree and only C_mw differs: it is doubled.
     both = simulate(config, seed=1).truth
     assert both.planted_out_of_plane[0] == pytest.approx(2.0 * alone.planted_out_of_plane[0], rel=1e-9)
@@ -93,7 +125,9 @@ def test_stiffness_may_step_with_mach() -> None:
     """C_Nalpha changes by the step where Mach passes it; nothing out of plane."""
     aerodynamics = CONE.aerodynamics.model_dump() | {
         "C_mq": 0.0,
-        "slope_variations": [{"variable": "mach", "kind": "step", "change": -0.03, "at": 23.05, "width": 0.01}],
+        "slope_variations": [
+            {"variable": "mach", "kind": "step", "change": -0.03, "at": 23.05, "width": 0.01}
+        ],
     }
     config = planting(aerodynamics=aerodynamics, duration=4.0)
     truth, motion = simulate(config, seed=1).truth, true_motion(config)
