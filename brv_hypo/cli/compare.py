@@ -58,7 +58,7 @@ def report_comparison(session: Session, comparison: Comparison) -> None:
     session.present(view, conclusion=comparison.verdict.reason)
     session.write_json(comparison)
     if session.report is not None:
-        from brv_hypo.report.pages import comparison_page
+        from brv_hypo.report.compare_page import comparison_page
 
         session.write_report(comparison_page(comparison))
 

@@ -12,7 +12,6 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.result import Series
 
 MEASURED = "#1a1a1a"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -23,42 +22,46 @@ MOST_POINTS = 6000
 """Points drawn of a history; a longer one is thinned, which no screen shows."""
 PLANES = ("in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′")
 
-Moments = tuple[Sequence[float], Sequence[float]]
+Values = Sequence[float] | FloatArray
+Moments = tuple[Values, Values]
+"""C_N' and C_Z' over time."""
 
 
-def motion_figure(series: Series) -> go.Figure:
-    """Angle of attack and windward meridian over time."""
+def motion_figure(time: Values, alpha: Values, windward_meridian: Values) -> go.Figure:
+    """Angle of attack and windward meridian (rad) over time (s)."""
     figure = _stack(("angle of attack, deg", "windward meridian, deg"))
-    kept = _thinned(len(series.time_s))
-    for row, values in enumerate((series.alpha_rad, series.windward_meridian_rad), start=1):
-        figure.add_trace(_line(series.time_s, np.degrees(values), kept, MEASURED), row=row, col=1)
+    kept = _thinned(len(time))
+    for row, values in enumerate((alpha, windward_meridian), start=1):
+        figure.add_trace(_line(time, np.degrees(values), kept, MEASURED), row=row, col=1)
     return _finished(figure, legend=False)
 
 
-def moment_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
+def moment_figure(time: Values, measured: Moments, sigma: Values, fitted: Mapping[str, Moments]) -> go.Figure:
     """Measured moments within two standard deviations, and what each hypothesis makes of them."""
     figure = _stack([f"{plane} · 10³" for plane in PLANES])
-    kept = _thinned(len(series.time_s))
-    for row, measured in enumerate(series.measured, start=1):
-        band = _band(series.time_s, np.asarray(measured), np.asarray(series.sigma), kept, row == 1)
+    kept = _thinned(len(time))
+    for row, values in enumerate(measured, start=1):
+        band = _band(time, np.asarray(values), np.asarray(sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
-        figure.add_trace(_dots(series.time_s, np.asarray(measured), kept, row == 1), row=row, col=1)
+        figure.add_trace(_dots(time, np.asarray(values), kept, row == 1), row=row, col=1)
         for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
-            line = _line(series.time_s, MILLI * np.asarray(moments[row - 1]), kept, colour, name, row == 1)
+            line = _line(time, MILLI * np.asarray(moments[row - 1]), kept, colour, name, row == 1)
             figure.add_trace(line, row=row, col=1)
     return _finished(figure)
 
 
-def residual_figure(series: Series, fitted: Mapping[str, Moments]) -> go.Figure:
+def residual_figure(
+    time: Values, measured: Moments, sigma: Values, fitted: Mapping[str, Moments]
+) -> go.Figure:
     """Measured less fitted moments of each hypothesis, before a band of two standard deviations."""
     figure = _stack([f"{plane} · 10³" for plane in PLANES])
-    kept = _thinned(len(series.time_s))
-    for row, measured in enumerate(series.measured, start=1):
-        band = _band(series.time_s, np.zeros(len(series.time_s)), np.asarray(series.sigma), kept, row == 1)
+    kept = _thinned(len(time))
+    for row, values in enumerate(measured, start=1):
+        band = _band(time, np.zeros(len(time)), np.asarray(sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
         for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
-            left = MILLI * (np.asarray(measured) - np.asarray(moments[row - 1]))
-            figure.add_trace(_line(series.time_s, left, kept, colour, name, row == 1), row=row, col=1)
+            left = MILLI * (np.asarray(values) - np.asarray(moments[row - 1]))
+            figure.add_trace(_line(time, left, kept, colour, name, row == 1), row=row, col=1)
     return _finished(figure)
 
 
@@ -93,7 +96,7 @@ def _thinned(size: int) -> slice:
 
 
 def _line(
-    time: Sequence[float], values: FloatArray, kept: slice, colour: str, name: str = "", legend: bool = False
+    time: Values, values: FloatArray, kept: slice, colour: str, name: str = "", legend: bool = False
 ) -> go.Scatter:
     return go.Scatter(
         x=_compact(time[kept]),
@@ -106,7 +109,7 @@ def _line(
     )
 
 
-def _dots(time: Sequence[float], values: FloatArray, kept: slice, legend: bool) -> go.Scatter:
+def _dots(time: Values, values: FloatArray, kept: slice, legend: bool) -> go.Scatter:
     return go.Scatter(
         x=_compact(time[kept]),
         y=_compact(MILLI * values[kept]),
@@ -118,9 +121,7 @@ def _dots(time: Sequence[float], values: FloatArray, kept: slice, legend: bool) 
     )
 
 
-def _band(
-    time: Sequence[float], centre: FloatArray, sigma: FloatArray, kept: slice, legend: bool
-) -> go.Scatter:
+def _band(time: Values, centre: FloatArray, sigma: FloatArray, kept: slice, legend: bool) -> go.Scatter:
     """Two standard deviations on either side of `centre`, as one closed area."""
     upper, lower = MILLI * (centre + 2.0 * sigma)[kept], MILLI * (centre - 2.0 * sigma)[kept]
     there = np.asarray(time[kept])
@@ -137,7 +138,7 @@ def _band(
     )
 
 
-def _compact(values: Sequence[float] | FloatArray) -> FloatArray:
+def _compact(values: Values) -> FloatArray:
     """Single precision: half the page, and finer than any screen."""
     return np.asarray(values, dtype=np.float32)
 

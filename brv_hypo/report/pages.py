@@ -10,14 +10,11 @@ import plotly.graph_objects as go
 from plotly.io import to_html
 from plotly.offline import get_plotlyjs
 
-from brv_hypo.ranking.result import Comparison, RankedHypothesis, Series
-from brv_hypo.report import figures, rows
-
-LEADING = 2
-"""Hypotheses that are drawn besides `none`; more lines than this hide each other."""
+from brv_hypo.report.figures import FONT
+from brv_hypo.report.rows import TEXT_COLUMNS
 
 _STYLE = f"""
-body {{ font: 16px/1.5 {figures.FONT}; color: #1a1a1a; max-width: 60rem; margin: 2.5rem auto;
+body {{ font: 16px/1.5 {FONT}; color: #1a1a1a; max-width: 60rem; margin: 2.5rem auto;
   padding: 0 1.25rem; }}
 h1 {{ font-size: 1.5rem; font-weight: 600; margin-bottom: .25rem; }}
 h2 {{ font-size: 1.1rem; font-weight: 600; margin: 2.25rem 0 .5rem; }}
@@ -73,7 +70,7 @@ def table(headings: Sequence[str], lines: Sequence[Sequence[str]], *, marked: Se
 
     def cells(tag: str, values: Sequence[str]) -> str:
         return "".join(
-            f"<{tag}{' class=text' if heading in rows.TEXT_COLUMNS else ''}>{escape(value)}</{tag}>"
+            f"<{tag}{' class=text' if heading in TEXT_COLUMNS else ''}>{escape(value)}</{tag}>"
             for heading, value in zip(headings, values, strict=True)
         )
 
@@ -88,45 +85,3 @@ def bullets(messages: Sequence[str]) -> str:
     """A list; nothing where there are none."""
     items = "".join(f"<li>{escape(message)}</li>" for message in dict.fromkeys(messages))
     return f"<ul>{items}</ul>" if items else ""
-
-
-def comparison_page(comparison: Comparison) -> str:
-    """Ranking, verdict and warnings, and the histories with what the leading hypotheses make of them."""
-    names = ", ".join(flight.title or flight.path for flight in comparison.flights)
-    ranking = table(
-        rows.RANKING_HEADINGS,
-        rows.ranking_rows(comparison),
-        marked=rows.standing_rows(comparison),
-    )
-    blocks = [
-        Block("Ranking", ranking),
-        Block("Probability", drawn(figures.probability_figure(comparison.verdict.probability))),
-        Block("Warnings", bullets(rows.warning_texts(comparison))),
-    ]
-    for flight, series in zip(comparison.flights, comparison.series, strict=False):
-        which = f": {flight.title or flight.path}" if len(comparison.flights) > 1 else ""
-        blocks.extend(_histories(series, leading(comparison), which))
-    blocks.extend(Block(f"Terms of {row.mechanism}", _terms(row)) for row in comparison.ranking if row.terms)
-    blocks.append(Block("Notes", bullets(rows.note_texts(comparison))))
-    subtitle = "; ".join(rows.flight_texts(comparison))
-    return page(f"Mechanisms compared: {names}", subtitle, comparison.verdict.reason, blocks)
-
-
-def leading(comparison: Comparison) -> list[str]:
-    """The hypotheses to draw: the first of the ranking, and `none` for contrast."""
-    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
-    return [*first, "none"]
-
-
-def _histories(series: Series, names: Sequence[str], which: str) -> list[Block]:
-    fitted = {name: series.fitted[name] for name in names if name in series.fitted}
-    return [
-        Block(f"Moments, measured and fitted{which}", drawn(figures.moment_figure(series, fitted))),
-        Block(f"Residuals{which}", drawn(figures.residual_figure(series, fitted))),
-        Block(f"Motion{which}", drawn(figures.motion_figure(series))),
-    ]
-
-
-def _terms(hypothesis: RankedHypothesis) -> str:
-    terms = table(rows.TERM_HEADINGS, rows.term_rows(hypothesis.terms))
-    return terms + bullets(rows.derived_texts(hypothesis.derived))

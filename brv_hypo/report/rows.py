@@ -78,7 +78,8 @@ def flight_texts(comparison: Comparison) -> list[str]:
     alpha = number(float(np.degrees(known.alpha_rms_sigma_rad)), 2)
     meridian = number(known.phi_w_rms_sigma_rad, 2)
     lines.append(
-        f"motion by the {known.method} method, known to {alpha} deg in alpha and {meridian} rad in meridian (rms)"
+        f"motion by the {known.method} method, known to {alpha} deg in alpha and {meridian} rad in "
+        "meridian (rms)"
     )
     return lines
 

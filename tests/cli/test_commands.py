@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.flight import load_flight, load_truth, read_tree
 
 ROW_KEYS = "rank mechanism f_ratio cp prediction_error r2 bic log_likelihood n_terms n_effective terms ml"
 TERM_KEYS = "name mechanism channel value std_error f_ratio units region_s delay_s"
@@ -212,3 +212,29 @@ class TestMechanisms:
         assert done.returncode == 0
         assert (tmp_path / "brv-hypo-ablation" / "pyproject.toml").exists()
         assert "brv-hypo mechanisms check ablation" in done.stdout
+
+
+class TestReconstruct:
+    def test_writes_the_histories_with_their_units(self, brv_hypo, simulated_file, tmp_path):
+        done = brv_hypo("reconstruct", simulated_file, "-o", "motion.h5", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        written = read_tree(tmp_path / "motion.h5").datasets
+        assert written["alpha"].units == "rad"
+        assert written["alpha"].values.shape == load_flight(simulated_file).time.shape
+        assert "windward meridian" in done.stdout
+
+    @pytest.mark.parametrize("method", ["joint", "velocity", "rates", "polar"])
+    def test_each_method_can_be_chosen(self, brv_hypo, simulated_file, method):
+        done = brv_hypo("reconstruct", simulated_file, "--method", method, "--json", "-")
+        assert done.returncode == 0, done.stderr
+        assert strict_json(done.stdout)["reconstruction"]["method"] == method
+
+    def test_the_report_opens_offline(self, brv_hypo, simulated_file, tmp_path):
+        done = brv_hypo("reconstruct", simulated_file, "--report", "out.html", "-q", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / "out.html").read_text().count('class="plotly-graph-div"') == 2
+
+    def test_an_existing_motion_file_is_kept(self, brv_hypo, simulated_file, tmp_path):
+        (tmp_path / "motion.h5").write_text("mine")
+        assert brv_hypo("reconstruct", simulated_file, "-o", "motion.h5", cwd=tmp_path).returncode == 2
+        assert (tmp_path / "motion.h5").read_text() == "mine"

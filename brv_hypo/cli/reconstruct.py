@@ -1,0 +1,60 @@
+"""`brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.session import Session
+
+
+class Method(StrEnum):
+    """The report's methods 3, 1 and 2, and Appendix A's."""
+
+    JOINT = "joint"
+    VELOCITY = "velocity"
+    RATES = "rates"
+    POLAR = "polar"
+
+
+def reconstruct(
+    flight: options.FlightFile,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
+    ] = None,
+    method: Annotated[
+        Method | None, typer.Option("--method", help="How to find the wind; joint if left out.")
+    ] = None,
+    config: options.Config = None,
+    json: options.Json = None,
+    report: options.Report = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Find wind-relative motion and moments, with uncertainty."""
+    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
+    session.claim(output)
+    from brv_hypo.flight import load_flight
+    from brv_hypo.motion import ReconstructionConfig, write_motion
+    from brv_hypo.motion import reconstruct as reconstructed
+    from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_line, reconstruction_view
+    from brv_hypo.settings import read_settings
+
+    chosen = {} if method is None else {"method": method.value}
+    settings = read_settings(ReconstructionConfig, config, **chosen)
+    result = reconstructed(load_flight(flight).window(start, stop), settings)
+    if output is not None:
+        write_motion(result, output, overwrite=force)
+    session.present(reconstruction_view(result), conclusion=reconstruction_line(result))
+    session.write_json(reconstruction_data(result))
+    if report is not None:
+        from brv_hypo.report.reconstruction_page import reconstruction_page
+
+        session.write_report(reconstruction_page(result))
