@@ -50,7 +50,8 @@ def differentiate(
     pieces = [signal[a:b] for a, b in segments]
     order, half_width, squared_bias = _best_filter(pieces, sigma)
     n = signal.size
-    value, rate = signal.astype(complex), np.zeros(n, dtype=complex)
+    value: ComplexArray = signal.astype(complex)
+    rate: ComplexArray = np.zeros(n, dtype=complex)
     value_gain, rate_gain, interior = np.ones(n), np.full(n, np.inf), np.zeros(n, dtype=bool)
     for (a, b), piece in zip(segments, pieces, strict=True):
         if b - a < 2 * half_width + 1:
@@ -101,8 +102,7 @@ def _filtered(piece: ComplexArray, middle: FloatArray, before: FloatArray) -> tu
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
-    """Order, half-width and squared bias (per sample squared) of the filter of least estimated mean-square
-    error.
+    """Order, half-width and squared bias, per sample squared, of the filter of least mean-square error.
 
     The search over widths stops past the first valley of each order: a window of many cycles smooths
     everything away, whatever its order, and shows no bias any more.

@@ -17,19 +17,24 @@ _NOISY_MOMENTS = 0.2
 
 def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
     """Warnings, most telling first."""
-    checks = (_alpha_error(wind), _moment_noise(moments), _samples_per_cycle(record), _gravity(record, wind))
+    checks = (
+        _alpha_error(record, wind),
+        _moment_noise(moments),
+        _samples_per_cycle(record),
+        _gravity(record, wind),
+    )
     return tuple(text for text in checks if text is not None)
 
 
-def _alpha_error(wind: WindHistory) -> str | None:
-    alpha = angle_of_attack(wind.crossflow)
-    share = float(np.sqrt(np.mean(wind.alpha_sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
+def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
+    alpha = angle_of_attack(wind.crossflow)[record.measured]
+    sigma = wind.alpha_sigma[record.measured]
+    share = float(np.sqrt(np.mean(sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
     if share < _POORLY_KNOWN:
         return None
     return (
         f"the angle of attack is known to {100.0 * share:.0f} % of its rms only; a longer window, or one of "
-        "higher dynamic "
-        "pressure, ties the attitude to the wind better"
+        "higher dynamic pressure, ties the attitude to the wind better"
     )
 
 
@@ -40,7 +45,8 @@ def _moment_noise(moments: MomentEstimate) -> str | None:
     share = float(np.sqrt(np.mean(moments.sigma[moments.usable] ** 2))) / max(size, 1e-300)
     if share < _NOISY_MOMENTS:
         return None
-    return f"gyro noise makes {100.0 * share:.0f} % of the moments' rms; only strong mechanisms can be told apart"
+    percent = 100.0 * share
+    return f"gyro noise makes {percent:.0f} % of the moments' rms; only strong mechanisms can be told apart"
 
 
 def _samples_per_cycle(record: InertialRecord) -> str | None:

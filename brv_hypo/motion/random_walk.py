@@ -23,10 +23,9 @@ _RIDGE = 1e-11
 
 @dataclass(frozen=True)
 class Tie:
-    """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,), inf =
-    none.
+    """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,).
 
-    `sigma` is the standard deviation of each part of the complex noise.
+    `sigma` is the standard deviation of each part of the complex noise; inf where nothing is seen.
     """
 
     residual: ComplexArray
@@ -37,8 +36,7 @@ class Tie:
 
 @dataclass(frozen=True)
 class GlobalPriors:
-    """Several Gaussian priors of the globals: one mean (k,), m diagonals of information (m, k), m log
-    weights (m,).
+    """Several Gaussian priors of the globals: mean (k,), diagonals of information (m, k), log weights (m,).
 
     Information is zero where nothing is known: in the same places for all of them.
     """

@@ -64,10 +64,17 @@ class Reconstruction:
 
     @property
     def alpha_rms_sigma(self) -> float:
-        """Root mean square of the standard deviation of alpha, rad."""
-        return float(np.sqrt(np.mean(self.alpha_sigma**2)))
+        """Root mean square of the standard deviation of alpha, rad, where the record has no gap."""
+        return float(np.sqrt(np.mean(self.alpha_sigma[self._measured] ** 2)))
 
     @property
     def phi_w_rms_sigma(self) -> float:
-        """Root mean square of the standard deviation of the windward meridian, rad."""
-        return float(np.sqrt(np.mean(np.minimum(self.phi_w_sigma, np.pi) ** 2)))
+        """Root mean square of the standard deviation of the windward meridian, rad, where there is no gap."""
+        return float(np.sqrt(np.mean(self.phi_w_sigma[self._measured] ** 2)))
+
+    @property
+    def _measured(self) -> BoolArray:
+        inside = np.zeros(self.flight.samples, dtype=bool)
+        for start, stop in self.flight.segments:
+            inside[start:stop] = True
+        return inside

@@ -29,8 +29,7 @@ FREE_GRAVITY = 30.0
 
 @dataclass(frozen=True)
 class WindStart:
-    """Direction of the velocity at the first sample (3,), a unit vector, and gravity (3,) m/s^2, in its
-    body axes."""
+    """Unit velocity (3,) at the first sample and gravity (3,) m/s^2, both in the body axes of that sample."""
 
     direction: FloatArray
     gravity: FloatArray
@@ -46,8 +45,7 @@ def gravity_magnitude(flight: Flight) -> float | None:
 
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
-    """Unit velocity (n, 3) in the axes of the first sample; `forces` False leaves the aerodynamic forces
-    out."""
+    """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
     speed = record.flight.velocity
     if forces:
         velocity = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
@@ -58,8 +56,7 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
 
 
 def force_impulse(record: InertialRecord) -> FloatArray:
-    """Change of the velocity relative to the air by forces and wind (n, 3) in the axes of the first sample,
-    m/s."""
+    """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
     impulse = running_integral(record.time, record.force_inertial)
     wind = record.flight.wind
     return impulse if wind is None else impulse - (wind - wind[0])
@@ -72,8 +69,7 @@ def body_crossflow(record: InertialRecord, direction: FloatArray) -> ComplexArra
 
 
 def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two axes (n, 3) across the velocity, carried along with it by the smallest turn from the first
-    sample's."""
+    """Two axes (n, 3) across the velocity, carried along with it by the smallest turn."""
     first = direction[0]
     helper = np.eye(3)[int(np.argmin(np.abs(first)))]
     third = np.cross(first, helper)
@@ -88,8 +84,7 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def cycles(record: InertialRecord) -> float:
-    """How often the nose goes round or to and fro in the record, at least one half: from its rate and its
-    path."""
+    """How often the nose goes round or to and fro in the record, by the length of its path; at least 0.5."""
     nose = record.attitude[:, 1:, 0] - record.attitude[:, 1:, 0].mean(axis=0)
     path = float(np.sum(np.linalg.norm(np.diff(nose, axis=0), axis=1)))
     size = float(np.sqrt(np.mean(np.sum(nose**2, axis=1))))

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods.tied_walk import TiedFit, TiedWalk
@@ -35,7 +35,7 @@ def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
         fit = _with_moment(problem, (), moment)
     else:
         fit = _with_force(problem, force)
-        alone = _relative_error(fit)
+        alone = _relative_error(fit, record.measured)
         if config.ties == "both" or (config.ties == "auto" and alone > _ENOUGH):
             fit = _with_moment(problem, fit.ties, moment)
             warnings.append(
@@ -97,8 +97,7 @@ def _rms(values: ComplexArray, sigma: FloatArray) -> float:
 
 
 def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
-    """White noise (n,) of as much information as the residual: its local rms times the root of its
-    correlation time."""
+    """Sigma (n,) of white noise as informative as the residual: local rms times root of correlation time."""
     seen = np.isfinite(sigma)
     values = residual[seen]
     width = max(values.size // 12, 8)
@@ -118,9 +117,10 @@ def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
     return answer
 
 
-def _relative_error(fit: TiedFit) -> float:
+def _relative_error(fit: TiedFit, measured: BoolArray) -> float:
     radial, _ = fit.sigmas()
-    return float(np.sqrt(np.mean(radial**2) / max(np.mean(np.abs(fit.crossflow) ** 2), 1e-300)))
+    size = float(np.sqrt(np.mean(np.abs(fit.crossflow[measured]) ** 2)))
+    return float(np.sqrt(np.mean(radial[measured] ** 2))) / max(size, 1e-150)
 
 
 def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> WindHistory:

@@ -82,8 +82,7 @@ def _polar_angles(
     rate_gain: FloatArray,
     value_gain: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """alpha, phi_w (n,) rad at every instant, and the standard deviation of either part of the direction,
-    rad."""
+    """alpha and phi_w (n,) at every instant and the direction's standard deviation, all in rad."""
     windward = -force * np.exp(-1j * record.roll)
     meridian = np.arctan2(windward.real, windward.imag)
     size_squared = np.maximum(np.abs(force) ** 2, 1e-300)

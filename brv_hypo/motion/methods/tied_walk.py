@@ -234,8 +234,7 @@ def _added(coefficients: tuple[FloatArray, ...], step: FloatArray) -> tuple[Floa
 
 
 def _step_variance(record: InertialRecord) -> FloatArray:
-    """Variance (n - 1,) per part of the walk's steps, (m/s)^2: gyro and accelerometer noise, and what gaps
-    hide."""
+    """Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide."""
     step = record.flight.step
     speed = 0.5 * (record.flight.velocity[1:] + record.flight.velocity[:-1])
     variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2

@@ -86,8 +86,7 @@ def open_loop(
 
 
 def from_nose(record: InertialRecord, config: ReconstructionConfig, *, forces: bool) -> WindHistory:
-    """`open_loop` from the mean direction of the nose, with gravity found along unless `config.gravity` is
-    off."""
+    """`open_loop` from the nose's mean direction; gravity is found along unless `config.gravity` is off."""
     size = expected_gravity(record, config)
     start = start_from_nose(record, size if config.gravity else 0.0, forces=forces)
     xi = body_crossflow(record, wind_direction(record, start, forces=forces))
@@ -109,12 +108,10 @@ def expected_gravity(record: InertialRecord, config: ReconstructionConfig) -> fl
 
 
 def nose_sigma(record: InertialRecord, xi: ComplexArray) -> float:
-    """Standard deviation (rad) of each part of the nose's mean as the velocity's direction: what a broken
-    cycle leaves."""
+    """Standard deviation (rad) of each part of the nose's mean direction: what a broken cycle leaves."""
     return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2)) / (np.pi * cycles(record)))
 
 
 def nose_gravity_sigma(record: InertialRecord, sigma: float) -> float:
-    """Standard deviation (m/s^2) of gravity found from the nose's drift, its mean being known to `sigma`
-    rad."""
+    """Standard deviation (m/s^2) of gravity from the nose's drift, its mean being known to `sigma` rad."""
     return float(np.sqrt(12.0) * sigma * np.mean(record.flight.velocity) / record.time[-1])
