@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import hookspecs
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.filed import is_mechanism_file, read_mechanism
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,12 @@ def record_effects() -> tuple[RecordEffect, ...]:
 
 
 def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
-    """The mechanism of that name, with options set; raises UsageError with the nearest names."""
+    """The mechanism of that name, or of a mechanism file, with options set.
+
+    Raises UsageError with the nearest names, or with what is wrong in the file.
+    """
+    if is_mechanism_file(name):
+        return read_mechanism(name)
     items = {key: entry.item for key, entry in installed().items() if isinstance(entry.item, Mechanism)}
     if name not in items:
         raise _unknown(name, items)

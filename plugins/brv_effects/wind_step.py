@@ -17,7 +17,7 @@ class WindStep(RecordEffect):
     """A step of the wind across the track at `time` s (None: the middle of the record).
 
     No channel senses it: the velocity relative to the air turns while the inertial velocity does not.
-    A step along the track is in the record's `velocity` already.
+    A step along the track is in the record's `velocity` already. `spread` s is how well `time` is known.
     """
 
     name = "wind_step"
@@ -27,15 +27,22 @@ class WindStep(RecordEffect):
     kind = "environment"
 
     time: float | None = None
+    spread: float | None = None
 
     def components(self) -> tuple[tuple[str, str, float], ...]:
         """Wind along the body axes y and z of the first sample."""
         return tuple((axis, "m/s", 5.0) for axis in _AXES)
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
-        """Steps at 16 instants, evenly over the record."""
-        instants = np.linspace(flight.time[0], flight.time[-1], 18)[1:-1]
-        return tuple(self.model_copy(update={"time": float(instant)}) for instant in instants)
+        """16 instants over the record; once `time` and `spread` are set, 7 instants near it."""
+        if self.time is None or self.spread is None:
+            instants = np.linspace(flight.time[0], flight.time[-1], 18)[1:-1]
+            spread = float(instants[1] - instants[0])
+        else:
+            instants = self.time + self.spread * np.linspace(-0.75, 0.75, 7)
+            spread = 0.25 * self.spread
+        found = ({"time": float(instant), "spread": spread} for instant in instants)
+        return tuple(self.model_copy(update=settings) for settings in found)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that much wind left unaccounted for."""
