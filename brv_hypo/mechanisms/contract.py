@@ -1,7 +1,7 @@
 """What a mechanism is: one vectorised definition, from the motion to the moment-coefficient columns.
 
-Regression uses the columns as they are; the likelihood adds them up, times their coefficients, as the moment in
-the equations of motion; the simulator evaluates them at the running state; the residual loop tries them
+Regression uses the columns as they are; the likelihood adds them up, times their coefficients, as the moment
+in the equations of motion; the simulator evaluates them at the running state; the residual loop tries them
 against what is left over. A record effect is the other kind of hypothesis: a perturbation of the record.
 """
 
@@ -96,11 +96,10 @@ class Mechanism(BaseModel, ABC):
         return ()
 
     def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
-        """Log-likelihood of whitened innovations (n,) of standard deviation `std_error`: Gaussian by default."""
+        """Log-likelihood of whitened innovations (n,) of sigma `std_error`: Gaussian by default."""
         n = innovations.size
-        return float(
-            -0.5 * np.sum((innovations / std_error) ** 2) - n * np.log(std_error) - 0.5 * n * np.log(2 * np.pi)
-        )
+        normalisation = n * (np.log(std_error) + 0.5 * np.log(2 * np.pi))
+        return float(-0.5 * np.sum((innovations / std_error) ** 2) - normalisation)
 
 
 class RecordEffect(BaseModel, ABC):
@@ -119,7 +118,7 @@ class RecordEffect(BaseModel, ABC):
     kind: ClassVar[Literal["instrument", "environment"]]
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
-        """The effect with each setting to be tried on this flight, such as an unknown time; itself by default."""
+        """The effect with each setting to try on this flight, such as an unknown time; itself by default."""
         return (self,)
 
     @abstractmethod

@@ -1,6 +1,6 @@
 """The plugin border: all that a mechanism package needs to know.
 
-A plugin is a module that is named by an entry point of the group `brv_hypo.mechanisms` and implements one hook:
+A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names, and that implements one hook:
 
     # my_package/ablation.py
     from brv_hypo.mechanisms import Mechanism, Term, hookimpl
@@ -41,7 +41,7 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 
 @hookspec
 def brv_hypo_mechanisms() -> Sequence[Mechanism]:
-    """Moments of the vehicle: each is a function of the motion. Return one instance of each, default options."""
+    """Moments of the vehicle, functions of the motion. Return one instance of each, with default options."""
     raise NotImplementedError
 
 

@@ -77,7 +77,12 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
 
 
 def find_installed(name: str) -> Mechanism | RecordEffect:
-    """The mechanism or record effect of that name; raises UsageError with the nearest names."""
+    """The mechanism or record effect of that name, or of a mechanism file.
+
+    Raises UsageError with the nearest names, or with what is wrong in the file.
+    """
+    if is_mechanism_file(name):
+        return read_mechanism(name)
     if name not in installed():
         raise _unknown(name, installed())
     return installed()[name].item
@@ -89,7 +94,9 @@ def _unknown(name: str, known: Iterable[str]) -> UsageError:
     return UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.")
 
 
-def parse_hypothesis(text: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> tuple[Mechanism, ...]:
+def parse_hypothesis(
+    text: str, options: Mapping[str, Mapping[str, Any]] | None = None
+) -> tuple[Mechanism, ...]:
     """The mechanisms of a hypothesis such as 'sticking+bodyfixed'; 'none' is the empty tuple."""
     if text == "none":
         return ()

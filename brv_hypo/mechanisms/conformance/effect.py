@@ -16,7 +16,7 @@ _WIND, _PLACE = 10.0, 0.1
 
 
 def _channels(flight: Flight) -> FloatArray:
-    """All that an effect may act on, (rows, samples): channels in units of their size in the sample, wind, place."""
+    """All that an effect may act on, (rows, samples): channels by their size in the sample, wind, place."""
     channels = np.array([getattr(flight, name) for name in CHANNELS], dtype=float)
     sizes = np.array([np.max(np.abs(getattr(sample_flight(), name))) for name in CHANNELS], dtype=float)
     wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / _WIND
