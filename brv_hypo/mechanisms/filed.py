@@ -52,8 +52,8 @@ class _Part(BaseModel):
 class Factor(_Part):
     """One function of one quantity x (SI, rad; `log_reynolds` is log10 of the Reynolds number).
 
-    `power`: ((x - at) / scale)^power. `cos`, `sin`: of rate * x. `step`: half of (1 + tanh((x - at) / width));
-    for width 0 sharp. `bump`: a linear B-spline, 1 at `at` and 0 `width` away.
+    `power`: ((x - at) / scale)^power. `cos`, `sin`: of rate * x. `step`: half of (1 + tanh((x - at) /
+    width)); for width 0 sharp. `bump`: a linear B-spline, 1 at `at` and 0 `width` away.
     """
 
     of: Quantity

@@ -1,6 +1,6 @@
 """The plugin border: all that a mechanism package needs to know.
 
-A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names, and that implements one hook:
+A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names. It implements one hook:
 
     # my_package/ablation.py
     from brv_hypo.mechanisms import Mechanism, Term, hookimpl

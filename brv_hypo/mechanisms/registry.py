@@ -39,8 +39,8 @@ def installed() -> Mapping[str, Installed]:
             for item in getattr(plugin, hook, list)():
                 if item.name in found:
                     raise UsageError(
-                        f"two installed plugins name the mechanism '{item.name}': {found[item.name].package} and "
-                        f"{metadata['name']}. Uninstall one of them."
+                        f"two installed plugins name the mechanism '{item.name}': {found[item.name].package} "
+                        f"and {metadata['name']}. Uninstall one of them."
                     )
                 found[item.name] = Installed(item, metadata["name"], metadata["version"])
     return dict(sorted(found.items()))
