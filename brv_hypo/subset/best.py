@@ -15,7 +15,7 @@ from brv_hypo.subset.finish import Finisher
 from brv_hypo.subset.frame import build_frame
 from brv_hypo.subset.heuristics import seed_board
 from brv_hypo.subset.result import SubsetResult
-from brv_hypo.subset.search import Effort, rounding_margin, search
+from brv_hypo.subset.search import Effort, search
 
 
 def best_subsets(
@@ -68,7 +68,7 @@ def best_subsets(
         )
     frame = build_frame(X, y, forced, weights, groups, parents)
     finisher = Finisher(frame, held_out_blocks, None if point is None else np.asarray(point, dtype=np.float64))
-    board = Board(frame, min(max_terms, frame.rank), n_best, rounding_margin(frame.condition))
+    board = Board(frame, min(max_terms, frame.rank), n_best)
     seed_board(board)
     certificate = search(board, Effort(kernel, threads, time_limit_s, progress, inform), started)
     return finisher.result(board, certificate)

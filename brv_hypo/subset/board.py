@@ -8,11 +8,14 @@ from functools import cmp_to_key
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.frame import RANK_TOLERANCE, Frame
+from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame
 
-EPS = float(np.finfo(np.float64).eps)
 # Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
 TIE = 1e-11
+# Relative allowance for rounding in a bound where the columns are well-conditioned.
+LEAST_MARGIN = 1e-10
+# A limit that nothing can get under.
+CLOSED = -1.0
 
 
 class Board:
@@ -23,15 +26,16 @@ class Board:
     """
 
     def __init__(
-        self, frame: Frame, max_size: int, capacity: int, margin: float, ceiling: FloatArray | None = None
+        self, frame: Frame, max_size: int, capacity: int, ceiling: FloatArray | None = None
     ) -> None:
         self.frame = frame
         self.max_size = max_size
         self.capacity = capacity
-        self.margin = margin
-        self.ceiling = np.full(max_size + 1, np.inf) if ceiling is None else ceiling
-        self.limits = self.ceiling * (1.0 + margin)
-        self.limits[0] = -np.inf
+        self.margin = LEAST_MARGIN
+        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of infinities.
+        self.ceiling = np.full(max_size + 1, 1.01 * frame.rss_forced) if ceiling is None else ceiling
+        self.limits = self.ceiling * (1.0 + self.margin)
+        self.limits[0] = CLOSED
         self.perfect = (100.0 * EPS) ** 2 * frame.rss_forced
         self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(max_size + 1)]
         self._seen: set[tuple[int, ...]] = set()
@@ -72,10 +76,17 @@ class Board:
         """Whether all places of a size are taken."""
         return len(self._rows[size]) == self.capacity
 
+    def widen(self, margin: float) -> None:
+        """Allow for more rounding from here on."""
+        if margin > self.margin:
+            self.margin = margin
+            for size in range(1, self.max_size + 1):
+                self._lower_limit(size)
+
     def _lower_limit(self, size: int) -> None:
         worst = self.worst(size)
         # A perfect fit cannot be beaten; searching for its equals would visit every superset.
-        self.limits[size] = worst * (1.0 + self.margin) if worst > self.perfect else -np.inf
+        self.limits[size] = worst * (1.0 + self.margin) if worst > self.perfect else CLOSED
 
     def _compare(self, a: tuple[float, tuple[int, ...]], b: tuple[float, tuple[int, ...]]) -> int:
         low = max(min(a[0], b[0]), self.perfect)

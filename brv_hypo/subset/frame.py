@@ -19,6 +19,7 @@ from brv_hypo.subset.constraints import (
     constrained_columns,
 )
 
+EPS = float(np.finfo(np.float64).eps)
 # Relative size of what is left of a column below which it counts as lying in a span.
 SPAN_TOLERANCE = 1e-12
 # Distance of two unit columns below which they are one column under two names.

@@ -73,7 +73,7 @@ class SchurNode:
     @classmethod
     def start(cls, piece: Piece) -> SchurNode:
         """S from R'R and H from the inverse of R, never from the inverse of S."""
-        inverse = np.linalg.solve(piece.R, np.eye(piece.z.size))
+        inverse = piece.inverse
         return cls(
             piece, piece.included, np.ones(piece.z.size, dtype=np.bool_), piece.R.T @ piece.R,
             piece.R.T @ piece.z, piece.rss, inverse @ inverse.T, inverse @ piece.z, piece.bound,

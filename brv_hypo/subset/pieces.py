@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.constraints import Constraints
-from brv_hypo.subset.frame import RANK_TOLERANCE, Frame
+from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,40 @@ class Piece:
         """Residual sum of squares of the included columns alone."""
         return self.bound + float(self.z @ self.z)
 
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """R^-1."""
+        return np.linalg.solve(self.R, np.eye(self.z.size))
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the undecided columns."""
+        return float(np.linalg.cond(self.R)) if self.undecided else 1.0
+
+    def rounding_margin(self, *, triangular: bool) -> float:
+        """Relative allowance for rounding in the bounds of this piece.
+
+        A residual r is perturbed by about eps |beta|_1 / |r| where orthogonal steps are taken on R, and by the square
+        of that on Schur complements; the complete model has the largest coefficients.
+        """
+        if not self.undecided or self.bound <= 0.0:
+            return 0.0
+        growth = float(np.abs(self.inverse @ self.z).sum()) / float(np.sqrt(self.bound))
+        return 16.0 * EPS * growth if triangular else 64.0 * EPS * max(growth, growth**2)
+
     @property
     def singular(self) -> bool:
         """Whether the undecided columns are dependent."""
         return bool(np.abs(self.R.diagonal()).min(initial=np.inf) <= RANK_TOLERANCE)
+
+
+@dataclass(frozen=True)
+class OpenSubtree:
+    """A subtree that a search has left undone; no subset in it has a residual below ``bound``."""
+
+    included: tuple[int, ...]
+    undecided: tuple[int, ...]
+    bound: float
 
 
 def propagate(

@@ -1,22 +1,30 @@
-"""Runs the tree search: which kernel, how long, and what it proved."""
+"""Runs the tree search: which kernel, for how long, on how many threads, and what it proved."""
 
 from __future__ import annotations
 
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.subset.board import EPS, Board
-from brv_hypo.subset.pieces import independent_pieces
+from brv_hypo.subset.board import CLOSED, Board
+from brv_hypo.subset.pieces import OpenSubtree, Piece, independent_pieces, make_piece
 from brv_hypo.subset.result import Certificate
-from brv_hypo.subset.tree_numpy import NumpyTree
+from brv_hypo.subset.tree_numpy import NumpyTree, StopSearchError
 
 # Scaled condition number above which Schur complements lose too many digits and triangular factors take over.
 SCHUR_CONDITION = 2e5
 KERNELS = ("auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
+# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs. Where it is
+# already in memory it takes over at once from larger problems.
+NUMPY_NODES = 8000
+NUMPY_NODES_BESIDE_COMPILED = 100
+# Seconds that a time limit must leave for the compiled kernel to be worth sending for.
+COMPILE_ALLOWANCE_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -29,32 +37,102 @@ class Effort:
     progress: Callable[[float, int], None] | None = None
     inform: Callable[[str], None] | None = None
 
-
-def rounding_margin(condition: float) -> float:
-    """Relative allowance for rounding in a bound, from the scaled condition number.
-
-    Schur complements lose the square of the condition number, triangular factors the condition number itself.
-    """
-    if condition <= SCHUR_CONDITION:
-        return 1e-10 + 16.0 * EPS * condition**2
-    return 1e-10 + 64.0 * EPS * min(condition, 1e10)
+    def __post_init__(self) -> None:
+        if self.kernel not in KERNELS:
+            raise UsageError(f"kernel {self.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
 
 
 def search(board: Board, effort: Effort, started: float) -> Certificate:
     """Search until every branch is decided or the time is up; the board then holds the answer."""
-    if effort.kernel not in KERNELS:
-        raise UsageError(f"kernel {effort.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
-    triangular = board.frame.condition > SCHUR_CONDITION and np.isfinite(board.frame.condition)
+    deadline = np.inf if effort.time_limit_s is None else started + effort.time_limit_s
+    pieces = list(independent_pieces(board.frame, board.max_size))
+    triangular = _triangular(pieces, effort.kernel)
+    for piece in pieces:
+        if not piece.singular:
+            board.widen(piece.rounding_margin(triangular=triangular))
+    nodes, engine = 0, "numpy"
+    left: list[OpenSubtree] = [OpenSubtree(p.included, p.undecided, p.bound) for p in pieces]
+    if not effort.kernel.startswith("numba"):
+        nodes, left = _search_numpy(board, pieces, triangular, effort, deadline)
+    if left and time.perf_counter() < deadline:
+        # Imported here: numba takes longer to import than most searches take to finish.
+        from brv_hypo.subset.workers import search_compiled
+
+        engine = "numba"
+        more, left = search_compiled(board, left, triangular, effort, deadline)
+        nodes += more
+    gap = proved_gap(board, left)
+    return Certificate(
+        exact=not left,
+        nodes=nodes,
+        margin=board.margin,
+        gap=gap,
+        seconds=time.perf_counter() - started,
+        kernel=f"{engine}-{'givens' if triangular else 'schur'}",
+        condition=board.frame.condition,
+        status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
+    )
+
+
+def _triangular(pieces: Sequence[Piece], kernel: str) -> bool:
+    if kernel != "auto":
+        return kernel.endswith("givens")
+    return any(p.condition > SCHUR_CONDITION for p in pieces if not p.singular)
+
+
+def _search_numpy(
+    board: Board, pieces: Sequence[Piece], triangular: bool, effort: Effort, deadline: float
+) -> tuple[int, list[OpenSubtree]]:
+    """Search in numpy within its budget: nodes visited and what is left."""
+    budget = _numpy_budget(effort, deadline)
     nodes = 0
 
     def spend() -> None:
         nonlocal nodes
         nodes += 1
+        if nodes > budget or (nodes % 64 == 0 and time.perf_counter() > deadline):
+            raise StopSearchError
 
     tree = NumpyTree(board, triangular=triangular, spend=spend)
-    for piece in independent_pieces(board.frame, board.max_size):
-        tree.run(piece)
-    return Certificate(
-        True, nodes, board.margin, 0.0, time.perf_counter() - started, "numpy-schur", board.frame.condition,
-        "complete",
-    )  # fmt: skip
+    for i, piece in enumerate(pieces):
+        try:
+            tree.run(piece)
+        except StopSearchError:
+            rest = [OpenSubtree(p.included, p.undecided, p.bound) for p in pieces[i + 1 :]]
+            return nodes, tree.open_subtrees + rest
+    return nodes, []
+
+
+def _numpy_budget(effort: Effort, deadline: float) -> float:
+    if effort.kernel.startswith("numpy"):
+        return np.inf
+    if "brv_hypo.subset.kernel" in sys.modules:
+        return NUMPY_NODES_BESIDE_COMPILED
+    return NUMPY_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
+
+
+def proved_gap(board: Board, left: Sequence[OpenSubtree]) -> float:
+    """Largest relative amount, over the sizes, by which the best residual may still be too high."""
+    lowest = np.full(board.max_size + 1, np.inf)
+    for subtree in left:
+        piece = make_piece(board.frame, subtree.included, subtree.undecided)
+        if piece is not None:
+            sizes = slice(len(piece.included) + 1, len(piece.included) + len(piece.undecided) + 1)
+            least = _least_residuals(piece)[: lowest[sizes].size]
+            lowest[sizes.start : sizes.start + least.size] = np.minimum(
+                lowest[sizes.start : sizes.start + least.size], least
+            )
+    gap = 0.0
+    for size in range(1, board.max_size + 1):
+        if np.isfinite(lowest[size]) and board.limits[size] != CLOSED:
+            worst = board.worst(size)
+            gap = max(gap, 1.0 - lowest[size] / worst if board.full(size) and worst > 0.0 else 1.0)
+    return gap
+
+
+def _least_residuals(piece: Piece) -> FloatArray:
+    """Lower bound of the residual with 1, 2, ... more columns: t of them leave out one of the t + 1 costliest."""
+    if piece.singular:
+        return np.full(len(piece.undecided), piece.bound)
+    rises = (piece.inverse @ piece.z) ** 2 / np.sum(piece.inverse**2, axis=1)
+    return np.asarray(piece.bound + np.append(np.sort(rises)[::-1], 0.0)[1:])

@@ -10,20 +10,25 @@ from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.board import Board
 from brv_hypo.subset.frame import RANK_TOLERANCE
 from brv_hypo.subset.nodes import Node, SchurNode, TriangularNode
-from brv_hypo.subset.pieces import Piece, propagate
+from brv_hypo.subset.pieces import OpenSubtree, Piece, propagate
 
 # A pair whose 2x2 determinant is smaller than this share of its diagonal is scored by QR, not in closed form.
 WEAK_PAIR = 1e-7
 
 
+class StopSearchError(Exception):
+    """Raised by the caller's ``spend`` to stop the search; what is left is then in ``open_subtrees``."""
+
+
 class NumpyTree:
-    """Depth-first search of pieces; ``spend`` is called at every node and may raise to stop it."""
+    """Depth-first search of pieces; ``spend`` is called at every node and may stop it."""
 
     def __init__(self, board: Board, *, triangular: bool, spend: Callable[[], None]) -> None:
         self._board = board
         self._kind: type[SchurNode | TriangularNode] = TriangularNode if triangular else SchurNode
         self._spend = spend
         self._constraints = board.frame.constraints
+        self.open_subtrees: list[OpenSubtree] = []
 
     def run(self, piece: Piece) -> None:
         """Search the piece to the end; better subsets go to the board."""
@@ -38,7 +43,11 @@ class NumpyTree:
 
     def _visit(self, node: Node | None) -> None:
         while node is not None and node.labels.size:
-            self._spend()
+            try:
+                self._spend()
+            except StopSearchError:
+                self._leave_open(node, None)
+                raise
             rises = node.rises()
             quota = self._quota(node, rises)
             if quota <= 2:
@@ -48,11 +57,20 @@ class NumpyTree:
             label = int(node.labels[branch])
             child = self._include(node, label)
             if child is not None:
-                self._board.offer(child.included)
-                self._visit(child)
+                if child.rss <= self._board.limits[len(child.included)]:
+                    self._board.offer(child.included)
+                try:
+                    self._visit(child)
+                except StopSearchError:
+                    self._leave_open(node, label)
+                    raise
             if node.bound + rises[branch] > self._board.limits[len(node.included) + 1 :].max():
                 return
             node = self._drop(node, label)
+
+    def _leave_open(self, node: Node, searched: int | None) -> None:
+        undecided = tuple(u for u in node.labels.tolist() if u != searched)
+        self.open_subtrees.append(OpenSubtree(node.included, undecided, node.bound))
 
     def _quota(self, node: Node, rises: FloatArray) -> int:
         """Largest number of further columns with which a subset may still beat the board.
@@ -99,12 +117,14 @@ class NumpyTree:
         self._offer(node, np.flatnonzero(single)[:, None])
         if quota < 2 or d.size < 2:
             return
-        squares = np.multiply.outer(d, d)
+        needed = node.rss - limits[size + 2]
+        squares = d[:, None] * d
         det = squares - S * S
-        half = np.multiply.outer(c * c, d) - np.multiply.outer(c, c) * S
-        hit = (half + half.T >= (node.rss - limits[size + 2]) * det) | (det < WEAK_PAIR * squares)
-        rows, cols = np.nonzero(np.triu(hit, k=1))
-        usable = solid[rows] & solid[cols]
+        half = (c * c)[:, None] * d - c[:, None] * c * S
+        surplus = half + half.T - needed * det
+        surplus[det < WEAK_PAIR * squares] = 1.0
+        rows, cols = np.nonzero(surplus >= 0.0)
+        usable = (rows < cols) & solid[rows] & solid[cols]
         self._offer(node, np.column_stack([rows, cols])[usable])
 
     def _offer(self, node: Node, extra: IntArray) -> None:

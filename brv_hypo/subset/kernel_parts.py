@@ -1,0 +1,175 @@
+"""Compiled parts that both kernels share: the working arrays, quota, closed-form scoring, rules along the path.
+
+Imported only when a compiled kernel is wanted: importing numba costs more than most searches.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from numba import njit
+
+# What a path has decided about a column.
+UNDECIDED, INCLUDED, DROPPED = 0, 1, 2
+# Where a level stands: not looked at, its include branch taken, taken with no drop branch to follow.
+NEW, BRANCHED, FORCED = 0, 1, 2
+# Scalars of the search, by position in ``Work.state``.
+LEVEL, NODES, HITS, TRAIL = 0, 1, 2, 3
+
+options: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": True, "error_model": "numpy"}
+
+
+class Work(NamedTuple):
+    """The state of one search: it stops and goes on at any node. First axis of most arrays: included columns.
+
+    A (levels, m, m): the factor R, or S in its lower triangle. B: H in its lower triangle, or scratch.
+    x (levels, m): z, or c. beta (levels, m): coefficients with all undecided columns in. ids (levels, m): the
+    undecided columns. count, phase, at, owns, rss, bound (levels,): how many they are, where the level stands,
+    the place of the column branched on, whether B is the level's own, residuals without and with the
+    undecided. chosen: the included columns. status (columns,) and trail: decisions along the path, for the rules.
+    requires, excludes (columns, columns): bytes, empty where there are no rules; the diagonal of ``requires``
+    counts what a column brings along. hits: rows of (size, columns...). scratch (5, m). slack: allowance for
+    rounding in a determinant.
+    """
+
+    A: Any
+    B: Any
+    x: Any
+    beta: Any
+    ids: Any
+    count: Any
+    phase: Any
+    at: Any
+    owns: Any
+    rss: Any
+    bound: Any
+    chosen: Any
+    status: Any
+    trail: Any
+    requires: Any
+    excludes: Any
+    hits: Any
+    scratch: Any
+    state: Any
+    base: int
+    slack: float
+
+
+@njit(**options)
+def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
+    """Largest number t of further columns for which a subset may still get under its limit.
+
+    Such a subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t columns may
+    have a rise that breaks the limit.
+    """
+    t = min(limits.size - 1 - size, m)
+    while t > 0:
+        allowance = limits[size + t] - bound
+        if allowance >= 0.0:
+            count = 0
+            for i in range(m):
+                count += 1 if rise[i] > allowance else 0
+            if count <= t:
+                return t
+        t -= 1
+    return 0
+
+
+@njit(**options)
+def record(w: Work, size: int, a: int, b: int) -> None:
+    """Note the chosen columns, with up to two more, as a subset to be looked at."""
+    row = w.hits[w.state[HITS]]
+    for i in range(size):
+        row[i + 1] = w.chosen[i]
+    if a >= 0:
+        size += 1
+        row[size] = a
+    if b >= 0:
+        size += 1
+        row[size] = b
+    row[0] = size
+    if w.requires.size == 0 or _permitted(row, size, w.requires, w.excludes):
+        w.state[HITS] += 1
+
+
+@njit(**options)
+def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
+    for i in range(1, size + 1):
+        v = row[i]
+        present = 0
+        for k in range(1, size + 1):
+            if excludes[v, row[k]]:
+                return False
+            if k != i:
+                present += requires[v, row[k]]
+        if present < requires[v, v]:
+            return False
+    return True
+
+
+@njit(**options)
+def score(w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: bool, rss: float, limits: Any) -> None:
+    """Record every column, and every pair, whose gain reaches what its size needs, without a division.
+
+    The normal matrix is S - p p' (lower triangle), its diagonal d, its right-hand side c. A pair gains enough where
+    d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
+    """
+    needed = rss - limits[size + 1]
+    for i in range(m):
+        if c[i] * c[i] >= needed * d[i]:
+            record(w, size, ids[i], -1)
+    if not pairs:
+        return
+    needed = rss - limits[size + 2]
+    eased = needed - abs(needed) * w.slack
+    for i in range(1, m):
+        di, ci, pi = d[i], c[i], p[i]
+        a = ci * ci - eased * di
+        b = 2.0 * ci
+        row = S[i]
+        # Counting vectorises better than taking the maximum; the row is gone over again only on a hit.
+        enough = 0
+        for k in range(i):
+            v = row[k] - pi * p[k]
+            enough += 1 if d[k] * a + c[k] * c[k] * di + v * (needed * v - b * c[k]) >= 0.0 else 0
+        if enough > 0:
+            for k in range(i):
+                v = row[k] - pi * p[k]
+                if d[k] * a + c[k] * c[k] * di + v * (needed * v - b * c[k]) >= 0.0:
+                    record(w, size, ids[i], ids[k])
+
+
+@njit(**options)
+def implied(w: Work, ids: Any, m: int) -> tuple[int, int]:
+    """First undecided column that the rules force, as (position, INCLUDED or DROPPED); (-1, 0) for none."""
+    for i in range(m):
+        v = ids[i]
+        for u in range(w.status.size):
+            if u == v:
+                continue
+            state = w.status[u]
+            if (w.requires[v, u] and state == DROPPED) or (w.excludes[v, u] and state == INCLUDED):
+                return i, DROPPED
+            if w.requires[u, v] and state == INCLUDED:
+                return i, INCLUDED
+    return -1, 0
+
+
+@njit(**options)
+def mark_dropped(w: Work, label: int, level: int) -> None:
+    """Note a drop made at a level, so that leaving the level undoes it."""
+    w.status[label] = DROPPED
+    w.trail[w.state[TRAIL], 0] = label
+    w.trail[w.state[TRAIL], 1] = level
+    w.state[TRAIL] += 1
+
+
+@njit(**options)
+def leave(w: Work, level: int) -> None:
+    """Undo the drops made at a level and the inclusion that led to it."""
+    while w.state[TRAIL] > 0 and w.trail[w.state[TRAIL] - 1, 1] == level:
+        w.state[TRAIL] -= 1
+        w.status[w.trail[w.state[TRAIL], 0]] = UNDECIDED
+    if level > 0:
+        w.status[w.chosen[w.base + level - 1]] = UNDECIDED
+    w.state[LEVEL] = level - 1
