@@ -12,7 +12,9 @@ brv-hypo --help                the command line                            brv_h
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -33,12 +35,24 @@ _HOME = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """The public functions, imported at first use (PEP 562): the package itself costs nothing to import."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+class _Package(ModuleType):
+    """Keeps `brv_hypo.simulate` and `brv_hypo.trace` the functions.
+
+    The import system would put the subpackages of these names in their place when it first imports them.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in _HOME or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        """The public functions, imported at first use: the package itself costs nothing to import."""
+        if name not in _HOME:
+            raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
+        return getattr(import_module(_HOME[name]), name)
+
+    def __dir__(self) -> list[str]:
+        return [*__all__]
 
 
-def __dir__() -> list[str]:
-    return [*__all__]
+sys.modules[__name__].__class__ = _Package
