@@ -46,6 +46,7 @@ def fit(
     derivatives: str = "auto",
     max_iterations: int = 50,
     tolerance: float = 1e-5,
+    near_start: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> FitResult:
     """Maximum-likelihood parameters of x' = f(x, u, theta, t), y = h(x, u, theta, t) + noise, by collocation.
@@ -79,6 +80,8 @@ def fit(
         derivatives: "auto", "complex" or "central".
         max_iterations: limit of Gauss-Newton steps.
         tolerance: step, as a fraction of the standard errors, at which the search ends.
+        near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
+            begins there, without the steps that bring a poor start near.
         progress: called after each iteration.
 
     Returns:
@@ -118,10 +121,10 @@ def fit(
         progress=progress,
     )
     iterate = Iterate(histories, parameters.start, covariance)
-    return assess(search(*_prepared(problem, iterate), options), options)
+    return assess(search(*_prepared(problem, iterate, near_start), options), options)
 
 
-def _prepared(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
+def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
     """Smoothed states, parameters brought near, and the scales that follow from them."""
     grids = problem.grids
     loose = looseness(grids, iterate.x, problem.size)
@@ -130,7 +133,7 @@ def _prepared(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
             iterate = smooth(problem, iterate, loose)
         reach = delay_reach(problem.model.delays, problem.parameters, grids, iterate.x)
         problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
-        return problem, approach(problem, iterate, loose)
+        return problem, iterate if near else approach(problem, iterate, loose)
     except SingularStatesError:
         return (
             problem,
