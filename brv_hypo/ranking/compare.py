@@ -88,7 +88,7 @@ def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, c
         if config.knots is None
         else np.asarray(config.knots, dtype=float)
     )
-    return Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.refine)
+    return Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.exact_terms, config.refine)
 
 
 def settle_noise(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[HypothesisFit]]:

@@ -17,7 +17,8 @@ class CompareConfig(BaseModel):
 
     `mechanisms`: hypotheses, a plus joining several; None compares all that are installed. `options`: options
     by mechanism name. `knots` s: where coefficients may change; None spreads `knot_count` of them evenly.
-    `max_terms`: columns that a hypothesis may add. `offset_degree`, `slope_degree`: Legendre degree of the
+    `max_terms`: columns that a hypothesis may add; the search is exact up to `exact_terms` of them, then
+    goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre degree of the
     slow drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots become continuous.
     """
 
@@ -31,6 +32,7 @@ class CompareConfig(BaseModel):
     max_terms: int = Field(default=6, ge=1, le=20)
     offset_degree: int | None = Field(default=None, ge=0, le=6)
     slope_degree: int | None = Field(default=None, ge=0, le=8)
+    exact_terms: int = Field(default=4, ge=1, le=20)
     refine: bool = True
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: bool = True

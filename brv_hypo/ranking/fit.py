@@ -99,11 +99,14 @@ def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> 
 
     best: HypothesisFit | None = None
     worse = 0
-    for chosen in best_by_size(task, frame, offered):
-        starts = [settle(chosen)]
+    exact = best_by_size(task, frame, offered)
+    for size in range(1, task.max_terms + 1):
+        starts = [settle(exact[size])] if size in exact else []
         if best is not None:
             further = extended(task, best.frame, best.columns, mechanisms, offered)
             starts.extend([settle(further, best.selected)] if further else [])
+        if not starts:
+            continue
         challenger = _least(starts)
         worse = 0 if best is None or challenger.information < best.information else worse + 1
         best = challenger if best is None else _least([best, challenger])

@@ -43,15 +43,15 @@ def _columns_of(
 
 def best_by_size(
     task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]]
-) -> list[tuple[Column, ...]]:
+) -> dict[int, tuple[Column, ...]]:
     """The subset of least RSS for each number of columns, over all offers; without the empty one."""
     best: dict[int, tuple[float, tuple[Column, ...]]] = {}
     forced = task.design(frame, task.baseline)
     for columns in offered:
-        for rss, chosen in _subsets(task, frame, forced, columns, task.max_terms):
+        for rss, chosen in _subsets(task, frame, forced, columns, task.exact_terms):
             if chosen and (len(chosen) not in best or rss < best[len(chosen)][0]):
                 best[len(chosen)] = (rss, chosen)
-    return [best[size][1] for size in sorted(best)]
+    return {size: columns for size, (_, columns) in best.items()}
 
 
 def extended(

@@ -25,6 +25,7 @@ class Task:
     noise: NoiseModel
     efficiency: float
     max_terms: int
+    exact_terms: int
     refine: bool
 
     @cached_property
