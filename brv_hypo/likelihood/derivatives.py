@@ -99,7 +99,7 @@ def jacobian(
         def move(step: Any) -> Any:
             kept = array[row].copy()
             array[row] += step
-            moved = _call(function, x, points, theta, delayed)
+            moved = np.array(_call(function, x, points, theta, delayed))  # a copy: it may be a view of x
             array[row] = kept
             return moved
 

@@ -53,7 +53,7 @@ def estimate_covariance(
             zero.
         spread: sum over samples of the predicted outputs' own covariance (process noise), same shape.
     """
-    n_outputs, n = residual.shape
+    n_outputs = residual.shape[0]
     v = np.where(measured, residual, 0.0)
     spread = np.broadcast_to(spread, (n_outputs, n_outputs))
     if shape == "diagonal":
@@ -70,7 +70,7 @@ def estimate_covariance(
             remaining = previous[np.ix_(gap, gap)] - gain @ previous[np.ix_(seen, gap)]
             total[np.ix_(gap, gap)] += where.sum() * remaining
         total += filled @ filled.T
-    covariance = total / n
+    covariance = total / max(int(measured.any(axis=0).sum()), 1)
     covariance[np.diag_indices(n_outputs)] = np.maximum(np.diag(covariance), floor)
     return np.asarray(covariance)
 
@@ -94,7 +94,10 @@ def noise_from_differences(y: FloatArray) -> FloatArray:
     """
     variance = least_variance(y) * _FIRST_GUESS
     for i, row in enumerate(y):
-        differences = np.diff(row[np.isfinite(row)], 3)
+        across = np.diff(row, 3)
+        differences = across[np.isfinite(across)]
+        if differences.size < row.size / 10:  # slower than the rest: its own samples are far apart
+            differences = np.diff(row[np.isfinite(row)], 3)
         if differences.size:
             variance[i] = max(variance[i], float(np.mean(differences**2)) / _THIRD_DIFFERENCE)
     return np.diag(variance)

@@ -108,7 +108,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         )
         if options.progress is not None:
             options.progress(history[-1])
-        if step.length < options.tolerance and noise_settled and fraction == 1.0 and violation < _FEASIBLE:
+        if step.length < options.tolerance and noise_settled and violation < _FEASIBLE:
             if unseen is not None:
                 return ended("undetermined", _undetermined(unseen))
             return ended("converged", "the step is negligible against the standard errors")

@@ -1,0 +1,84 @@
+"""Delays as continuous parameters: recovered, with exact derivatives, known history, late instruments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.likelihood import History, fit
+from brv_hypo.likelihood.problems import lagging_body, short_period
+
+BODY = lagging_body()
+
+
+@pytest.mark.parametrize("start", [0.1, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_delay_started_a_tenth_of_a_second_off_comes_back(start: float, seed: int) -> None:
+    theta0 = {name: 0.7 * value for name, value in BODY.truth.items()} | {"delay": start}
+    result = fit(BODY.dynamics, BODY.outputs, [BODY.simulate(1500, seed)], theta0, delays=("delay",))
+    assert result.converged, result.message
+    assert abs(result.theta["delay"] - 0.2) < 3 * result.std_error["delay"]
+    assert 0 < result.std_error["delay"] < 0.03
+
+
+def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
+    """Profile: with the delay held to either side, the NLLF rises as its standard error says."""
+    segment = BODY.simulate(800, seed=4)
+    free = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), delays=("delay",), tolerance=1e-8)
+    spread = free.std_error["delay"]
+    for side in (-1.0, 1.0):
+        held = fit(
+            BODY.dynamics, BODY.outputs, [segment], free.theta | {"delay": free.theta["delay"] + side * spread},
+            delays=("delay",), fixed=("delay",), noise_covariance=free.noise_covariance,
+        )  # fmt: skip
+        assert held.nllf - free.nllf == pytest.approx(0.5, rel=0.15)
+
+
+def test_a_segment_that_starts_in_full_motion_uses_its_history() -> None:
+    whole = BODY.simulate(700, seed=6)
+    x = BODY.trajectory(whole.t, np.random.default_rng(0))
+    cut = 200
+    before = History(whole.t[: cut + 1], x[:, : cut + 1], whole.u[:, : cut + 1])
+    segment = replace(whole, t=whole.t[cut:], u=whole.u[:, cut:], y=whole.y[:, cut:])
+    with_history = fit(
+        BODY.dynamics, BODY.outputs, [replace(segment, history=before)], dict(BODY.truth), delays=("delay",)
+    )
+    without = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), delays=("delay",))
+    assert with_history.converged
+    for name, value in BODY.truth.items():
+        assert abs(with_history.theta[name] - value) < 4 * with_history.std_error[name]
+    assert with_history.nllf < without.nllf - 3
+
+
+@pytest.mark.parametrize("offset", [-0.03, 0.05])
+def test_an_instrument_that_is_late_or_early_is_found(offset: float) -> None:
+    """The delay stands in the outputs only, and may be negative."""
+    base = short_period()
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
+        return base.dynamics(x, u, theta, t)
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
+        return np.stack([x[0] + theta["alpha_bias"], delayed["late"].x[1] + theta["q_bias"]])
+
+    problem = replace(
+        base, dynamics=dynamics, outputs=outputs, truth=dict(base.truth) | {"late": offset}, delays=("late",)
+    )
+    plain = base.simulate(800, seed=0)
+    shifted = replace(base, noise=np.zeros(2)).simulate(800, seed=0)
+    late = np.interp(plain.t - offset, plain.t, shifted.y[1])
+    y = np.stack([plain.y[0], late + 0.005 * np.random.default_rng(5).standard_normal(800)])
+    result = fit(
+        problem.dynamics, outputs, [replace(plain, y=y)], dict(base.truth) | {"late": 0.0}, delays=("late",)
+    )
+    assert result.converged, result.message
+    assert result.theta["late"] == pytest.approx(offset, abs=max(4 * result.std_error["late"], 1e-3))
+
+
+def test_a_delay_stays_within_a_quarter_of_the_record_unless_told_otherwise() -> None:
+    segment = BODY.simulate(200, seed=0)
+    result = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth) | {"late": 0.0}, delays=("delay",))
+    assert abs(result.theta["delay"]) <= (segment.t[-1] - segment.t[0]) / 4 + 1e-9

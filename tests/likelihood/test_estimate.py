@@ -1,0 +1,284 @@
+"""`fit` on output-error problems: against single shooting, exact statistics, gaps, bounds, priors and refusals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood import FitResult, Segment, fit, fit_single_shooting
+from brv_hypo.likelihood.problems import ModelProblem, growing_body, short_period, spinning_body
+
+SHORT = short_period()
+
+
+def scaled(problem: ModelProblem, factor: float) -> dict[str, float]:
+    return {name: factor * value for name, value in problem.truth.items()}
+
+
+def errors_in_sigma(result: FitResult, problem: ModelProblem) -> np.ndarray:
+    return np.array([(result.theta[k] - problem.truth[k]) / result.std_error[k] for k in problem.truth])
+
+
+SLOW_BODY = spinning_body().with_truth(M_alpha=-4.0, M_q=-0.8)
+
+
+@pytest.mark.parametrize("problem", [short_period(), SLOW_BODY], ids=["short period", "spinning body"])
+def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
+    """At 150 Hz, where the discretisation errors of both are below the tolerance."""
+    fast = replace(problem, rate=150.0)
+    segment = fast.simulate(450, seed=3)
+    ours = fit(fast.dynamics, fast.outputs, [segment], scaled(fast, 0.9), tolerance=1e-9)
+    reference = fit_single_shooting(
+        fast.dynamics, fast.outputs, [segment], scaled(fast, 0.9), substeps=2, tolerance=1e-9
+    )
+    assert (ours.status, reference.status) == ("converged", "converged")
+    for name in fast.truth:
+        assert ours.theta[name] == pytest.approx(
+            reference.theta[name], rel=1e-6, abs=1e-6 * ours.std_error[name]
+        )
+    assert ours.nllf == pytest.approx(reference.nllf, abs=1e-6 * abs(reference.nllf))
+    np.testing.assert_allclose(ours.states[0], reference.states[0], atol=1e-6 * np.abs(ours.states[0]).max())
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.5, 1.5])
+@pytest.mark.parametrize("problem", [short_period(), spinning_body()], ids=["short period", "spinning body"])
+def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor: float) -> None:
+    segment = problem.simulate(500, seed=1)
+    result = fit(problem.dynamics, problem.outputs, [segment], scaled(problem, factor))
+    assert result.status == "converged", result.message
+    assert result.derivatives == "complex"
+    assert np.abs(errors_in_sigma(result, problem)).max() < 4
+    assert all(test.white for test in result.whiteness)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_unstable_motion_converges_from_half_off(seed: int) -> None:
+    body = growing_body()
+    rng = np.random.default_rng(seed)
+    start = {name: value * (1 + 0.5 * rng.choice([-1, 1])) for name, value in body.truth.items()}
+    result = fit(body.dynamics, body.outputs, [body.simulate(75, seed)], start)
+    assert result.converged, result.message
+    assert np.abs(errors_in_sigma(result, body)).max() < 4.5
+
+
+def test_covariance_and_likelihood_against_their_formulas() -> None:
+    """x' = -a x + b u, y = x + c: sensitivities by their own differential equations, initial state included."""
+    rng = np.random.default_rng(2)
+    t = np.arange(800) / 50
+    u = np.sin(1.1 * t) + np.sin(2.9 * t)
+    truth = {"a": 0.8, "b": 1.5, "c": 0.3}
+    sigma = 0.05
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return -theta["a"] * x + theta["b"] * u
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return x + theta["c"]
+
+    def response(a: float) -> np.ndarray:
+        found = np.zeros_like(t)
+        for frequency in (1.1, 2.9):
+            found += (a * np.sin(frequency * t) - frequency * np.cos(frequency * t)) / (a**2 + frequency**2)
+        return found
+
+    def model(a: float, b: float, c: float, transient: float) -> np.ndarray:
+        return b * response(a) + c + transient * np.exp(-a * t)
+
+    x_true = model(truth["a"], truth["b"], 0.0, 0.9)
+    y = x_true + truth["c"] + sigma * rng.standard_normal(t.size)
+    known = np.array([[sigma**2]])
+    result = fit(
+        dynamics, outputs, [Segment(t, u[None], y[None], np.array([0.0]))], {"a": 0.4, "b": 1.0, "c": 0.0},
+        noise_covariance=known,
+    )  # fmt: skip
+    at = np.array([*(result.theta[k] for k in "abc"), 0.0])
+    at[3] = result.states[0][0, 0] - at[1] * response(at[0])[0]
+    rows = []
+    for i in range(4):
+        step = 1e-6 * np.eye(4)[i]
+        rows.append((model(*(at + step)) - model(*(at - step))) / 2e-6)
+    information = np.array(rows) @ np.array(rows).T / sigma**2
+    np.testing.assert_allclose(result.covariance, np.linalg.inv(information)[:3, :3], rtol=1e-4)
+    v = result.innovations[0][0]
+    assert result.log_likelihood == pytest.approx(
+        -0.5 * np.sum(v**2 / sigma**2 + np.log(sigma**2)), rel=1e-12
+    )
+    np.testing.assert_allclose(v, y - model(*at), atol=1e-6)
+
+
+def test_central_differences_reach_the_same_estimate() -> None:
+    segment = SHORT.simulate(400, seed=5)
+    exact = fit(SHORT.dynamics, SHORT.outputs, [segment], scaled(SHORT, 0.0), derivatives="complex")
+    central = fit(SHORT.dynamics, SHORT.outputs, [segment], scaled(SHORT, 0.0), derivatives="central")
+    assert central.derivatives == "central"
+    for name in SHORT.truth:
+        assert central.theta[name] == pytest.approx(exact.theta[name], abs=1e-4 * exact.std_error[name])
+        assert central.std_error[name] == pytest.approx(exact.std_error[name], rel=1e-5)
+
+
+def test_gaps_cost_information_and_nothing_else() -> None:
+    segment = SHORT.simulate(600, seed=7)
+    y = segment.y.copy()
+    y[0, ::2] = np.nan
+    y[1, 100:180] = np.nan
+    result = fit(SHORT.dynamics, SHORT.outputs, [replace(segment, y=y)], scaled(SHORT, 0.5))
+    whole = fit(SHORT.dynamics, SHORT.outputs, [segment], scaled(SHORT, 0.5))
+    assert result.converged
+    assert result.samples == int(np.isfinite(y).sum())
+    assert np.abs(errors_in_sigma(result, SHORT)).max() < 4
+    assert all(result.std_error[k] > whole.std_error[k] for k in ("Z_alpha", "alpha_bias", "M_q"))
+    np.testing.assert_array_equal(np.isnan(result.innovations[0]), np.isnan(y))
+
+
+def test_a_full_noise_covariance_is_found() -> None:
+    segment = SHORT.simulate(3000, seed=9)
+    rng = np.random.default_rng(0)
+    mixing = np.array([[0.002, 0.0], [0.004, 0.003]])
+    clean = replace(SHORT, noise=np.zeros(2)).simulate(3000, seed=9)
+    y = clean.y + mixing @ rng.standard_normal(segment.y.shape)
+    result = fit(SHORT.dynamics, SHORT.outputs, [replace(segment, y=y)], scaled(SHORT, 0.8), noise="full")
+    assert result.converged
+    np.testing.assert_allclose(result.innovation_covariance, mixing @ mixing.T, rtol=0.1)
+    np.testing.assert_allclose(
+        result.innovation_covariance, result.innovations[0] @ result.innovations[0].T / 3000
+    )
+
+
+def test_several_segments_share_parameters_and_keep_their_own() -> None:
+    """Each flight has its own gyro bias and initial state; one coefficient set."""
+    biases = (0.03, -0.01, 0.0)
+    flights = [SHORT.with_truth(q_bias=b).simulate(300 + 50 * i, seed=i) for i, b in enumerate(biases)]
+    result = fit(SHORT.dynamics, SHORT.outputs, flights, scaled(SHORT, 0.5), per_segment=("q_bias",))
+    assert result.converged
+    assert [name for name in result.names if name.startswith("q_bias")] == [
+        "q_bias[0]",
+        "q_bias[1]",
+        "q_bias[2]",
+    ]
+    for i, bias in enumerate(biases):
+        assert abs(result.theta[f"q_bias[{i}]"] - bias) < 4 * result.std_error[f"q_bias[{i}]"]
+    alone = fit(SHORT.dynamics, SHORT.outputs, flights[:1], scaled(SHORT, 0.5))
+    assert result.std_error["M_alpha"] < alone.std_error["M_alpha"]
+    assert [x.shape[1] for x in result.states] == [300, 350, 400]
+
+
+def test_a_fixed_parameter_stays_and_a_prior_pulls() -> None:
+    segment = SHORT.simulate(300, seed=2)
+    start = scaled(SHORT, 0.8) | {"M_q": SHORT.truth["M_q"]}
+    held = fit(SHORT.dynamics, SHORT.outputs, [segment], start, fixed=("M_q",))
+    assert held.theta["M_q"] == SHORT.truth["M_q"]
+    assert "M_q" not in held.names
+    free = fit(SHORT.dynamics, SHORT.outputs, [segment], start)
+    spread = free.std_error["M_q"]
+    mean = free.theta["M_q"] + 2 * spread
+    pulled = fit(
+        SHORT.dynamics, SHORT.outputs, [segment], start, priors={"M_q": (mean, spread)},
+        noise_covariance=free.noise_covariance,
+    )  # fmt: skip
+    assert pulled.theta["M_q"] == pytest.approx(free.theta["M_q"] + spread, abs=0.05 * spread)
+    assert pulled.std_error["M_q"] == pytest.approx(spread / np.sqrt(2), rel=0.02)
+
+
+def test_a_parameter_at_its_bound_says_so_and_has_no_error() -> None:
+    segment = SHORT.simulate(300, seed=2)
+    free = fit(SHORT.dynamics, SHORT.outputs, [segment], scaled(SHORT, 1.0))
+    limit = free.theta["M_q"] + free.std_error["M_q"]
+    result = fit(SHORT.dynamics, SHORT.outputs, [segment], scaled(SHORT, 0.5), bounds={"M_q": (limit, 0.0)})
+    assert result.status == "converged"
+    assert result.at_bound == ("M_q",)
+    assert result.theta["M_q"] == limit
+    assert np.isnan(result.std_error["M_q"])
+    assert np.isfinite(result.std_error["M_alpha"])
+    assert result.nllf > free.nllf
+
+
+def test_a_known_initial_state_is_kept() -> None:
+    segment = replace(SHORT.simulate(300, seed=2), x0=SHORT.x0, x0_std=0.0)
+    result = fit(SHORT.dynamics, SHORT.outputs, [segment], scaled(SHORT, 0.5))
+    assert result.converged
+    np.testing.assert_allclose(result.states[0][:, 0], SHORT.x0, atol=1e-12)
+
+
+def test_parameters_that_the_data_cannot_separate_are_named() -> None:
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.stack([x[0] + theta["alpha_bias"] + theta["alpha_trim"], x[1] + theta["q_bias"]])
+
+    result = fit(SHORT.dynamics, outputs, [SHORT.simulate(300, 4)], scaled(SHORT, 0.5) | {"alpha_trim": 0.0})
+    worst = result.identifiability.near_null[0]
+    assert set(worst.weights) == {"alpha_bias", "alpha_trim"}
+    assert abs(sum(worst.weights.values())) < 1e-6
+    assert np.isnan(result.std_error["alpha_trim"])
+
+
+def test_a_state_that_no_output_sees_is_a_status() -> None:
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.stack([theta["a"] * x[0], theta["b"] * x[1]])
+
+    t = np.arange(100) / 20
+    segment = Segment(t, np.zeros((0, 100)), np.exp(-t)[None], np.array([1.0, 1.0]))
+    result = fit(dynamics, lambda x, u, theta, t: x[:1], [segment], {"a": -0.5, "b": -0.5})
+    assert result.status == "undetermined"
+    assert "x0_std" in result.message
+
+
+def test_noise_free_data_give_back_the_truth() -> None:
+    quiet = replace(SHORT, noise=np.zeros(2), rate=100.0)
+    result = fit(quiet.dynamics, quiet.outputs, [quiet.simulate(800, 0)], scaled(quiet, 0.5))
+    assert result.converged
+    for name, value in quiet.truth.items():
+        assert result.theta[name] == pytest.approx(value, rel=1e-4)
+
+
+def test_progress_is_reported_and_the_cost_history_kept() -> None:
+    seen: list[int] = []
+    result = fit(
+        SHORT.dynamics, SHORT.outputs, [SHORT.simulate(300, 0)], scaled(SHORT, 0.5),
+        progress=lambda step: seen.append(step.iteration),
+    )  # fmt: skip
+    assert seen == [h.iteration for h in result.history] == list(range(1, result.iterations + 1))
+    assert result.history[-1].cost == pytest.approx(result.nllf)
+
+
+GOOD = SHORT.simulate(50, seed=0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"segments": []}, "no segments"),
+        ({"segments": [replace(GOOD, t=GOOD.t[::-1])]}, "do not increase"),
+        ({"segments": [replace(GOOD, u=GOOD.u[:, 1:])]}, "one column per sample"),
+        ({"segments": [replace(GOOD, u=GOOD.u * np.nan)]}, "u is not finite"),
+        ({"segments": [replace(GOOD, x0=np.zeros((2, 7)))]}, "x0 has shape"),
+        ({"segments": [Segment(GOOD.t[:4], GOOD.u[:, :4], GOOD.y[:, :4], GOOD.x0)]}, "at least 6 samples"),
+        ({"bounds": {"M_x": (0.0, 1.0)}}, "M_x"),
+        ({"bounds": {"M_q": (1.0, 0.0)}}, "expected lower < upper"),
+        ({"bounds": {"M_q": (5.0, 9.0)}}, "outside its bounds"),
+        ({"priors": {"M_q": (0.0, 0.0)}}, "standard deviation"),
+        ({"fixed": tuple(SHORT.truth)}, "nothing to estimate"),
+        ({"process_noise": [0.1]}, "2 values"),
+        ({"delays": ("late",)}, "late"),
+        ({"derivatives": "exact"}, "expected 'auto'"),
+        ({"dynamics": lambda x, u, theta, t: x[0]}, "dynamics returned an array of shape"),
+        ({"outputs": lambda x, u, theta, t: x * np.nan}, "outputs is not finite"),
+    ],
+)
+def test_refusals_say_what_was_got_and_expected(changes: dict[str, Any], message: str) -> None:
+    arguments: dict[str, Any] = {
+        "dynamics": SHORT.dynamics, "outputs": SHORT.outputs, "segments": [GOOD], "theta0": dict(SHORT.truth),
+    }  # fmt: skip
+    with pytest.raises(UsageError, match=message):
+        fit(**(arguments | changes))
+
+
+def test_the_import_is_cheap() -> None:
+    """Neither SciPy nor anything else beyond NumPy is loaded before the first fit."""
+    code = "import sys, brv_hypo.likelihood; print([m for m in ('scipy', 'pydantic', 'pandas') if m in sys.modules])"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == "[]"
