@@ -9,25 +9,34 @@ A map, in the order in which data flow:
     heuristics.py   good subsets to start from
     pieces.py       the tree cut into pieces of independent columns
     search.py       choice of kernel, time limit, certificate
-    nodes.py, tree_numpy.py   the tree in numpy
+    nodes.py, tree_numpy.py                  the tree in numpy
+    workers.py, compiled.py, kernel*.py, steps_*.py   the tree compiled, on several threads
+    enumeration.py  near-ties, certified PRESS
     fit.py, criteria.py, finish.py   final fits in extended precision and their criteria
     result.py       what is returned
+    stepwise.py     Efroymson's stepwise regression, for comparison
+    problems.py, benchmark.py   seeded problems; ``python -m brv_hypo.subset.benchmark``
 """
 
 from brv_hypo.subset.best import best_subsets
 from brv_hypo.subset.constraints import Group, at_most_one, together
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias
-from brv_hypo.subset.result import Certificate, Subset, SubsetResult
+from brv_hypo.subset.result import Certificate, NearTies, PressBest, Subset, SubsetResult
+from brv_hypo.subset.stepwise import differences, stepwise
 
 __all__ = [
     "Alias",
     "Certificate",
     "Criteria",
     "Group",
+    "NearTies",
+    "PressBest",
     "Subset",
     "SubsetResult",
     "at_most_one",
     "best_subsets",
+    "differences",
+    "stepwise",
     "together",
 ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Iterable, Sequence
 from functools import cmp_to_key
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame
+from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame, triangle
 
 # Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
 TIE = 1e-11
@@ -25,14 +26,13 @@ class Board:
     enumeration of all that lie below.
     """
 
-    def __init__(
-        self, frame: Frame, max_size: int, capacity: int, ceiling: FloatArray | None = None
-    ) -> None:
+    def __init__(self, frame: Frame, max_size: int, capacity: int, ceiling: FloatArray | None = None) -> None:
         self.frame = frame
         self.max_size = max_size
         self.capacity = capacity
         self.margin = LEAST_MARGIN
-        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of infinities.
+        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of
+        # infinities.
         self.ceiling = np.full(max_size + 1, 1.01 * frame.rss_forced) if ceiling is None else ceiling
         self.limits = self.ceiling * (1.0 + self.margin)
         self.limits[0] = CLOSED
@@ -62,15 +62,15 @@ class Board:
         if rss is None or rss > self.ceiling[size]:
             return
         rows = self._rows[size]
-        rows.append((rss, key))
-        rows.sort(key=cmp_to_key(self._compare))
+        insort(rows, (rss, key), key=cmp_to_key(self._compare))
         del rows[self.capacity :]
         self._lower_limit(size)
 
     def worst(self, size: int) -> float:
         """The residual that a newcomer must beat."""
         rows = self._rows[size]
-        return min(rows[-1][0], self.ceiling[size]) if len(rows) == self.capacity else self.ceiling[size]
+        ceiling = float(self.ceiling[size])
+        return min(rows[-1][0], ceiling) if len(rows) == self.capacity else ceiling
 
     def full(self, size: int) -> bool:
         """Whether all places of a size are taken."""
@@ -99,7 +99,7 @@ class Board:
 def residual(frame: Frame, subset: Sequence[int]) -> float | None:
     """Residual sum of squares by QR of the columns themselves; None where they are dependent."""
     k = len(subset)
-    factor = np.linalg.qr(np.column_stack([frame.R[:, list(subset)], frame.z]), mode="r")
+    factor = triangle(np.column_stack([frame.R[:, list(subset)], frame.z]))
     if np.abs(factor.diagonal()[:k]).min(initial=np.inf) <= RANK_TOLERANCE:
         return None
     tail = factor[k:, k]

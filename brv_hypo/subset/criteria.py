@@ -1,7 +1,8 @@
 """The selection criteria of Section 3.3.2 of the report, with AIC, BIC and a held-out error.
 
-n rows, p coefficients (forced ones included), k of them chosen, RSS the residual sum of squares, RSS_0 that of
-the forced columns alone, s^2 the residual variance of the complete model, e the residuals, h the leverages.
+n rows, p coefficients (forced ones included), k of them chosen, RSS the residual sum of squares, RSS_0
+that of the forced columns alone, s^2 the residual variance of the complete model, e the residuals, h the
+leverages.
 """
 
 from __future__ import annotations
@@ -19,25 +20,22 @@ from brv_hypo.subset.fit import LeastSquares
 class Criteria:
     """Criteria of one subset; nan where the data do not define one (no degrees of freedom left).
 
-    ======================= ======================================== =========================================
-    field                   formula                                  source
-    ======================= ======================================== =========================================
-    rss                     sum of e^2                               report 3.3.2 (a)
-    adjusted_rss            RSS / (n - p)                            (b); Hocking, Biometrics 32 (1976) 1
-    r2, adjusted_r2         1 - RSS/RSS_0, 1 - (RSS/(n-p))/(RSS_0/(n-p+k))  Hocking 1976
-    prediction_error        RSS (n + p) / (n (n - p))                (c); Akaike, Ann. I. Stat. Math. 21 (1969) 243
-    cp                      RSS / s^2 - n + 2 p                      (d); Mallows, Technometrics 15 (1973) 661
-    f_ratio                 ((RSS_0 - RSS) / k) / (RSS / (n - p))    (e); total equation F
-    expected_variance       p RSS / (n (n - p))                      (f); Helms, Comm. Stat. 3 (1974) 261
-    point_error             s^2 (1 - g) + bias^2 + 2 s^2 g_A         (g); Allen, Technometrics 13 (1971) 469
-    press                   sum of (e / (1 - h))^2                   Allen, Technometrics 16 (1974) 125
-    aic                     n log(RSS / n) + 2 p                     Akaike, IEEE TAC 19 (1974) 716
-    bic                     n log(RSS / n) + p log n                 Schwarz, Ann. Stat. 6 (1978) 461
-    held_out                mean square error on blocks of rows, each predicted from the others
-    ======================= ======================================== =========================================
+    The report's seven, 3.3.2 (a) to (g), and the usual others:
 
-    In (g), at a point x: g = x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the
-    difference of their predictions. Without a point, the average over the rows of the data is given.
+    - (a) ``rss``: sum of e^2.
+    - (b) ``adjusted_rss``: RSS / (n - p). Hocking, Biometrics 32 (1976) 1.
+    - ``r2``: 1 - RSS / RSS_0. ``adjusted_r2``: the same of RSS / (n - p) and RSS_0 / (n - p + k).
+    - (c) ``prediction_error``: RSS (n + p) / (n (n - p)). Akaike, Ann. Inst. Stat. Math. 21 (1969) 243.
+    - (d) ``cp``: RSS / s^2 - n + 2 p. Mallows, Technometrics 15 (1973) 661.
+    - (e) ``f_ratio``: ((RSS_0 - RSS) / k) / (RSS / (n - p)), the total equation F.
+    - (f) ``expected_variance``: p RSS / (n (n - p)). Helms, Comm. Stat. 3 (1974) 261.
+    - (g) ``point_error``: s^2 (1 - g) + bias^2 + 2 s^2 g_A. Allen, Technometrics 13 (1971) 469. At a point
+      x: g = x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their
+      predictions. Without a point, the average over the rows of the data.
+    - ``press``: sum of (e / (1 - h))^2. Allen, Technometrics 16 (1974) 125.
+    - ``aic``: n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716.
+    - ``bic``: n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461.
+    - ``held_out``: mean square error on blocks of rows, each predicted from the others.
     """
 
     rss: float

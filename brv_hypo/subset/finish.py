@@ -31,7 +31,9 @@ class Finisher:
             else np.asarray(held_out_blocks)
         )
         if self._blocks.shape != (n,):
-            raise UsageError(f"held_out_blocks has shape {self._blocks.shape}; expected {n} labels or a number")
+            raise UsageError(
+                f"held_out_blocks has shape {self._blocks.shape}; expected {n} labels or a number"
+            )
 
     def subset(self, columns: tuple[int, ...]) -> Subset:
         """Fit the forced columns and these columns of X."""
@@ -43,6 +45,27 @@ class Finisher:
             columns=tuple(sorted(columns)), rss=fit.rss, terms=terms, coefficients=fit.coefficients,
             std_errors=np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal), criteria=criteria,
         )  # fmt: skip
+
+    def press(self, columns: tuple[int, ...]) -> float:
+        """PRESS of the forced columns and these, in double precision."""
+        Q = np.linalg.qr(self._doubles[:, list(self._frame.forced + columns)])[0]
+        e = self._target - Q @ (Q.T @ self._target)
+        left = 1.0 - np.einsum("ij,ij->i", Q, Q)
+        return float(np.sum((e / left) ** 2)) if left.min() > 1e-12 else float("nan")
+
+    @cached_property
+    def least_forced_leverage(self) -> float:
+        """Least leverage of the forced columns alone, rounded down; no row has less in any subset."""
+        Q = np.linalg.qr(self._doubles[:, list(self._frame.forced)])[0]
+        return max(0.0, float(np.einsum("ij,ij->i", Q, Q).min()) - 1e-9)
+
+    @cached_property
+    def _doubles(self) -> FloatArray:
+        return self._frame.X.astype(np.float64)
+
+    @cached_property
+    def _target(self) -> FloatArray:
+        return self._frame.y.astype(np.float64)
 
     def result(self, board: Board, certificate: Certificate) -> SubsetResult:
         """All subsets on the board, fitted."""
@@ -62,7 +85,9 @@ class Finisher:
         frame = self._frame
         every = frame.forced + tuple(int(c) for c in frame.candidates[_independent(frame)])
         complete = self._fit(every)
-        at_point = (None, None) if self._point is None else point_values(every, complete, frame.X, self._point)
+        at_point = (
+            (None, None) if self._point is None else point_values(every, complete, frame.X, self._point)
+        )
         return Reference(
             self._fit(frame.forced).rss, len(frame.forced), complete, len(every), self._blocks, *at_point
         )

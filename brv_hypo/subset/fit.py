@@ -26,12 +26,14 @@ class LeastSquares:
 def least_squares(X: FloatArray, y: FloatArray) -> LeastSquares:
     """Fit y (n,) on the columns of X (n, k), to nearly the precision that the data allow.
 
-    Bjorck's refinement of the augmented system (Numer. Math. 7 (1967) 257): residual and gradient are evaluated
-    in extended precision (80 bits where the machine has them), the corrections in double.
+    Bjorck's refinement of the augmented system (Numer. Math. 7 (1967) 257): residual and gradient are
+    evaluated in extended precision (80 bits where the machine has them), the corrections in double.
     """
     k = X.shape[1]
     if k == 0:
-        return LeastSquares(np.empty(0), float(y @ y), y.astype(np.float64), np.empty((y.size, 0)), np.empty(0))
+        return LeastSquares(
+            np.empty(0), float(y @ y), y.astype(np.float64), np.empty((y.size, 0)), np.empty(0)
+        )
     scale = np.linalg.norm(X.astype(np.float64), axis=0)
     scale[scale == 0.0] = 1.0
     scale = np.exp2(np.round(np.log2(scale)))

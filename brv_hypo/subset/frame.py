@@ -39,10 +39,10 @@ class Alias(NamedTuple):
 class Frame:
     """The least-squares frame in which the search runs.
 
-    ``X`` (n, p) and ``y`` (n,) are the weighted data in the precision given. ``R`` (m, m) and ``z`` (m,) are the
-    triangular factor of the m candidates with the forced columns projected out, scaled to unit length, and
-    of the response. ``rss_forced`` and ``rss_full`` are the residual sums of squares of the forced and of
-    the complete model.
+    ``X`` (n, p) and ``y`` (n,) are the weighted data in the precision given. ``R`` (m, m) and ``z`` (m,)
+    are the triangular factor of the m candidates with the forced columns projected out, scaled to unit
+    length, and of the response. ``rss_forced`` and ``rss_full`` are the residual sums of squares of the
+    forced and of the complete model.
     """
 
     X: FloatArray
@@ -75,8 +75,8 @@ def build_frame(
 ) -> Frame:
     """Check the input and reduce it to a triangular problem.
 
-    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of
-    range.
+    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns
+    out of range.
     """
     X_given, y_given = _checked_data(X, y)
     w = _checked_weights(weights, y_given.size)
@@ -113,6 +113,11 @@ def build_frame(
     )  # fmt: skip
 
 
+def triangle(columns: FloatArray) -> FloatArray:
+    """The triangular factor R of the columns, by Householder reflections."""
+    return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
+
+
 def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     X_array, y_array = np.asarray(X), np.asarray(y)
     if X_array.ndim != 2 or y_array.ndim != 1 or X_array.shape[0] != y_array.size:
@@ -126,7 +131,9 @@ def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     bad_columns = np.flatnonzero(~np.isfinite(X_array).all(axis=0))
     if bad_columns.size or not np.isfinite(y_array).all():
         where = f"columns {bad_columns.tolist()} of X" if bad_columns.size else "y"
-        raise UsageError(f"{where} hold values that are not finite; drop or mask those rows before the search")
+        raise UsageError(
+            f"{where} hold values that are not finite; drop or mask those rows before the search"
+        )
     return X_array, y_array
 
 
@@ -143,13 +150,13 @@ def _checked_forced(forced: Sequence[int], p: int) -> tuple[int, ...]:
     columns = tuple(dict.fromkeys(int(j) for j in forced))
     outside = [j for j in columns if not 0 <= j < p]
     if outside:
-        raise UsageError(f"forced names columns {outside}, but X has columns 0..{p - 1}; use forced=() for none")
+        raise UsageError(
+            f"forced names columns {outside}, but X has columns 0..{p - 1}; use forced=() for none"
+        )
     return columns
 
 
-def _forced_basis(
-    X: FloatArray, forced: tuple[int, ...]
-) -> tuple[FloatArray, tuple[int, ...], list[Alias]]:
+def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, tuple[int, ...], list[Alias]]:
     """Orthonormal basis of the forced columns; dependent ones are reported and left out."""
     basis = np.empty((X.shape[0], 0))
     kept: list[int] = []
@@ -174,7 +181,7 @@ def _project_out(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, Fl
 def _span_aliases(X: FloatArray, kept: tuple[int, ...], inside: IntArray) -> list[Alias]:
     if not len(inside):
         return []
-    weights = np.linalg.lstsq(X[:, list(kept)], X[:, inside], rcond=None)[0]
+    weights = np.asarray(np.linalg.lstsq(X[:, list(kept)], X[:, inside], rcond=None)[0], dtype=np.float64)
     return [Alias(int(j), _combination(kept, weights[:, i])) for i, j in enumerate(inside)]
 
 
@@ -207,7 +214,7 @@ def _representatives(
 def _triangular_factor(units: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """R, Q'y and the residual of the complete model; R is padded to square when there are few rows."""
     m = units.shape[1]
-    full = np.linalg.qr(np.column_stack([units, rest]), mode="r")
+    full = triangle(np.column_stack([units, rest]))
     padded = np.zeros((m + 1, m + 1))
     padded[: full.shape[0]] = full
     return padded[:m, :m].copy(), padded[:m, m].copy(), float(padded[m, m] ** 2)

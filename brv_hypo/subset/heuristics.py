@@ -69,12 +69,16 @@ class _Workspace:
         return chosen[:least] + chosen[least + 1 :]
 
     def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Coefficients of all columns and of the response on the chosen ones, and the diagonal of the inverse."""
+        """Coefficients of all columns and of y on the chosen ones, and the diagonal of the inverse."""
         inverse = np.linalg.pinv(self._G[np.ix_(chosen, chosen)], hermitian=True)
-        return inverse @ self._G[chosen], inverse @ self._b[chosen], inverse.diagonal()
+        return (
+            inverse @ self._G[chosen],
+            inverse @ self._b[chosen],
+            np.asarray(inverse.diagonal(), dtype=np.float64),
+        )
 
     def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Squared length of what is left of every column, and its product with what is left of the response."""
+        """Squared length of what is left of every column, and its product with what is left of y."""
         return self._G.diagonal() - np.sum(self._G[chosen] * W, axis=0), self._b - self._b[chosen] @ W
 
 
@@ -84,7 +88,7 @@ def _gain(d: FloatArray, c: FloatArray) -> FloatArray:
 
 
 def _constrained_forward(board: Board) -> None:
-    """Forward selection by whole closures: each step takes the allowed closure with the best gain a column."""
+    """Forward selection by whole closures: each step takes the first allowed, best gain first."""
     frame = board.frame
     work = _Workspace(frame)
     included: tuple[int, ...] = ()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
 from brv_hypo.subset import steps_givens as givens
 from brv_hypo.subset import steps_schur as schur
 from brv_hypo.subset.kernel_parts import (
@@ -18,10 +16,10 @@ from brv_hypo.subset.kernel_parts import (
     NEW,
     NODES,
     Work,
+    compiled,
     implied,
     leave,
     mark_dropped,
-    options,
     quota_of,
     record,
 )
@@ -30,13 +28,13 @@ from brv_hypo.subset.kernel_parts import (
 PATIENCE = 32
 
 
-@njit(**options)
+@compiled
 def search(w: Work, limits: Any, loosest: Any, budget: int, orthogonal: Any) -> None:
     """Go on until the tree or the budget is done, hits have waited long enough, or their room is short.
 
     ``limits[k]``: a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k
-    on. The level in ``w.state`` is -1 when the tree is done. ``orthogonal`` None takes Schur steps, anything else
-    orthogonal ones: numba strikes out the branch not taken when it compiles.
+    on. The level in ``w.state`` is -1 when the tree is done. ``orthogonal`` None takes Schur steps,
+    anything else orthogonal ones: numba strikes out the branch not taken when it compiles.
     """
     constrained = w.requires.size > 0
     rise = w.scratch[0]

@@ -1,11 +1,12 @@
-"""Compiled parts that both kernels share: the working arrays, quota, closed-form scoring, rules along the path.
+"""Compiled parts that both kernels share: working arrays, quota, closed-form scoring, rules on the path.
 
 Imported only when a compiled kernel is wanted: importing numba costs more than most searches.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
 
 from numba import njit
 
@@ -16,7 +17,12 @@ NEW, BRANCHED, FORCED = 0, 1, 2
 # Scalars of the search, by position in ``Work.state``.
 LEVEL, NODES, HITS, TRAIL = 0, 1, 2, 3
 
-options: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": True, "error_model": "numpy"}
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def compiled(function: Function) -> Function:
+    """Compile on first call, keep on disk, run without the interpreter lock."""
+    return cast(Function, njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function))
 
 
 class Work(NamedTuple):
@@ -24,12 +30,12 @@ class Work(NamedTuple):
 
     A (levels, m, m): the factor R, or S in its lower triangle. B: H in its lower triangle, or scratch.
     x (levels, m): z, or c. beta (levels, m): coefficients with all undecided columns in. ids (levels, m): the
-    undecided columns. count, phase, at, owns, rss, bound (levels,): how many they are, where the level stands,
-    the place of the column branched on, whether B is the level's own, residuals without and with the
-    undecided. chosen: the included columns. status (columns,) and trail: decisions along the path, for the rules.
-    requires, excludes (columns, columns): bytes, empty where there are no rules; the diagonal of ``requires``
-    counts what a column brings along. hits: rows of (size, columns...). scratch (5, m). slack: allowance for
-    rounding in a determinant.
+    undecided columns. count, phase, at, owns, rss, bound (levels,): how many they are, where the level
+    stands, the place of the column branched on, whether B is the level's own, residuals without and with the
+    undecided. chosen: the included columns. status (columns,) and trail: decisions along the path, for the
+    rules. requires, excludes (columns, columns): bytes, empty where there are no rules; the diagonal of
+    ``requires`` counts what a column brings along. hits: rows of (size, columns...). scratch (5, m).
+    slack: allowance for rounding in a determinant.
     """
 
     A: Any
@@ -55,14 +61,14 @@ class Work(NamedTuple):
     slack: float
 
 
-@njit(**options)
+@compiled
 def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
     """Largest number t of further columns for which a subset may still get under its limit.
 
-    Such a subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t columns may
-    have a rise that breaks the limit.
+    Such a subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t
+    columns may have a rise that breaks the limit.
     """
-    t = min(limits.size - 1 - size, m)
+    t: int = min(limits.size - 1 - size, m)
     while t > 0:
         allowance = limits[size + t] - bound
         if allowance >= 0.0:
@@ -75,7 +81,7 @@ def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
     return 0
 
 
-@njit(**options)
+@compiled
 def record(w: Work, size: int, a: int, b: int) -> None:
     """Note the chosen columns, with up to two more, as a subset to be looked at."""
     row = w.hits[w.state[HITS]]
@@ -92,7 +98,7 @@ def record(w: Work, size: int, a: int, b: int) -> None:
         w.state[HITS] += 1
 
 
-@njit(**options)
+@compiled
 def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
     for i in range(1, size + 1):
         v = row[i]
@@ -107,12 +113,15 @@ def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
     return True
 
 
-@njit(**options)
-def score(w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: bool, rss: float, limits: Any) -> None:
+@compiled
+def score(
+    w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: bool, rss: float, limits: Any
+) -> None:
     """Record every column, and every pair, whose gain reaches what its size needs, without a division.
 
-    The normal matrix is S - p p' (lower triangle), its diagonal d, its right-hand side c. A pair gains enough where
-    d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
+    The normal matrix is S - p p' (lower triangle), its diagonal d, its right-hand side c. A pair gains
+    enough where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is
+    needed.
     """
     needed = rss - limits[size + 1]
     for i in range(m):
@@ -139,7 +148,7 @@ def score(w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, 
                     record(w, size, ids[i], ids[k])
 
 
-@njit(**options)
+@compiled
 def implied(w: Work, ids: Any, m: int) -> tuple[int, int]:
     """First undecided column that the rules force, as (position, INCLUDED or DROPPED); (-1, 0) for none."""
     for i in range(m):
@@ -155,7 +164,7 @@ def implied(w: Work, ids: Any, m: int) -> tuple[int, int]:
     return -1, 0
 
 
-@njit(**options)
+@compiled
 def mark_dropped(w: Work, label: int, level: int) -> None:
     """Note a drop made at a level, so that leaving the level undoes it."""
     w.status[label] = DROPPED
@@ -164,7 +173,7 @@ def mark_dropped(w: Work, label: int, level: int) -> None:
     w.state[TRAIL] += 1
 
 
-@njit(**options)
+@compiled
 def leave(w: Work, level: int) -> None:
     """Undo the drops made at a level and the inclusion that led to it."""
     while w.state[TRAIL] > 0 and w.trail[w.state[TRAIL] - 1, 1] == level:

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.subset.frame import triangle
 from brv_hypo.subset.pieces import Piece
 
 
@@ -58,7 +59,7 @@ class Node(Protocol):
 
 @dataclass(frozen=True)
 class SchurNode:
-    """Rank-one steps on full-length arrays; ``alive`` marks the undecided. Including leaves H alone, dropping S."""
+    """Rank-one steps on full-length arrays: including leaves H alone, dropping S; ``alive``: undecided."""
 
     piece: Piece
     included: tuple[int, ...]
@@ -121,7 +122,7 @@ class SchurNode:
 
 @dataclass(frozen=True)
 class TriangularNode:
-    """The same node by orthogonal steps on R: slower, and exact to rounding where the columns are ill-conditioned."""
+    """The same node by orthogonal steps on R: slower, and right where columns are ill-conditioned."""
 
     included: tuple[int, ...]
     labels: IntArray
@@ -155,7 +156,7 @@ class TriangularNode:
         """Rotate the column to the front and strike its row."""
         j = self._position(label)
         others = np.delete(np.arange(self.z.size), j)
-        factor = np.linalg.qr(np.column_stack([self.R[:, [j]], self.R[:, others], self.z]), mode="r")
+        factor = triangle(np.column_stack([self.R[:, [j]], self.R[:, others], self.z]))
         return replace(
             self, included=(*self.included, label), labels=self.labels[others], R=factor[1:, 1:-1],
             z=factor[1:, -1],
@@ -164,7 +165,7 @@ class TriangularNode:
     def drop(self, label: int) -> TriangularNode:
         """Strike the column and triangularise again; the last entry of z goes to the bound."""
         others = np.delete(np.arange(self.z.size), self._position(label))
-        factor = np.linalg.qr(np.column_stack([self.R[:, others], self.z]), mode="r")
+        factor = triangle(np.column_stack([self.R[:, others], self.z]))
         return replace(
             self, labels=self.labels[others], R=factor[:-1, :-1], z=factor[:-1, -1],
             bound=self.bound + float(factor[-1, -1] ** 2),

@@ -14,15 +14,15 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.constraints import Constraints
-from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame
+from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame, triangle
 
 
 @dataclass(frozen=True)
 class Piece:
     """A subtree: all subsets that hold ``included`` and otherwise draw on ``undecided``.
 
-    ``R`` (u, u) and ``z`` (u,) are the triangular problem left after ``included``; ``bound`` is the residual sum
-    of squares with every undecided column in.
+    ``R`` (u, u) and ``z`` (u,) are the triangular problem left after ``included``; ``bound`` is the
+    residual sum of squares with every undecided column in.
     """
 
     included: tuple[int, ...]
@@ -49,7 +49,7 @@ class Piece:
     @cached_property
     def inverse(self) -> FloatArray:
         """R^-1."""
-        return np.linalg.solve(self.R, np.eye(self.z.size))
+        return np.asarray(np.linalg.solve(self.R, np.eye(self.z.size)), dtype=np.float64)
 
     @cached_property
     def condition(self) -> float:
@@ -59,8 +59,8 @@ class Piece:
     def rounding_margin(self, *, triangular: bool) -> float:
         """Relative allowance for rounding in the bounds of this piece.
 
-        A residual r is perturbed by about eps |beta|_1 / |r| where orthogonal steps are taken on R, and by the square
-        of that on Schur complements; the complete model has the largest coefficients.
+        A residual r is perturbed by about eps |beta|_1 / |r| where orthogonal steps are taken on R, and by
+        the square of that on Schur complements; the complete model has the largest coefficients.
         """
         if not self.undecided or self.bound <= 0.0:
             return 0.0
@@ -94,7 +94,11 @@ def propagate(
     alive[list(undecided)] = True
     brought = constraints.requires[inside].any(axis=0) & ~inside
     barred = constraints.excludes[inside].any(axis=0)
-    if (brought & ~alive).any() or ((inside | brought) & barred).any() or not constraints.possible[inside].all():
+    if (
+        (brought & ~alive).any()
+        or ((inside | brought) & barred).any()
+        or not constraints.possible[inside].all()
+    ):
         return None
     alive &= ~brought & ~barred & constraints.possible
     inside |= brought
@@ -107,7 +111,7 @@ def make_piece(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ..
     """Factorise one piece from the root factor; None where the included columns are dependent."""
     s, u = len(included), len(undecided)
     columns = [*included, *undecided]
-    factor = np.linalg.qr(np.column_stack([frame.R[:, columns], frame.z]), mode="r")
+    factor = triangle(np.column_stack([frame.R[:, columns], frame.z]))
     padded = np.zeros((s + u + 1, s + u + 1))
     padded[: factor.shape[0]] = factor
     if np.abs(padded.diagonal()[:s]).min(initial=np.inf) <= RANK_TOLERANCE:
@@ -124,7 +128,7 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece]:
 
     A piece with two places left or fewer is passed on as it is: pairs are scored without the inverse.
     """
-    stack = [((), tuple(range(frame.n_candidates)))]
+    stack: list[tuple[tuple[int, ...], tuple[int, ...]]] = [((), tuple(range(frame.n_candidates)))]
     while stack:
         allowed = propagate(frame.constraints, *stack.pop())
         if allowed is None or len(allowed[0]) > max_size:

@@ -5,16 +5,23 @@ Each generator returns ``(X, y)`` with the constant in column 0; tests and the b
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from brv_hypo.arrays import FloatArray
 
 # Knots of Table 5.5, seconds from launch.
 TABLE_5_5_KNOTS = (
-    318.875, 320.5, 320.8, 320.9, 321.0, 321.1, 321.2, 321.3, 321.4, 321.5, 321.75, 322.0, 322.25, 322.5, 322.75,
+    318.875, 320.5, 320.8, 320.9, 321.0, 321.1, 321.2, 321.3, 321.4, 321.5, 321.75, 322.0, 322.25, 322.5,
+    322.75,
 )  # fmt: skip
 STOP_S = 323.0
 SAMPLE_S = 0.005
+
+Times = NDArray[np.floating[Any]]
 
 
 def spline_problem(knots: int = 15, seed: int = 1, noise: float = 2e-5) -> tuple[FloatArray, FloatArray]:
@@ -53,7 +60,7 @@ def delay_problem(delays: int = 12, regions: int = 5, seed: int = 2) -> tuple[Fl
     columns = [np.ones_like(t), _in_plane_moment(t)]
     for tau in 0.05 * np.arange(1, delays + 1):
         delayed = _in_plane_moment(t - tau) * np.sin(_windward_meridian(t) - _windward_meridian(t - tau))
-        columns += [delayed * ((t >= a) & (t < b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        columns += [delayed * ((t >= a) & (t < b)) for a, b in pairwise(edges)]
     X = np.column_stack(columns)
     planted = rng.choice(np.arange(2, X.shape[1]), size=8, replace=False)
     signal = X[:, planted] @ rng.normal(1.0, 0.3, size=8)
@@ -89,26 +96,30 @@ def correlated_problem(
     return X, X @ beta + rng.standard_normal(rows)
 
 
+# Powers of alpha, Reynolds and Mach ratio in the order of Table 4.1.
 _TABLE_4_1_POWERS = (
-    (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 0, 0), (3, 0, 0), (4, 0, 0), (0, 2, 0), (0, 3, 0), (1, 0, 3),
-    (1, 1, 0), (0, 0, 2), (0, 0, 3), (1, 0, 1), (0, 1, 1), (2, 1, 0), (2, 0, 1), (1, 0, 2), (0, 1, 2), (1, 2, 0),
-    (0, 2, 1), (3, 1, 0), (3, 0, 1), (4, 1, 0), (2, 2, 0), (2, 0, 2), (0, 2, 2), (1, 1, 1),
+    (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 0, 0), (3, 0, 0), (4, 0, 0), (0, 2, 0), (0, 3, 0),
+    (1, 0, 3), (1, 1, 0), (0, 0, 2), (0, 0, 3), (1, 0, 1), (0, 1, 1), (2, 1, 0), (2, 0, 1), (1, 0, 2),
+    (0, 1, 2), (1, 2, 0), (0, 2, 1), (3, 1, 0), (3, 0, 1), (4, 1, 0), (2, 2, 0), (2, 0, 2), (0, 2, 2),
+    (1, 1, 1),
 )  # fmt: skip
 
 
-def _angle_of_attack(t: FloatArray) -> FloatArray:
+def _angle_of_attack(t: Times) -> FloatArray:
     """Total angle of attack [rad] of a precessing body through transition."""
     s = t - TABLE_5_5_KNOTS[0]
-    return np.asarray(0.0042 + 0.0021 * np.sin(2 * np.pi * (1.9 * s + 0.11 * s**2)) + 0.0007 * np.sin(31.0 * s))
+    return np.asarray(
+        0.0042 + 0.0021 * np.sin(2 * np.pi * (1.9 * s + 0.11 * s**2)) + 0.0007 * np.sin(31.0 * s)
+    )
 
 
-def _windward_meridian(t: FloatArray) -> FloatArray:
+def _windward_meridian(t: Times) -> FloatArray:
     """Windward meridian [rad], unwrapped."""
     s = t - TABLE_5_5_KNOTS[0]
     return np.asarray(9.0 * s + 0.9 * np.sin(2 * np.pi * 1.1 * s) + 0.35 * s**2)
 
 
-def _in_plane_moment(t: FloatArray) -> FloatArray:
+def _in_plane_moment(t: Times) -> FloatArray:
     return np.asarray(-0.09 * _angle_of_attack(t))
 
 

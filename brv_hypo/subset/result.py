@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.criteria import Criteria
@@ -13,8 +13,8 @@ from brv_hypo.subset.frame import Alias
 class Subset:
     """One subset and its fit.
 
-    ``columns``: chosen columns of X, ascending, without the forced ones. ``terms``: the forced columns, then the
-    chosen ones; ``coefficients`` and ``std_errors`` (ordinary, from RSS / (n - p)) follow its order.
+    ``columns``: chosen columns of X, ascending, without the forced ones. ``terms``: the forced columns,
+    then the chosen ones; ``coefficients`` and ``std_errors`` (ordinary, from RSS / (n - p)) follow its order.
     """
 
     columns: tuple[int, ...]
@@ -34,10 +34,11 @@ class Subset:
 class Certificate:
     """What the search has proved.
 
-    ``exact``: no allowed subset of a returned size beats the returned ones. ``gap``: where the time limit struck,
-    the largest relative amount, over the sizes, by which the best RSS could still be too high (0.0 when
-    exact). ``margin``: relative allowance for rounding with which branches were cut. ``nodes``: nodes
-    visited. ``kernel``: ``numpy`` or ``numba``, ``schur`` or ``givens``. ``status`` says in words how it ended.
+    ``exact``: no allowed subset of a returned size beats the returned ones. ``gap``: where the time limit
+    struck, the largest relative amount, over the sizes, by which the best RSS could still be too high (0.0
+    when exact). ``margin``: relative allowance for rounding with which branches were cut. ``nodes``: nodes
+    visited. ``kernel``: ``numpy`` or ``numba``, ``schur`` or ``givens``. ``status`` says in words how it
+    ended.
     """
 
     exact: bool
@@ -51,18 +52,46 @@ class Certificate:
 
 
 @dataclass(frozen=True)
+class NearTies:
+    """All subsets of one size within the window of the best, best first; ``complete``: no more of them."""
+
+    size: int
+    columns: tuple[tuple[int, ...], ...]
+    rss: tuple[float, ...]
+    complete: bool
+
+
+@dataclass(frozen=True)
+class PressBest:
+    """The subset of least PRESS of one size, out of ``compared`` subsets.
+
+    ``exact``: no other subset of the size has a lower one; else none is lower by more than ``gap``,
+    relatively.
+    """
+
+    size: int
+    columns: tuple[int, ...]
+    press: float
+    exact: bool
+    gap: float
+    compared: int
+
+
+@dataclass(frozen=True)
 class SubsetResult:
     """Subsets by size, then by residual sum of squares.
 
     ``baseline`` is the forced model alone. ``aliases`` lists columns that equal a combination of others;
     unless a rule names them they are not searched, and stand-ins of the same span can be read off here.
+    ``near_ties`` and ``press`` are filled where they were asked for.
     """
 
     subsets: tuple[Subset, ...]
     certificate: Certificate
     aliases: tuple[Alias, ...]
     baseline: Subset
-    notes: tuple[str, ...] = field(default=())
+    near_ties: tuple[NearTies, ...] = ()
+    press: tuple[PressBest, ...] = ()
 
     def best(self, size: int) -> Subset:
         """The best subset of a size; KeyError where the search has none."""

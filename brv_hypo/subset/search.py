@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from brv_hypo.subset.tree_numpy import NumpyTree, StopSearchError
 # Scaled condition number above which Schur complements lose too many digits and triangular factors take over.
 SCHUR_CONDITION = 2e5
 KERNELS = ("auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
-# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs. Where it is
-# already in memory it takes over at once from larger problems.
+# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs. Where
+# it is already in memory it takes over at once from larger problems.
 NUMPY_NODES = 8000
 NUMPY_NODES_BESIDE_COMPILED = 100
 # Seconds that a time limit must leave for the compiled kernel to be worth sending for.
@@ -29,22 +30,23 @@ COMPILE_ALLOWANCE_S = 10.0
 
 @dataclass(frozen=True)
 class Effort:
-    """How to search: kernel, worker threads, time limit, whom to tell."""
+    """How to search: kernel, worker threads, time limit since the start, whom to tell."""
 
     kernel: str = "auto"
     threads: int = 1
     time_limit_s: float | None = None
     progress: Callable[[float, int], None] | None = None
     inform: Callable[[str], None] | None = None
+    started: float = field(default_factory=time.perf_counter)
 
     def __post_init__(self) -> None:
         if self.kernel not in KERNELS:
             raise UsageError(f"kernel {self.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
 
 
-def search(board: Board, effort: Effort, started: float) -> Certificate:
+def search(board: Board, effort: Effort) -> Certificate:
     """Search until every branch is decided or the time is up; the board then holds the answer."""
-    deadline = np.inf if effort.time_limit_s is None else started + effort.time_limit_s
+    deadline = np.inf if effort.time_limit_s is None else effort.started + effort.time_limit_s
     pieces = list(independent_pieces(board.frame, board.max_size))
     triangular = _triangular(pieces, effort.kernel)
     for piece in pieces:
@@ -56,6 +58,10 @@ def search(board: Board, effort: Effort, started: float) -> Certificate:
         nodes, left = _search_numpy(board, pieces, triangular, effort, deadline)
     if left and time.perf_counter() < deadline:
         # Imported here: numba takes longer to import than most searches take to finish.
+        if not _kernel_in_memory():
+            _tell(
+                effort, "loading the compiled search kernel; the first time on an installation it is compiled"
+            )
         from brv_hypo.subset.workers import search_compiled
 
         engine = "numba"
@@ -67,7 +73,7 @@ def search(board: Board, effort: Effort, started: float) -> Certificate:
         nodes=nodes,
         margin=board.margin,
         gap=gap,
-        seconds=time.perf_counter() - started,
+        seconds=time.perf_counter() - effort.started,
         kernel=f"{engine}-{'givens' if triangular else 'schur'}",
         condition=board.frame.condition,
         status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
@@ -106,9 +112,19 @@ def _search_numpy(
 def _numpy_budget(effort: Effort, deadline: float) -> float:
     if effort.kernel.startswith("numpy"):
         return np.inf
-    if "brv_hypo.subset.kernel" in sys.modules:
+    if _kernel_in_memory():
         return NUMPY_NODES_BESIDE_COMPILED
     return NUMPY_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
+
+
+def _kernel_in_memory() -> bool:
+    return "brv_hypo.subset.kernel" in sys.modules
+
+
+def _tell(effort: Effort, sentence: str) -> None:
+    logging.getLogger(__name__).info(sentence)
+    if effort.inform is not None:
+        effort.inform(sentence)
 
 
 def proved_gap(board: Board, left: Sequence[OpenSubtree]) -> float:
@@ -131,7 +147,7 @@ def proved_gap(board: Board, left: Sequence[OpenSubtree]) -> float:
 
 
 def _least_residuals(piece: Piece) -> FloatArray:
-    """Lower bound of the residual with 1, 2, ... more columns: t of them leave out one of the t + 1 costliest."""
+    """Least RSS possible with t = 1, 2, ... more columns: they leave out one of the t + 1 costliest."""
     if piece.singular:
         return np.full(len(piece.undecided), piece.bound)
     rises = (piece.inverse @ piece.z) ** 2 / np.sum(piece.inverse**2, axis=1)

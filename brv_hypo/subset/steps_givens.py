@@ -1,19 +1,17 @@
 """Steps of the compiled search on triangular factors, for ill-conditioned columns.
 
-Orthogonal throughout: including a column rotates it to the front of R and strikes its row; dropping one strikes the
-column and rotates R back to a triangle, which hands the last entry of z to the bound.
+Orthogonal throughout: including a column rotates it to the front of R and strikes its row; dropping one
+strikes the column and rotates R back to a triangle, which hands the last entry of z to the bound.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
-from brv_hypo.subset.kernel_parts import Work, options, score
+from brv_hypo.subset.kernel_parts import Work, compiled, score
 
 
-@njit(**options)
+@compiled
 def rises(w: Work, level: int, m: int, out: Any) -> None:
     """Rise of the bound on dropping each undecided column, from the rows of R^-1."""
     R, z, V = w.A[level], w.x[level], w.B[0]
@@ -35,7 +33,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
         out[i] = beta * beta / norm
 
 
-@njit(**options)
+@compiled
 def drop(w: Work, level: int, j: int) -> None:
     """Strike column j and restore the triangle by rotations of neighbouring rows."""
     R, z, ids, carry = w.A[level], w.x[level], w.ids[level], w.scratch[4]
@@ -61,7 +59,7 @@ def drop(w: Work, level: int, j: int) -> None:
     w.bound[level] += carry_z * carry_z
 
 
-@njit(**options)
+@compiled
 def include(w: Work, level: int, j: int) -> None:
     """Rotate column j to the front; what lies below its row is the next level."""
     R, z, ids, carry = w.A[level], w.x[level], w.ids[level], w.scratch[4]
@@ -91,7 +89,7 @@ def include(w: Work, level: int, j: int) -> None:
     w.rss[level + 1] = w.rss[level] - carry_z * carry_z
 
 
-@njit(**options)
+@compiled
 def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Score the singles, and the pairs, of a node: S = R'R is formed here only."""
     R, z, S = w.A[level], w.x[level], w.B[1]

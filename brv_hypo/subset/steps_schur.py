@@ -1,19 +1,18 @@
 """Steps of the compiled search on Schur complements, for well-conditioned columns.
 
-The column to branch on is moved to the last place: including it is then a rank-one step on S into the next level,
-dropping it one on H in place. Lower triangles only. A level copies H from its parent when it first branches.
+The column to branch on is moved to the last place: including it is then a rank-one step on S into the next
+level, dropping it one on H in place. Lower triangles only. A level copies H from its parent when it first
+branches.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
-from brv_hypo.subset.kernel_parts import Work, options, record, score
+from brv_hypo.subset.kernel_parts import Work, compiled, record, score
 
 
-@njit(**options)
+@compiled
 def rises(w: Work, level: int, m: int, out: Any) -> None:
     """Rise of the bound on dropping each undecided column: beta^2 / H_jj."""
     H = w.B[level] if w.owns[level] else w.B[level - 1]
@@ -22,7 +21,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
         out[i] = beta[i] * beta[i] / H[i, i]
 
 
-@njit(**options)
+@compiled
 def place(w: Work, level: int, j: int, m: int) -> int:
     """Move the column to branch on to the last place."""
     S, H, c, beta, ids = w.A[level], w.B[level], w.x[level], w.beta[level], w.ids[level]
@@ -43,7 +42,7 @@ def place(w: Work, level: int, j: int, m: int) -> int:
     return last
 
 
-@njit(**options)
+@compiled
 def drop(w: Work, level: int, last: int) -> None:
     """Drop the last column: a rank-one step on H, S as it stands."""
     H, beta = w.B[level], w.beta[level]
@@ -51,7 +50,7 @@ def drop(w: Work, level: int, last: int) -> None:
     _downdate(H, beta, H, beta, last)
 
 
-@njit(**options)
+@compiled
 def include(w: Work, level: int, last: int) -> None:
     """Include the last column: a rank-one step on S into the next level, H as it stands."""
     S, c = w.A[level], w.x[level]
@@ -62,7 +61,7 @@ def include(w: Work, level: int, last: int) -> None:
         w.ids[level + 1, i] = w.ids[level, i]
 
 
-@njit(**options)
+@compiled
 def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Score the singles, and the pairs, of a node."""
     S = w.A[level]
@@ -73,7 +72,7 @@ def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     score(w, S, p, d, w.x[level], w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
 
 
-@njit(**options)
+@compiled
 def score_child(w: Work, level: int, last: int, limits: Any) -> None:
     """Include the last column and score the singles and pairs beside it, without writing the child down."""
     S, c, ids = w.A[level], w.x[level], w.ids[level]
@@ -93,7 +92,7 @@ def score_child(w: Work, level: int, last: int, limits: Any) -> None:
     score(w, S, p, d, e, ids, last, size + 1, True, rss, limits)
 
 
-@njit(**options)
+@compiled
 def _swap(M: Any, j: int, last: int) -> None:
     """Exchange rows and columns j and last of a symmetric matrix held in its lower triangle."""
     for k in range(j):
@@ -103,7 +102,7 @@ def _swap(M: Any, j: int, last: int) -> None:
     M[j, j], M[last, last] = M[last, last], M[j, j]
 
 
-@njit(**options)
+@compiled
 def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
     """Schur complement on the last row: out = M - q q' / q_last, out_v = v - q v_last / q_last."""
     pivot = M[last]
