@@ -21,18 +21,22 @@ def running_integral(time: FloatArray, values: FloatArray) -> FloatArray:
 def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
     """Rotation matrices (n, 3, 3) from de-rolled axes to those of the first sample.
 
-    `transverse_rate` (n,) is (q + i r) exp(i roll) in rad/s.
+    `transverse_rate` (n,) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step,
+    rotations do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES
+    7:61, 1971).
     """
     angle = CubicSpline(time, transverse_rate).antiderivative()(time)
     steps = np.diff(angle, prepend=angle[:1])
-    return _matrices(_running_product(_quaternions(steps)))
+    coning = np.zeros(time.size)
+    coning[1:] = np.diff(time) ** 2 / 12.0 * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
+    return _matrices(_running_product(_quaternions(coning, steps)))
 
 
-def _quaternions(steps: ComplexArray) -> FloatArray:
-    """Unit quaternions (n, 4), scalar first, of rotation vectors (0, Re, Im) in rad."""
-    half = 0.5 * np.abs(steps)
+def _quaternions(axial: FloatArray, transverse: ComplexArray) -> FloatArray:
+    """Unit quaternions (n, 4), scalar first, of rotation vectors (axial, Re, Im) in rad."""
+    half = 0.5 * np.hypot(axial, np.abs(transverse))
     scale = 0.5 * np.sinc(half / np.pi)
-    return np.stack([np.cos(half), np.zeros_like(half), scale * steps.real, scale * steps.imag], axis=1)
+    return np.stack([np.cos(half), scale * axial, scale * transverse.real, scale * transverse.imag], axis=1)
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -14,6 +14,9 @@ _ORDERS = (2, 4, 6)
 # Squared bias is weighed so much against variance: later statistics know the variance, but not the bias.
 _BIAS_COUNTS = 4.0
 _PAST_VALLEY = 3.0
+# Standard errors by which the bias against a noisy reference must show, and how far its noise is correlated.
+_DOUBT = 4.0
+_CORRELATED = 4.0
 
 
 @dataclass(frozen=True)
@@ -104,16 +107,20 @@ def _filtered(piece: ComplexArray, middle: FloatArray, before: FloatArray) -> tu
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
     """Order, half-width and squared bias, per sample squared, of the filter of least mean-square error.
 
-    The search over widths stops past the first valley of each order: a window of many cycles smooths
-    everything away, whatever its order, and shows no bias any more.
+    Bias is judged against the next even order in the same window, and against the narrowest filter of all:
+    windows of many cycles smooth everything away whatever their order, and only the second sees it.
     """
     longest = max(piece.size for piece in pieces)
+    narrowest = _weights(_ORDERS[-1], _ORDERS[-1] // 2, 1)[0]
     best, choice = np.inf, (_ORDERS[0], 1, 0.0)
     for order in _ORDERS:
         valley = np.inf
         for half_width in _half_widths(order // 2 + 1, longest):
             weights = _weights(order, half_width, 1)[0]
-            bias = _squared_bias(pieces, weights, _weights(order + 2, half_width, 1)[0], sigma)
+            bias = max(
+                _squared_bias(pieces, weights, _weights(order + 2, half_width, 1)[0], sigma, margin=0.0),
+                _squared_bias(pieces, weights, narrowest, sigma, margin=_DOUBT),
+            )
             error = _BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
             if error < best:
                 best, choice = error, (order, half_width, bias)
@@ -131,10 +138,17 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
 
 
 def _squared_bias(
-    pieces: list[ComplexArray], weights: FloatArray, reference: FloatArray, sigma: float
+    pieces: list[ComplexArray], weights: FloatArray, reference: FloatArray, sigma: float, margin: float
 ) -> float:
-    """Mean squared bias of a filter, judged against one of less bias."""
-    difference = weights - reference
-    gaps = [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= difference.size]
-    gap = np.concatenate(gaps)
-    return max(float(np.mean(np.abs(gap) ** 2)) - 2.0 * sigma**2 * float(difference @ difference), 0.0)
+    """Mean squared bias of a filter, judged against one of less bias; below `margin` standard errors it is
+    none."""
+    widest = max(weights.size, reference.size)
+    difference = np.pad(weights, (widest - weights.size) // 2) - np.pad(
+        reference, (widest - reference.size) // 2
+    )
+    gap = np.concatenate(
+        [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= widest]
+    )
+    noise = 2.0 * sigma**2 * float(difference @ difference)
+    excess = float(np.mean(np.abs(gap) ** 2)) - noise
+    return excess if excess > margin * noise * np.sqrt(_CORRELATED / gap.size) else 0.0

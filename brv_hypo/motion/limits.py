@@ -74,6 +74,5 @@ def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
         return None
     return (
         f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
-        "shear, gyro bias or "
-        "a wrong accelerometer position are likely"
+        "shear, gyro bias or a wrong accelerometer position are likely"
     )

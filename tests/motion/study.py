@@ -88,7 +88,7 @@ def variations() -> Iterator[tuple[str, Scenario, dict[str, object]]]:
     yield "slender, 50 Hz", replace(SLENDER, sample_rate=50.0), {}
     yield (
         "capsule, 160 s, 8 Hz",
-        replace(CAPSULE, duration=160.0, sample_rate=8.0, altitude=70000.0, flight_path=-0.1, roll_rate=0.3),
+        replace(CAPSULE, duration=160.0, sample_rate=8.0, altitude=72000.0, flight_path=-0.03, roll_rate=0.3),
         {},
     )
     for base in (CONE, CAPSULE, SLENDER):

@@ -36,14 +36,14 @@ def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     else:
         fit = _with_force(problem, force)
         alone = _relative_error(fit, record.measured)
-        if config.ties == "both" or (config.ties == "auto" and alone > _ENOUGH):
+        too_little = config.ties == "auto" and alone > _ENOUGH
+        if config.ties == "both" or too_little:
             fit = _with_moment(problem, fit.ties, moment)
+        if too_little:
             warnings.append(
                 f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment "
-                "was used to tie "
-                "the attitude to the wind as well. Better accelerometers or a window of higher dynamic "
-                "pressure would do "
-                "without it"
+                "was used to tie the attitude to the wind as well. Better accelerometers or a window of "
+                "higher dynamic pressure would do without it"
             )
     return _history(problem, fit, tuple(warnings))
 

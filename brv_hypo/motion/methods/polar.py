@@ -46,8 +46,8 @@ def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     if not np.isfinite(sigma[best]):
         raise UnanswerableError(
             "at no instant do the accelerometers give the windward meridian and its rate well enough for "
-            "the polar "
-            "start of Appendix A: the transverse force is too small against its noise. Use method joint."
+            "the polar start of Appendix A: the transverse force is too small against its noise. "
+            "Use method joint."
         )
     xi = crossflow(alpha[best : best + 1], meridian[best : best + 1])[0]
     body = np.array([np.sqrt(max(1.0 - abs(xi) ** 2, 0.0)), xi.real, xi.imag])
@@ -59,8 +59,7 @@ def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
     start = WindStart(velocity / np.linalg.norm(velocity), gravity)
     warning = (
         f"the start is from the single instant {record.flight.time[best]:.3f} s, taking the transverse "
-        "force to lie in the "
-        "plane of the angle of attack; method joint uses the whole record"
+        "force to lie in the plane of the angle of attack; method joint uses the whole record"
     )
     return open_loop(
         record,

@@ -25,10 +25,10 @@ from brv_hypo.motion.wind import (
 )
 
 _MOST_STEPS = 15
-# Largest change of the crossflow, rad, in the last step.
-_CONVERGED = 1e-8
+# Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
+_CONVERGED = 1e-2
 _LEVELS = (1.0, 0.1, 0.01, 0.001)
-_LEVEL_WEIGHTS = (1 / 6, 1 / 6, 1 / 6, 1 / 2)
+_LEVEL_WEIGHTS = (0.2, 0.2, 0.2, 0.4)
 # Three parts each of gravity and gyro bias, two of accelerometer bias.
 _SHARED = 8
 
@@ -136,7 +136,8 @@ class TiedWalk:
             crossflow = np.asarray(nominal + turn * shift)
             start = self._moved(start, direction, solution.walk[0] / self.speed[0], solution.theta[:3])
             coefficients = _added(coefficients, solution.theta[_SHARED:])
-            if float(np.max(np.abs(crossflow - xi))) < _CONVERGED:
+            wander = np.sqrt(equations.walk_variance) / self.speed
+            if np.all(np.abs(crossflow - xi) < _CONVERGED * wander):
                 break
         response = equations.sensitivity.copy()
         response[:, :_SHARED] += drift
@@ -149,7 +150,7 @@ class TiedWalk:
             residual=equations.residual(len(ties) - 1, solution),
             covariance=solution.covariance,
             response=response / self.speed[:, None],
-            wander=np.sqrt(equations.walk_variance) / self.speed,
+            wander=wander,
             turn=turn,
             score=solution.cost + sum(tie.unknowns for tie in ties) * float(np.log(seen)),
         )

@@ -1,0 +1,84 @@
+"""The walk's least squares against the same problem written out densely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from brv_hypo.motion.random_walk import GlobalPriors, Tie, walk_equations
+
+START_VARIANCE = 4.0
+
+
+def _problem(seed: int, n: int, k: int) -> tuple[list[Tie], np.ndarray]:
+    rng = np.random.default_rng(seed)
+    noise = lambda *shape: rng.standard_normal(shape) + 1j * rng.standard_normal(shape)  # noqa: E731
+    ties = []
+    for _ in range(2):
+        sigma = rng.uniform(0.2, 2.0, n)
+        sigma[rng.random(n) < 0.2] = np.inf
+        ties.append(Tie(noise(n), noise(n), noise(n, k), sigma))
+    return ties, rng.uniform(0.05, 1.0, n - 1)
+
+
+def _dense(ties: list[Tie], steps: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Solution (walk real, walk imaginary, globals) and covariance of all unknowns at once."""
+    n, k = ties[0].columns.shape
+    rows, right = [], []
+    for tie in ties:
+        seen = np.isfinite(tie.sigma)
+        h, a = np.diag(tie.gain)[seen], tie.columns[seen]
+        parts = np.hstack([h.real, -h.imag, a.real]), np.hstack([h.imag, h.real, a.imag])
+        rows += [part / tie.sigma[seen, None] for part in parts]
+        right += [tie.residual[seen].real / tie.sigma[seen], tie.residual[seen].imag / tie.sigma[seen]]
+    difference = np.vstack(
+        [np.eye(n)[:1] / np.sqrt(START_VARIANCE), np.diff(np.eye(n), axis=0) / np.sqrt(steps)[:, None]]
+    )
+    zero = np.zeros_like(difference)
+    rows += [np.hstack([difference, zero, np.zeros((n, k))]), np.hstack([zero, difference, np.zeros((n, k))])]
+    rows.append(np.hstack([np.zeros((k, 2 * n)), np.diag(np.sqrt(information))]))
+    right += [np.zeros(2 * n), np.zeros(k)]
+    matrix, target = np.vstack(rows), np.concatenate(right)
+    covariance = np.linalg.inv(matrix.T @ matrix)
+    return covariance @ matrix.T @ target, covariance
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(3, 25), k=st.integers(1, 4))
+def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
+    ties, steps = _problem(seed, n, k)
+    information = np.full(k, 0.3)
+    solution = walk_equations(ties, steps, START_VARIANCE).solve(
+        GlobalPriors(np.zeros(k), information[None], np.zeros(1))
+    )
+    expected, covariance = _dense(ties, steps, information)
+    assert solution.walk.real == pytest.approx(expected[:n], rel=1e-7, abs=1e-9)
+    assert solution.walk.imag == pytest.approx(expected[n : 2 * n], rel=1e-7, abs=1e-9)
+    assert solution.theta == pytest.approx(expected[2 * n :], rel=1e-7, abs=1e-9)
+    assert solution.covariance == pytest.approx(covariance[2 * n :, 2 * n :], rel=1e-6, abs=1e-9)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(3, 25))
+def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
+    ties, steps = _problem(seed, n, 2)
+    equations = walk_equations(ties, steps, START_VARIANCE)
+    solution = equations.solve(GlobalPriors(np.zeros(2), np.full((1, 2), 0.3), np.zeros(1)))
+    _, covariance = _dense(ties, steps, np.full(2, 0.3))
+    response = equations.sensitivity.real
+    variance = equations.walk_variance + np.einsum("nk,kl,nl->n", response, solution.covariance, response)
+    assert variance == pytest.approx(np.diag(covariance)[:n], rel=1e-6)
+
+
+def test_a_prior_that_the_data_refute_loses_its_weight() -> None:
+    n = 400
+    rng = np.random.default_rng(3)
+    column = np.ones((n, 1), dtype=complex)
+    observed = 0.5 * column[:, 0] + 0.1 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    tie = Tie(observed, np.zeros(n, dtype=complex), column, np.full(n, 0.1))
+    priors = GlobalPriors(np.zeros(1), np.array([[1.0], [1e6]]), np.log([0.5, 0.5]))
+    solution = walk_equations([tie], np.ones(n - 1), 1.0).solve(priors)
+    assert solution.theta[0] == pytest.approx(0.5, abs=0.02)
+    assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(0.1 / np.sqrt(n), rel=0.05)
