@@ -29,6 +29,7 @@ from brv_hypo.likelihood.step import (
     SingularStatesError,
     Step,
     gauss_newton_step,
+    moved,
     objective,
     sensitivities,
 )
@@ -41,6 +42,11 @@ _SETTLED_CHANGE = 1e-3
 """Relative change of a noise variance that counts as settled."""
 _SETTLED_MOVE = 0.05
 """The same for a process noise variance, in standard errors of its logarithm."""
+_NEAR = 0.3
+_BLIND_STEPS = 4
+"""Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
+Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
+"""
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,7 @@ class Outcome:
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     history: list[Progress] = []
-    penalty = 0.0
+    penalty, blind = 0.0, _BLIND_STEPS
 
     def ended(status: Status, message: str) -> Outcome:
         return Outcome(problem, iterate, status, message, tuple(history))
@@ -98,7 +104,10 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         term = partial(determinant_term, problem) if np.any(problem.process_noise) else None
         following, fraction = line_search(problem, iterate, step, penalty, term)
         if fraction == 0.0:
-            return ended("stalled", _STALLED)
+            if step.length > _NEAR or blind == 0:
+                return ended("stalled", _STALLED)
+            blind -= 1
+            following, fraction = moved(problem, iterate, step, 1.0), 1.0
         problem, iterate, noise_settled = _update_noise(problem, following, options)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
