@@ -21,6 +21,10 @@ class FlightRecordError(BrvHypoError):
     exit_code = 3
 
 
+class MechanismError(UsageError):
+    """A mechanism broke its contract: columns that are not finite, or of the wrong shape."""
+
+
 class UnanswerableError(BrvHypoError):
     """The data are valid but cannot answer the question; the message says what is missing."""
 

@@ -24,7 +24,8 @@ def static_terms(motion: Motion) -> tuple[Term, Term]:
 
 def pitch_damping_term(motion: Motion) -> Term:
     """C_mq: C_m += C_mq q d / 2V and C_n += C_mq r d / 2V, turned into the plane of alpha."""
-    rate = plane_from_body((motion.q + 1j * motion.r) * motion.rate_factor, motion.windward_meridian)
+    transverse = (motion.q + 1j * motion.r) * motion.rate_factor.astype(complex)
+    rate = plane_from_body(transverse, motion.windward_meridian)
     return Term("C_mq", rate.real, rate.imag, "1/rad")
 
 

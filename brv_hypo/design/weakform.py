@@ -11,15 +11,18 @@ of the antiderivatives, for any time of the knot, so that knots can be refined c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.flight.record import Flight
+
+Antiderivative = Callable[[FloatArray | float], ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -30,12 +33,12 @@ class Integrals:
     integrand: ComplexArray
 
     @cached_property
-    def plain(self) -> PPoly:
+    def plain(self) -> Antiderivative:
         """Antiderivative of g."""
         return CubicSpline(self.time, self.integrand).antiderivative()
 
     @cached_property
-    def first(self) -> PPoly:
+    def first(self) -> Antiderivative:
         """Antiderivative of (t - origin) g, which ramps need."""
         return CubicSpline(self.time, (self.time - self.time[0]) * self.integrand).antiderivative()
 

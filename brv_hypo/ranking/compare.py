@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from brv_hypo.design.baseline import PitchDamping, StaticMoment
 from brv_hypo.design.columns import default_knots
 from brv_hypo.design.frame import RateFrame, build_frame
 from brv_hypo.design.whitening import fit_noise
-from brv_hypo.errors import UnanswerableError
+from brv_hypo.errors import MechanismError, UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
@@ -20,6 +21,7 @@ from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.ranking.heldout import held_out
 from brv_hypo.ranking.noise import (
@@ -46,25 +48,33 @@ def compare(
     Raises UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
     """
     config = config or CompareConfig()
-    say = progress or (lambda message: None)
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
+        return _compare(flights, config, progress or (lambda message: None))
+
+
+def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) -> Comparison:
     hypotheses = _hypotheses(config)
     begun = clock.perf_counter()
     say("reconstructing the motion")
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
     reconstructed = clock.perf_counter()
     task = prepare(reconstructions, hypotheses, config)
-    fits = []
+    fits, warnings = [], []
     for name, mechanisms in hypotheses.items():
         say(f"fitting {name}")
-        fits.append(fit_hypothesis(task, name, mechanisms))
+        try:
+            fits.append(fit_hypothesis(task, name, mechanisms))
+        except MechanismError as error:
+            warnings.append(f"{name} is left out: {error}")
     task, fits = settle_noise(task, fits)
     say("predicting held-out blocks")
     errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
+    criteria = criteria_of(task, fits, config.held_out_blocks)
     selected = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun, select=selected - reconstructed, ml=0.0, total=selected - begun
     )
-    return summarise(task, fits, errors, seconds)
+    return summarise(task, fits, errors, criteria, seconds, warnings)
 
 
 def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, config: CompareConfig) -> Task:

@@ -55,7 +55,7 @@ class RankedHypothesis(_Result):
     `f_ratio` is of the mechanism's terms together against the baseline (None for `none`), `cp` Mallows' C_p
     against the largest model compared, `prediction_error` the mean square error of the moment coefficients
     on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
-    `log_likelihood` are at the effective sample size.
+    `log_likelihood` are at the effective sample size. `criteria`: the seven of 3.3.2 and the usual others.
     """
 
     rank: int
@@ -72,7 +72,7 @@ class RankedHypothesis(_Result):
     terms: tuple[TermEstimate, ...]
     derived: tuple[DerivedEstimate, ...] = ()
     criteria: dict[str, float] = Field(default_factory=dict)
-    status: Literal["ok", "nothing selected", "failed"] = "ok"
+    status: Literal["ok", "term limit"] = "ok"
     notes: tuple[str, ...] = ()
     ranked_by: Literal["regression", "maximum likelihood"] = "regression"
     ml: MaximumLikelihood | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -24,13 +25,19 @@ from brv_hypo.ranking.result import (
 )
 from brv_hypo.ranking.task import Task
 from brv_hypo.ranking.verdict import Score, judge
+from brv_hypo.subset.criteria import Criteria
 
 # Set by the calibration study (see the README): widens the posterior for errors of the reconstruction.
 TEMPERATURE = 2.0
 
 
 def summarise(
-    task: Task, fits: Sequence[HypothesisFit], errors: Sequence[HeldOut], seconds: Seconds
+    task: Task,
+    fits: Sequence[HypothesisFit],
+    errors: Sequence[HeldOut],
+    criteria: Sequence[Criteria],
+    seconds: Seconds,
+    warnings: Sequence[str] = (),
 ) -> Comparison:
     """Rank the fits, judge them, and gather all that the result holds."""
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
@@ -42,9 +49,8 @@ def summarise(
         TEMPERATURE,
     )
     order = sorted(range(len(fits)), key=lambda i: -verdict.probability[fits[i].name])
-    variance = min(fit.rss / (fit.samples - fit.parameters) for fit in fits)
     ranking = tuple(
-        _ranked(rank, fits[i], errors[i], fits[null], errors[null], variance, task)
+        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], task)
         for rank, i in enumerate(order, start=1)
     )
     reconstructions = task.frame.reconstructions
@@ -72,39 +78,31 @@ def summarise(
         verdict=verdict,
         seconds=seconds,
         series=_series(task, fits),
+        warnings=tuple(warnings),
     )
 
 
 def _ranked(
-    rank: int,
-    fit: HypothesisFit,
-    error: HeldOut,
-    null: HypothesisFit,
-    null_error: HeldOut,
-    variance: float,
-    task: Task,
+    rank: int, fit: HypothesisFit, error: HeldOut, criteria: Criteria, null_error: HeldOut, task: Task
 ) -> RankedHypothesis:
-    dof = fit.samples - fit.parameters
-    extra = fit.parameters - null.parameters
-    response = task.response
-    total = float(response @ response)
-    sigma_squared = fit.rss / fit.samples
+    total = float(task.response @ task.response)
+    variance = fit.rss / fit.samples
     return RankedHypothesis(
         rank=rank,
         mechanism=fit.name,
-        f_ratio=((null.rss - fit.rss) / extra) / (fit.rss / dof) if extra > 0 else None,
-        cp=fit.rss / variance - fit.samples + 2.0 * fit.parameters,
+        f_ratio=criteria.f_ratio if fit.selected else None,
+        cp=criteria.cp,
         prediction_error=error.mean_square,
         prediction_ratio=error.mean_square / null_error.mean_square,
         r2=1.0 - fit.rss / total,
         bic=fit.information,
-        log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * sigma_squared) + 1.0),
+        log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * variance) + 1.0),
         n_terms=len(fit.selected),
         n_effective=fit.effective,
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
         derived=_derived(fit),
-        criteria={"rss": fit.rss, "adjusted_rss": fit.rss / dof},
-        status="ok" if fit.selected or not fit.mechanisms else "nothing selected",
+        criteria=asdict(criteria),
+        status="term limit" if len(fit.selected) >= task.max_terms else "ok",
     )
 
 

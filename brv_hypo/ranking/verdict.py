@@ -62,14 +62,14 @@ def judge(scores: Sequence[Score], temperature: float) -> Verdict:
             f"{' and '.join(beaten_by)} predicts the held-out blocks better."
         )
     else:
-        shares = ", ".join(f"{name} {chances[name]:.2f}" for name in equivalent)
+        shares = ", ".join(f"{name} {_share(chances[name])}" for name in equivalent)
         reason = f"The data do not tell these apart: {shares}."
     return Verdict(winner=None, equivalent=equivalent, probability=chances, reason=reason)
 
 
 def _won(leader: Score, rivals: Sequence[Score], chance: float) -> str:
     if leader.name == "none":
-        return f"No mechanism is needed: the baseline alone explains the moments (probability {chance:.2f})."
+        return f"No mechanism is needed: the baseline alone explains the moments (probability {_share(chance)})."
     null = next((score for score in rivals if score.name == "none"), None)
     ratio = (
         ""
@@ -79,7 +79,11 @@ def _won(leader: Score, rivals: Sequence[Score], chance: float) -> str:
             "a mechanism"
         )
     )
-    return f"{leader.name} explains the moments best (probability {chance:.2f}){ratio}."
+    return f"{leader.name} explains the moments best (probability {_share(chance)}){ratio}."
+
+
+def _share(chance: float) -> str:
+    return "above 0.99" if chance > 0.99 else f"{chance:.2f}"
 
 
 def _predicts_better(rival: Score, leader: Score, sigmas: float = 2.0) -> bool:
