@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from brv_hypo.flight.record import Vehicle
+from brv_hypo.flight.schema import MINIMUM_SAMPLES
 from brv_hypo.mechanisms.contract import TimeVariation
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -32,6 +33,15 @@ class VehicleConfig(Section):
     accelerometer_position: Vector = (0.0, 0.0, 0.0)
     ixy: float = 0.0
     ixz: float = 0.0
+
+    @model_validator(mode="after")
+    def _inertia_of_a_real_body(self) -> VehicleConfig:
+        if self.ixx > 2.0 * self.iyy:
+            raise ValueError(
+                f"ixx {self.ixx:g} with iyy {self.iyy:g} kg m^2, expected ixx <= 2 iyy as in every body: "
+                "are they exchanged?"
+            )
+        return self
 
     def declared(self) -> Vehicle:
         """What the flight record says of the vehicle: it knows nothing of products of inertia."""
@@ -241,6 +251,15 @@ class SimulationConfig(Section):
                 f"step {self.step:g} s at sample_rate {self.sample_rate:g} Hz makes {ratio:.6g} steps "
                 f"per sample, expected a whole number: try "
                 f"step {1.0 / (self.sample_rate * max(1, round(ratio))):.6g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _enough_samples(self) -> SimulationConfig:
+        if self.samples < MINIMUM_SAMPLES:
+            raise ValueError(
+                f"duration {self.duration:g} s at {self.sample_rate:g} Hz makes {self.samples} samples, "
+                f"expected at least {MINIMUM_SAMPLES}: give a longer duration"
             )
         return self
 

@@ -64,7 +64,8 @@ class Truth:
             **histories,
             "C_m": self.C_m,
             "C_n": self.C_n,
-            "parameters": dict(self.parameters),
+            # In HDF5 a slash would open a group, and names of terms may hold one.
+            "parameters": {name.replace("/", " per "): value for name, value in self.parameters.items()},
         }
 
 

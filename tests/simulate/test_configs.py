@@ -49,6 +49,14 @@ def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanis
     assert np.max(truth.alpha[-truth.alpha.size // 6 :]) > np.radians(0.3)
 
 
+@pytest.mark.parametrize("effect", sorted(set(load_config("research_cone").plantable) - set(MECHANISMS)))
+def test_plantable_effects_of_the_vehicle_are_seen_and_bearable(effect: str) -> None:
+    truth = simulate("research_cone", seed=1, plant=(effect,)).truth
+    assert 0.02 < np.hypot(*truth.planted_share) < 0.4
+    assert np.radians(0.3) < np.max(truth.alpha[-200:])
+    assert np.max(truth.alpha) < np.radians(5.0)
+
+
 def test_the_reports_flight_has_its_knots_and_its_size() -> None:
     """Moments of a few 1e-4 (Table 5.4: mean square 1.65e-7), sticking from 320.75 to 322.5 s (Table 5.7)."""
     flight = simulate("report_table_5", seed=1)
@@ -77,8 +85,17 @@ def test_saved_flights_load_with_their_truth_apart(tmp_path: Path) -> None:
     assert truth["seed"] == 4
     np.testing.assert_array_equal(truth["alpha"], flight.truth.alpha)
     assert truth["parameters"]["mechanisms.0.terms.eps"] == 0.6
+    assert {np.ndim(value) for value in truth["parameters"].values()} == {0}
     with pytest.raises(UsageError, match="exists already"):
         flight.save(path)
+
+
+def test_terms_with_a_slash_in_their_name_are_saved(tmp_path: Path) -> None:
+    entry = {"mechanism": "dynamic_imbalance", "terms": {"I_xy/(S d)": 1.0}}
+    config = load_config("research_cone").model_dump() | {"duration": 0.2, "mechanisms": [entry]}
+    simulate(config, seed=1).save(tmp_path / "flight.h5")
+    parameters = load_truth(tmp_path / "flight.h5")["parameters"]
+    assert parameters["mechanisms.0.terms.I_xy per (S d)"] == 1.0
 
 
 def test_a_file_may_build_on_another(tmp_path: Path) -> None:
@@ -97,6 +114,11 @@ def test_a_file_may_build_on_another(tmp_path: Path) -> None:
         ("base: research_cone\nduration: -3", "'duration': Input should be greater than 0, got -3"),
         ("base: research_cone\nstep: 0.003", "whole number: try step 0.0025"),
         ("base: research_cone\nvehicle: {mass: 3}", "'vehicle.ixx' is missing"),
+        ("base: research_cone\nduration: 0.05", "at least 16"),
+        (
+            "base: research_cone\nvehicle: {mass: 3, ixx: 9, iyy: 2, reference_length: 1, reference_area: 1}",
+            "exchanged",
+        ),
         ("base: demo", "one level is allowed"),
         ("base: research_con", "did you mean research_cone"),
         ("base: research_cone\nmechanisms: [{mechanism: lag, terms: {}}]", "mechanisms.0.terms"),

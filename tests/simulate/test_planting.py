@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms import find
+from brv_hypo.mechanisms import Mechanism, find, mechanisms
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulate import SimulationConfig, load_config, simulate
@@ -97,6 +97,22 @@ def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     away = np.min(np.abs(motion.time[:, None] - [entry.start or -9.0, entry.stop or -9.0]), axis=1) > 1e-6
     np.testing.assert_allclose(truth.planted_in_plane[away], in_plane[away], atol=1e-3 * size)
     np.testing.assert_allclose(truth.planted_out_of_plane[away], out_of_plane[away], atol=1e-3 * size)
+
+
+@pytest.mark.parametrize("mechanism", mechanisms("aerodynamic"), ids=lambda mechanism: mechanism.name)
+def test_any_installed_effect_can_be_planted(mechanism: Mechanism) -> None:
+    """Each term in turn, scaled to a tenth of the moment: what is planted is the mechanism's own column."""
+    nominal = true_motion(planting(duration=0.2))
+    for term in mechanism.terms(nominal, {}):
+        column = np.max(np.hypot(term.in_plane, term.out_of_plane))
+        coefficient = float(2e-4 / column)
+        entry = {"mechanism": mechanism.name, "terms": {term.name: coefficient}}
+        data = planting(duration=0.2).model_dump(exclude={"plantable"})
+        config = load_config({**data, "mechanisms": [entry]})
+        truth, motion = simulate(config, seed=1).truth, true_motion(config)
+        own = {found.name: found for found in mechanism.terms(motion, {})}[term.name]
+        np.testing.assert_allclose(truth.planted_in_plane, coefficient * own.in_plane, atol=1e-9)
+        np.testing.assert_allclose(truth.planted_out_of_plane, coefficient * own.out_of_plane, atol=1e-9)
 
 
 def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
