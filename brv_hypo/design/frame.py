@@ -131,8 +131,8 @@ def checked_terms(mechanism: Mechanism, motion: Motion, theta: Theta) -> tuple[T
                 bad = np.count_nonzero(~np.isfinite(column))
                 raise MechanismError(
                     f"mechanism '{mechanism.name}', term '{term.name}', {name}: got shape {np.shape(column)} "
-                    f"with {bad} values that are not finite, expected {motion.time.shape} finite values. It may "
-                    "need a channel that this record lacks (Mach or Reynolds number); "
+                    f"with {bad} values that are not finite, expected {motion.time.shape} finite values. "
+                    "It may need a channel that this record lacks (Mach or Reynolds number); "
                     f"`brv-hypo mechanisms check {mechanism.name}` tests it."
                 )
     return terms
