@@ -47,7 +47,10 @@ class ModelProblem:
         """
         rng = np.random.default_rng(seed)
         t = np.arange(n) / self.rate
-        x = self.trajectory(t, rng)
+        return self.measure(t, self.trajectory(t, rng), rng, correlation)
+
+    def measure(self, t: FloatArray, x: FloatArray, rng: np.random.Generator, correlation: float) -> Segment:
+        """A record of the true states x, (n_states, n), with fresh noise."""
         u = self.inputs(t)
         y = np.array(self.outputs(x, u, self.truth, t, *self._delayed(t, x, u)))
         y += self.noise[:, None] * markov_noise(rng, y.shape, correlation)

@@ -1,0 +1,249 @@
+"""Statistics of `fit` over many simulated records: `python -m brv_hypo.likelihood.study`.
+
+coverage: how often 95 % intervals hold the truth, with white and with coloured noise, and the spread of the
+estimates
+against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting. delay: a delay
+started a
+tenth of a second off. filter: coverage with process noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood.estimate import fit
+from brv_hypo.likelihood.problems import (
+    ModelProblem,
+    growing_body,
+    lagging_body,
+    short_period,
+    spinning_body,
+)
+from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.segment import Segment
+from brv_hypo.likelihood.shooting import fit_single_shooting
+
+_NINETY_FIVE = 1.959964
+_SAME_MINIMUM = 0.05
+"""Difference in NLLF to the fit that starts at the truth below which a fit found the same minimum."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of trials in which each parameter's 95 % interval holds the truth.
+
+    `white` and `coloured` (p,) are the shares without and with the correction; `efficiency` (p,) the rms
+    error over the
+    Cramer-Rao bound (white noise of known covariance); `converged` the share of trials that converged.
+    """
+
+    names: tuple[str, ...]
+    white: FloatArray
+    coloured: FloatArray
+    efficiency: FloatArray
+    converged: float
+
+
+@dataclass(frozen=True)
+class HardMotion:
+    """Trial by trial, (trials,): whether each method reached the minimum found from the truth."""
+
+    growth: float
+    collocation: BoolArray
+    iterations: FloatArray
+    shooting: BoolArray
+
+
+@dataclass(frozen=True)
+class DelayStudy:
+    """Trial by trial, (trials,): error of the delay in standard errors, and in s; whether it converged."""
+
+    score: FloatArray
+    error: FloatArray
+    converged: BoolArray
+
+
+def coverage(
+    problem: ModelProblem,
+    samples: int,
+    trials: int,
+    seed: int,
+    correlation: float = 0.0,
+    process_noise: FloatArray | None = None,
+) -> Coverage:
+    """Coverage over records that differ in their noise, started at 0.8 of the truth."""
+    names = tuple(problem.truth)
+    truth = np.array(list(problem.truth.values()))
+    start = {name: 0.8 * value for name, value in problem.truth.items()}
+    errors, white, coloured, converged = [], [], [], []
+    for segment in _records(problem, samples, trials, seed, correlation):
+        tolerance = 1e-5 if process_noise is None else 1e-3
+        result = fit(problem.dynamics, problem.outputs, [segment], start, process_noise, tolerance=tolerance)
+        converged.append(result.converged)
+        errors.append(np.array([result.theta[name] for name in names]) - truth)
+        white.append([result.std_error[name] for name in names])
+        coloured.append([result.std_error_coloured[name] for name in names])
+    error = np.abs(errors)
+    return Coverage(
+        names=names,
+        white=np.mean(error <= _NINETY_FIVE * np.array(white), axis=0),
+        coloured=np.mean(error <= _NINETY_FIVE * np.array(coloured), axis=0),
+        efficiency=np.sqrt(np.mean(error**2, axis=0)) / cramer_rao(problem, samples),
+        converged=float(np.mean(converged)),
+    )
+
+
+def cramer_rao(problem: ModelProblem, samples: int) -> FloatArray:
+    """Least standard error of each parameter, (p,): the information at the truth, noise white and known."""
+    quiet = replace(problem, noise=np.zeros_like(problem.noise), process_noise=None)
+    known = np.diag(problem.noise**2)
+    segment = quiet.simulate(samples, seed=0)
+    exact = fit(problem.dynamics, problem.outputs, [segment], problem.truth, noise_covariance=known)
+    return np.sqrt(np.diag(exact.covariance))
+
+
+def hard_motion(trials: int, seed: int, samples: int = 75, shooting: bool = True) -> HardMotion:
+    """Unstable motion whose angle of attack grows about twentyfold in 2 s, every start value half off, up or
+    down.
+
+    Single shooting starts from the same values and is given the true initial state.
+    """
+    problem = growing_body()
+    rng = np.random.default_rng(seed)
+    ours, theirs, iterations = [], [], []
+    for segment in _records(problem, samples, trials, seed, 0.0):
+        start = {name: value * (1 + 0.5 * rng.choice([-1.0, 1.0])) for name, value in problem.truth.items()}
+        reference = fit(problem.dynamics, problem.outputs, [segment], problem.truth)
+        result = fit(problem.dynamics, problem.outputs, [segment], start)
+        ours.append(_same(result.converged, result.nllf, reference))
+        iterations.append(float(result.iterations))
+        if shooting:
+            known = replace(segment, x0=problem.x0)
+            shot = fit_single_shooting(problem.dynamics, problem.outputs, [known], start, substeps=2)
+            theirs.append(_same(shot.status == "converged", shot.nllf, reference))
+    return HardMotion(growth_in_two_seconds(problem), np.array(ours), np.array(iterations), np.array(theirs))
+
+
+def growth_in_two_seconds(problem: ModelProblem) -> float:
+    """Largest angle of attack in the third quarter-second window after 2 s over that in the first half
+    second.
+    """
+    t = np.arange(0, 75) / 25.0
+    x = problem.trajectory(t, np.random.default_rng(0))
+    angle = np.hypot(x[2], x[3])
+    return float(angle[(t >= 2.0) & (t < 2.5)].max() / angle[t < 0.5].max())
+
+
+def delay(trials: int, seed: int, start: float, samples: int = 1000) -> DelayStudy:
+    """The delay of 0.2 s, started at `start`, the other parameters 0.7 of the truth."""
+    problem = lagging_body()
+    theta0 = {name: 0.7 * value for name, value in problem.truth.items()} | {"delay": start}
+    score, error, converged = [], [], []
+    for segment in _records(problem, samples, trials, seed, 0.0):
+        result = fit(problem.dynamics, problem.outputs, [segment], theta0, delays=problem.delays)
+        error.append(result.theta["delay"] - problem.truth["delay"])
+        score.append(error[-1] / result.std_error["delay"])
+        converged.append(result.converged)
+    return DelayStudy(np.array(score), np.array(error), np.array(converged))
+
+
+def _records(
+    problem: ModelProblem, samples: int, trials: int, seed: int, correlation: float
+) -> Iterator[Segment]:
+    """Records with fresh noise; the motion is simulated once unless process noise drives it."""
+    t = np.arange(samples) / problem.rate
+    x = problem.trajectory(t, np.random.default_rng(seed))
+    for child in np.random.SeedSequence(seed).spawn(trials):
+        rng = np.random.default_rng(child)
+        motion = x if problem.process_noise is None else problem.trajectory(t, rng)
+        yield problem.measure(t, motion, rng, correlation)
+
+
+def _same(converged: bool, nllf: float, reference: FitResult) -> bool:
+    return converged and nllf < reference.nllf + _SAME_MINIMUM
+
+
+def _print_coverage(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    for name, problem, samples in (
+        ("short period", short_period(), 500),
+        ("spinning body", spinning_body(), 500),
+    ):
+        for correlation in (0.0, 0.8):
+            found = coverage(problem, samples, trials, seed, correlation)
+            kind = (
+                "white noise"
+                if correlation == 0
+                else f"noise correlated {correlation:g} from sample to sample"
+            )
+            echo(f"{name}, {samples} samples, {trials} trials, {kind}: {found.converged:.1%} converged")
+            echo(_shares("  95 % intervals cover", found.white))
+            echo(_shares("  corrected for colour", found.coloured))
+            if correlation == 0:
+                pooled = np.sqrt(np.mean(found.efficiency**2))
+                low, high = found.efficiency.min(), found.efficiency.max()
+                echo(f"  rms error over the Cramer-Rao bound: {pooled:.3f} pooled, {low:.3f} to {high:.3f}")
+
+
+def _print_filter(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    drive = np.array([0.005, 0.03])
+    problem = replace(short_period(), process_noise=drive)
+    found = coverage(problem, 500, trials, seed, process_noise=drive)
+    echo(f"short period with process noise, {trials} trials: {found.converged:.1%} converged")
+    echo(_shares("  95 % intervals cover", found.white))
+
+
+def _print_hard(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    found = hard_motion(trials, seed)
+    echo(
+        f"unstable motion, angle of attack grows {found.growth:.0f} times in 2 s, start 50 % off, {trials} trials"
+    )
+    echo(f"  collocation: {found.collocation.mean():.1%} converge, {found.iterations.mean():.1f} iterations")
+    echo(f"  single shooting, given the true initial state: {found.shooting.mean():.1%}")
+
+
+def _print_delay(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    for start in (0.1, 0.3):
+        found = delay(trials, seed, start)
+        within = np.abs(found.score) <= 2
+        echo(
+            f"delay of 0.2 s started at {start:g} s, {trials} trials: {found.converged.mean():.1%} converged"
+        )
+        echo(f"  within 2 sigma: {within.mean():.1%}; rms error {np.sqrt(np.mean(found.error**2)):.4f} s")
+
+
+def _shares(what: str, shares: FloatArray) -> str:
+    return f"{what}: {shares.mean():.1%} on average, {shares.min():.1%} to {shares.max():.1%} by parameter"
+
+
+_STUDIES: dict[str, Callable[[int, int, Callable[[str], None]], None]] = {
+    "coverage": _print_coverage,
+    "hard": _print_hard,
+    "delay": _print_delay,
+    "filter": _print_filter,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the named studies, or all."""
+    from rich.console import Console
+
+    parser = argparse.ArgumentParser(prog="python -m brv_hypo.likelihood.study", description=__doc__)
+    parser.add_argument("studies", nargs="*", help=f"of {', '.join(_STUDIES)}; all where none is named")
+    parser.add_argument("--trials", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    chosen = parser.parse_args(arguments)
+    unknown = sorted(set(chosen.studies) - set(_STUDIES))
+    if unknown:
+        parser.error(f"unknown studies {unknown}; there are {list(_STUDIES)}")
+    console = Console(width=120, highlight=False)
+    for name in chosen.studies or _STUDIES:
+        _STUDIES[name](chosen.trials, chosen.seed, console.print)
+
+
+if __name__ == "__main__":
+    main()
