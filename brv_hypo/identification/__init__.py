@@ -1,0 +1,17 @@
+"""Maximum likelihood for entry vehicles: a regression model refined on the original measurements.
+
+    identify(frame, columns, values, options)   -> Identification       identify.py, config.py, result.py
+        nodes.py         flight records to block means, smooth inputs and start states
+        structure.py     names: coefficients, delays, knots
+        moments.py       the columns at the estimated motion; courses.py: knots between nodes
+        model.py         equations of motion and of measurement (Section 4.4)
+        instruments.py   instrument errors (Appendix B)
+        problem.py       start values, priors, bounds, and the call of the likelihood
+        selection.py     which instrument errors the evidence asks for
+"""
+
+from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.identify import identify
+from brv_hypo.identification.result import OUTPUTS, Estimate, Evidence, Identification
+
+__all__ = ["OUTPUTS", "Estimate", "Evidence", "Identification", "IdentificationConfig", "identify"]

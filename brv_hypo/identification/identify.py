@@ -1,0 +1,175 @@
+"""`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4 and 4.4)."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.design.columns import Column
+from brv_hypo.design.frame import RateFrame
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.instruments import of_flight
+from brv_hypo.identification.moments import UnknownDelayError
+from brv_hypo.identification.problem import Problem, build_problem
+from brv_hypo.identification.result import Estimate, Evidence, Identification
+from brv_hypo.identification.selection import wanted_instruments
+from brv_hypo.likelihood import FitResult
+from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.search import Progress
+
+_STALE = 0.05
+"""Change of a block mean's correction, in standard deviations of its noise, from which the fit is repeated."""
+
+
+def identify(
+    frame: RateFrame,
+    columns: Sequence[Column],
+    values: FloatArray,
+    options: IdentificationConfig | None = None,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+) -> Identification:
+    """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
+
+    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; instrument errors
+    (Appendix B) join where the evidence asks for them. Flights of the frame share the coefficients; each has its own initial
+    states, gravity direction and instrument errors.
+
+    Args:
+        frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
+        columns: the model's columns. values: their regression coefficients (columns,).
+        options: see `IdentificationConfig`.
+        progress: called after each iteration of the likelihood.
+
+    Returns:
+        The refined model; a failure is its status, with the regression's values left in place.
+    """
+    begun = clock.perf_counter()
+    options = options or IdentificationConfig()
+    try:
+        problem = build_problem(frame, columns, values, options)
+        problem, found, iterations, evidence = _search(problem, progress)
+    except (UnanswerableError, UsageError, UnknownDelayError) as error:
+        return _failed(frame, columns, values, str(error), clock.perf_counter() - begun)
+    return replace(_summary(problem, found, evidence), iterations=iterations, seconds=clock.perf_counter() - begun)
+
+
+def _search(
+    problem: Problem, progress: Callable[[Progress], None] | None
+) -> tuple[Problem, FitResult, int, tuple[Evidence, ...]]:
+    """The fit without instrument errors, what they would bring, and the fit with those that are wanted."""
+    found = problem.solve(progress=progress)
+    iterations = found.iterations
+    if not found.converged:
+        found = problem.solve(near_start=False, progress=progress)
+        iterations += found.iterations
+    evidence: tuple[Evidence, ...] = ()
+    again = False
+    if found.converged:
+        instruments, evidence = wanted_instruments(problem, found)
+        problem = problem.warm(found).with_instruments(instruments)
+        refreshed = _refreshed(problem, found)
+        again = bool(instruments) or _stale(problem, refreshed, found)
+        problem = refreshed
+    if again:
+        found = problem.solve(progress=progress)
+        iterations += found.iterations
+    return problem.warm(found), found, iterations, evidence
+
+
+def _refreshed(problem: Problem, found: FitResult) -> Problem:
+    columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
+    return problem.refreshed(problem.frame.with_in_plane_moment(columns, values), columns, values)
+
+
+def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
+    """Whether the corrections of the block means have changed by more than a trifle."""
+    sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
+    changes = [
+        np.max(np.abs(a.segment.y - b.segment.y) / sigma) for a, b in zip(old.records, new.records, strict=True)
+    ]
+    return bool(max(changes) > _STALE)
+
+
+def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...]) -> Identification:
+    structure, theta = problem.structure, found.theta
+    white = all(test.white for test in found.whiteness)
+
+    def estimate(name: str, units: str, shown: str | None = None) -> Estimate:
+        plain, coloured = found.std_error[name], found.std_error_coloured[name]
+        reported = plain if white else max(plain, coloured)
+        return Estimate(shown or name, theta[name], reported, plain, coloured, units)
+
+    single = len(problem.flights) == 1
+
+    def shown(name: str, flight: int) -> str:
+        return name if single else of_flight(name, flight)
+
+    innovations = tuple(
+        record.innovations(record.segment.y - v) for record, v in zip(problem.records, found.innovations, strict=True)
+    )
+    columns, values = structure.at(theta), structure.values(theta)
+    terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))
+    return Identification(
+        status=found.status,
+        message=found.message,
+        columns=columns,
+        values=values,
+        covariance=_covariance(found, terms),
+        terms=terms,
+        nonlinear=tuple(estimate(mover.name, mover.units) for mover in structure.movers),
+        forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
+        instruments=tuple(
+            estimate(of_flight(e.name, flight), e.units, shown(e.name, flight)) for e, flight in problem.instruments
+        ),
+        environment=tuple(
+            estimate(of_flight(f"gravity {axis}", flight), "m/s^2", shown(f"gravity {axis}", flight))
+            for flight in problem.flights for axis in "xyz"
+        ),
+        log_likelihood=_log_likelihood(innovations, problem.config.noise),
+        iterations=found.iterations,
+        cost_history=tuple(entry.cost for entry in found.history),
+        identifiability=found.identifiability,
+        innovations=innovations,
+        times=tuple(record.time for record in problem.records),
+        whiteness=found.whiteness,
+        evidence=evidence,
+        block=problem.block,
+        seconds=0.0,
+        frame=problem.frame.with_in_plane_moment(columns, values),
+        problem=problem,
+        fit=found,
+    )
+
+
+def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
+    """Covariance of the coefficients at the reported standard errors."""
+    index = [found.names.index(term.name) for term in terms]
+    covariance = found.covariance[np.ix_(index, index)]
+    stretch = np.array([term.std_error / term.std_error_white for term in terms])
+    return np.asarray(covariance * np.outer(stretch, stretch))
+
+
+def _log_likelihood(innovations: Sequence[FloatArray], shape: str) -> float:
+    """Minus the NLLF of Eq. 3.10 (E8), with B of Eq. 3.11, over every sample."""
+    together = np.concatenate(innovations, axis=1)
+    seen = np.isfinite(together)
+    floor = np.full(4, 1e-300)
+    kind = "full" if shape == "full" else "diagonal"
+    covariance = estimate_covariance(together, seen, kind, np.eye(4), floor)  # type: ignore[arg-type]
+    return -negative_log_likelihood(together, seen, covariance)
+
+
+def _failed(
+    frame: RateFrame, columns: Sequence[Column], values: FloatArray, message: str, seconds: float
+) -> Identification:
+    count = len(columns)
+    return Identification(
+        "failed", message, tuple(columns), np.asarray(values), np.full((count, count), np.nan), (), (), (), (), (),
+        float("nan"), 0, (), None, (), (), (), (), 0, seconds, frame, None, None,
+    )

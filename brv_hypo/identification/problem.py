@@ -1,0 +1,152 @@
+"""The estimation problem: node records, equations, start values, priors, bounds; and its solution by the likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.design.columns import Column
+from brv_hypo.design.frame import RateFrame
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
+from brv_hypo.identification.model import VehicleModel
+from brv_hypo.identification.moments import MomentModel
+from brv_hypo.identification.nodes import NodeRecord, block_size, gravity_axes, node_records
+from brv_hypo.identification.structure import Structure, structure_of
+from brv_hypo.likelihood import FitResult, Segment, fit
+from brv_hypo.likelihood.search import Progress
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.wind import gravity_magnitude
+
+_UNKNOWN_GRAVITY = 30.0
+_TOLERANCE = 5e-3
+
+Instrument = tuple[InstrumentError, int]
+"""An instrument error and the flight whose instrument it is."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is estimated from what; `theta` are start values by name."""
+
+    frame: RateFrame
+    records: tuple[NodeRecord, ...]
+    model: VehicleModel
+    theta: dict[str, float]
+    priors: dict[str, tuple[float, float]]
+    bounds: dict[str, tuple[float, float]]
+    instruments: tuple[Instrument, ...]
+    block: int
+    config: IdentificationConfig
+    states: tuple[FloatArray, ...] = field(default=())
+
+    @property
+    def structure(self) -> Structure:
+        """The regression's parameters."""
+        return self.model.moments.structure
+
+    @property
+    def flights(self) -> tuple[int, ...]:
+        """The flights that have a segment."""
+        return tuple(dict.fromkeys(record.context.flight for record in self.records))
+
+    @property
+    def delays(self) -> tuple[str, ...]:
+        """Parameters that are delays: those of mechanisms, and the accelerometers' clock."""
+        clocks = [name for name in self.theta if name.startswith(f"{TIME_SKEW} ")]
+        return (*self.structure.delays, *clocks)
+
+    def with_instruments(self, added: Sequence[Instrument]) -> Problem:
+        """The problem with these instrument errors as parameters too."""
+        theta, priors = dict(self.theta), dict(self.priors)
+        for error, flight in added:
+            name = of_flight(error.name, flight)
+            theta.setdefault(name, 0.0)
+            priors[name] = (0.0, error.size)
+        return replace(self, theta=theta, priors=priors, instruments=(*self.instruments, *added))
+
+    def warm(self, found: FitResult) -> Problem:
+        """The problem started from a solution."""
+        theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
+        return replace(self, theta=theta, states=found.states)
+
+    def refreshed(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> Problem:
+        """The problem with the block means corrected by another model of the motion."""
+        axes = [gravity_axes(reconstruction) for reconstruction in frame.reconstructions]
+        return replace(self, frame=frame, records=node_records(frame, columns, values, axes, self.block))
+
+    def segments(self) -> tuple[Segment, ...]:
+        """The likelihood's segments, started from the states."""
+        if not self.states:
+            return tuple(record.segment for record in self.records)
+        return tuple(replace(r.segment, x0=x) for r, x in zip(self.records, self.states, strict=True))
+
+    def solve(
+        self, *, noise: FloatArray | None = None, max_iterations: int | None = None, near_start: bool = True,
+        segments: Sequence[Segment] | None = None, progress: Callable[[Progress], None] | None = None,
+    ) -> FitResult:
+        """Maximum likelihood; `noise` (4, 4) is B where it is to be held."""
+        return fit(
+            self.model.dynamics, self.model.outputs, segments or self.segments(), self.theta,
+            bounds=self.bounds, priors=self.priors, delays=self.delays, noise=self.config.noise, noise_covariance=noise,
+            derivatives="central", max_iterations=max_iterations or self.config.max_iterations, tolerance=_TOLERANCE,
+            near_start=near_start, progress=progress,
+        )
+
+
+def build_problem(
+    frame: RateFrame, columns: Sequence[Column], values: FloatArray, config: IdentificationConfig
+) -> Problem:
+    """Lay out the problem of a regression model.
+
+    Raises UnanswerableError where no segment is long enough.
+    """
+    size = block_size(frame, columns, values, config.quadrature)
+    axes = [gravity_axes(reconstruction) for reconstruction in frame.reconstructions]
+    records = node_records(frame, columns, values, axes, size)
+    if not records:
+        raise UnanswerableError(
+            f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. Likely cause: gaps "
+            "or a short window. Remedy: widen the window, or rank by regression."
+        )
+    time = frame.time
+    span = (float(time.min()), float(time.max()))
+    structure = structure_of(columns, frame.mechanisms, *span, config.refine)
+    forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
+    model = VehicleModel(MomentModel(structure, frame.mechanisms), tuple(r.context for r in records), forces, span)
+    theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
+    theta |= {mover.name: mover.value for mover in structure.movers}
+    theta |= dict(zip(forces, _force_start(frame, span, config.force_degree).tolist(), strict=True))
+    priors = {}
+    for flight in dict.fromkeys(record.context.flight for record in records):
+        start, sigma = _gravity_start(frame.reconstructions[flight])
+        for axis, value in zip("xyz", start, strict=True):
+            theta[of_flight(f"gravity {axis}", flight)] = float(value)
+            priors[of_flight(f"gravity {axis}", flight)] = (float(value) if axis == "x" else 0.0, sigma)
+    problem = Problem(
+        frame, records, model, theta, priors, {m.name: m.bounds for m in structure.movers}, (), size, config
+    )
+    return problem.with_instruments(
+        [(e, flight) for e in INSTRUMENT_ERRORS if e.group in config.instruments for flight in problem.flights]
+    )
+
+
+def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> FloatArray:
+    """Legendre coefficients of the reconstructed normal-force slope, 1/rad; a rough 1 where it is unknown."""
+    time = np.concatenate([r.flight.time for r in frame.reconstructions])
+    slope = np.concatenate([r.normal_force_slope for r in frame.reconstructions])
+    known = np.isfinite(slope)
+    if not known.any():
+        return np.eye(degree + 1)[0]
+    scaled = (2.0 * time[known] - span[0] - span[1]) / (span[1] - span[0])
+    return np.asarray(np.polynomial.legendre.legfit(scaled, slope[known], degree))
+
+
+def _gravity_start(reconstruction: Reconstruction) -> tuple[FloatArray, float]:
+    """Gravity in the axes of the first sample (3,), and how large it may be, m/s^2."""
+    size = gravity_magnitude(reconstruction.flight)
+    return reconstruction.gravity_body, _UNKNOWN_GRAVITY if size is None else size
