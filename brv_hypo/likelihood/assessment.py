@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.likelihood.colour import coloured_covariance, inflation
 from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
@@ -20,7 +21,6 @@ from brv_hypo.likelihood.step import (
     sensitivities,
 )
 from brv_hypo.likelihood.uncertainty import (
-    coloured_covariance,
     covariance_from_information,
     identifiability,
     whiteness,
@@ -49,16 +49,9 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         segments = ()
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
-        unknowns = p + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
-        inflation = samples / max(samples - unknowns, 1) if options.estimate_noise else 1.0
-        white = inflation * covariance_from_information(
-            triangle, parameters.prior_std, np.flatnonzero(~at_bound)
+        white, coloured = _covariances(
+            problem, segments, triangle, samples, np.flatnonzero(~at_bound), options
         )
-        coloured = white
-        if not np.any(problem.process_noise):
-            coloured = (
-                coloured_covariance(white, *_whitened(problem, segments), _reach(innovations)) / inflation
-            )
     return FitResult(
         status=outcome.status,
         message=outcome.message,
@@ -86,6 +79,37 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     )
 
 
+def _covariances(
+    problem: Problem,
+    segments: Sequence[Sensitivity],
+    triangle: FloatArray,
+    samples: int,
+    estimated: IntArray,
+    options: Options,
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance for white residuals and corrected for coloured ones, (p, p); nan where they cannot be had.
+
+    Both make up for what the fit took out of the residuals' variance, where the noise was estimated from
+    them.
+    """
+    parameters = problem.parameters
+    unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+    raw = covariance_from_information(triangle, parameters.prior_std, estimated)
+    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise else 1.0)
+    known = np.flatnonzero(np.isfinite(np.diag(raw)))
+    if np.any(problem.process_noise) or not known.size:
+        return white, white
+    block = np.ix_(known, known)
+    sensitivity, residual = _whitened(problem, segments)
+    prior = 1.0 / parameters.prior_std[known] ** 2
+    corrected = coloured_covariance(raw[block], prior, [s[:, :, known] for s in sensitivity], residual)
+    if options.estimate_noise:
+        corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
+    coloured = np.full_like(raw, np.nan)
+    coloured[block] = corrected
+    return white, coloured
+
+
 def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
     """Innovations by segment, and the NLLF of Eq. 3.10 (E8).
 
@@ -109,11 +133,6 @@ def _whitened(problem: Problem, segments: Sequence[Sensitivity]) -> tuple[list[F
         spread.append(columns)
         residual.append(segment.residual[:, :, 0])
     return spread, residual
-
-
-def _reach(innovations: Sequence[FloatArray]) -> int:
-    """Longest lag of the coloured correction, samples."""
-    return min(max(int(v.shape[1]) for v in innovations) // 5, 50)
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:

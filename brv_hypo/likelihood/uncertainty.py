@@ -1,4 +1,4 @@
-"""How well the parameters are known: covariance, coloured residuals, near-null directions, whiteness."""
+"""How well the parameters are known: covariance, near-null directions, whiteness."""
 
 from __future__ import annotations
 
@@ -96,46 +96,6 @@ def identifiability(triangle: FloatArray, prior_std: FloatArray, names: Sequence
             directions.append(NearNull(weights, float(value)))
     condition = float(1.0 / relative[-1]) if relative[-1] > 0 else float("inf")
     return Identifiability(condition, tuple(directions))
-
-
-def coloured_covariance(
-    covariance: FloatArray, sensitivity: Sequence[FloatArray], residual: Sequence[FloatArray], reach: int
-) -> FloatArray:
-    """Covariance corrected for coloured residuals (Morelli and Klein, J. Aircraft 34, 1997).
-
-    D [sum_i sum_j S_i' B^-1 R(i - j) B^-1 S_j] D with D the covariance for white residuals and R the
-    residuals' autocorrelation, estimated over all segments and tapered (Bartlett) to stay positive.
-
-    Args:
-        covariance: D, (p, p).
-        sensitivity: by segment, whitened, in all parameters, (n, n_outputs, p).
-        residual: by segment, whitened, zero in gaps, (n, n_outputs).
-        reach: longest lag, samples.
-    """
-    p = covariance.shape[0]
-    middle = np.zeros((p, p))
-    correlation = _autocorrelation(residual, reach)
-    for s in sensitivity:
-        for lag in range(min(reach, s.shape[0] - 1) + 1):
-            block = np.einsum(
-                "nap,ab,nbq->pq", s[: s.shape[0] - lag], correlation[lag], s[lag:], optimize=True
-            )
-            taper = 1.0 - lag / (reach + 1.0)
-            middle += taper * (block if lag == 0 else block + block.T)
-    return np.asarray(covariance @ middle @ covariance)
-
-
-def _autocorrelation(residual: Sequence[FloatArray], reach: int) -> FloatArray:
-    """R(lag), (reach + 1, n_outputs, n_outputs): mean of v(i) v(i + lag)' over all segments."""
-    n_outputs = residual[0].shape[1]
-    total = np.zeros((reach + 1, n_outputs, n_outputs))
-    seen = np.zeros((n_outputs, n_outputs))
-    for v in residual:
-        for lag in range(min(reach, v.shape[0] - 1) + 1):
-            total[lag] += v[: v.shape[0] - lag].T @ v[lag:]
-        measured = (v != 0).astype(float)
-        seen += np.sqrt(np.outer(measured.sum(axis=0), measured.sum(axis=0)))
-    return total / np.maximum(seen, 1.0)
 
 
 def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, ...]:

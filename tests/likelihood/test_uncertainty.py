@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from brv_hypo.likelihood.colour import coloured_covariance
 from brv_hypo.likelihood.problems import markov_noise
 from brv_hypo.likelihood.uncertainty import (
-    coloured_covariance,
     covariance_from_information,
     identifiability,
     whiteness,
@@ -23,7 +23,7 @@ def test_the_correction_of_a_mean_is_the_known_inflation(correlation: float) -> 
     sensitivity = [np.ones((n, 1, 1))] * 20
     white = np.array([[1.0 / (20 * n)]])
     got = (
-        coloured_covariance(white, sensitivity, [row[:, None] for row in noise], reach=100)[0, 0]
+        coloured_covariance(white, np.zeros(1), sensitivity, [row[:, None] for row in noise])[0, 0]
         / white[0, 0]
     )
     assert got == pytest.approx((1 + correlation) / (1 - correlation), rel=0.08)
