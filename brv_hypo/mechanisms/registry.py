@@ -31,7 +31,13 @@ def installed() -> Mapping[str, Installed]:
     """Every mechanism and record effect of every installed plugin, by name; loaded once."""
     manager = pluggy.PluginManager(hookspecs.PROJECT)
     manager.add_hookspecs(hookspecs)
-    manager.load_setuptools_entrypoints(hookspecs.ENTRY_POINT_GROUP)
+    try:
+        manager.load_setuptools_entrypoints(hookspecs.ENTRY_POINT_GROUP)
+    except Exception as error:  # whatever foreign code raises when it is imported
+        raise UsageError(
+            f"an installed plugin of the group '{hookspecs.ENTRY_POINT_GROUP}' cannot be loaded: "
+            f"{type(error).__name__}: {error}. Mend it or uninstall it."
+        ) from error
     found: dict[str, Installed] = {}
     for plugin, distribution in manager.list_plugin_distinfo():
         metadata = distribution.metadata

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -75,3 +76,36 @@ def test_an_incomplete_hypothesis_is_refused(text):
 def test_the_engine_does_not_import_the_plugins():
     code = "import sys, brv_hypo.mechanisms; sys.exit('brv_mechanisms' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def plugin(folder, name, code):
+    """An installed distribution of one module, found through its entry point."""
+    (folder / f"{name}.py").write_text(code)
+    metadata = folder / f"{name}-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[brv_hypo.mechanisms]\n{name} = {name}\n")
+
+
+def listing(folder):
+    paths = os.pathsep.join([str(folder), *(path for path in sys.path if path)])
+    command = [sys.executable, "-m", "brv_hypo", "mechanisms"]
+    return subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False
+    )
+
+
+def test_a_plugin_that_cannot_be_imported_is_a_readable_refusal(tmp_path):
+    plugin(tmp_path, "broken_plugin", "import no_such_module")
+    done = listing(tmp_path)
+    assert done.returncode == 2
+    assert "no_such_module" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_two_plugins_of_one_name_are_refused_and_both_named(tmp_path):
+    plugin(tmp_path, "second_lag", "from brv_mechanisms.lag import brv_hypo_mechanisms")
+    done = listing(tmp_path)
+    assert done.returncode == 2
+    assert "second_lag" in done.stderr
+    assert "brv-hypo" in done.stderr
