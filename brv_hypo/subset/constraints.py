@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -81,17 +81,17 @@ def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[i
 
 def build_constraints(
     candidates: Sequence[int],
-    settled: Iterable[int],
+    forced: Collection[int],
     n_columns: int,
     groups: Groups | None,
     parents: Parents | None,
 ) -> Constraints:
     """Translate rules on columns of X into rules on candidates.
 
-    ``settled`` columns (forced ones and those inside their span) count as present in every subset.
+    A column that is neither candidate nor forced (it lies in the forced span, so it adds nothing) holds
+    nobody back: as a parent it counts as present, in a group it is passed over.
     """
     position = {column: i for i, column in enumerate(candidates)}
-    settled_columns = set(settled)
     _check_range(constrained_columns(groups, parents), n_columns)
     m = len(candidates)
     requires = np.zeros((m, m), dtype=np.bool_)
@@ -101,7 +101,7 @@ def build_constraints(
         members = [position[c] for c in group.columns if c in position]
         if group.rule == "together":
             requires[np.ix_(members, members)] = True
-        elif any(c in settled_columns for c in group.columns):
+        elif any(c in forced for c in group.columns):
             possible[members] = False
         else:
             excludes[np.ix_(members, members)] = True

@@ -25,7 +25,7 @@ SPAN_TOLERANCE = 1e-12
 # Distance of two unit columns below which they are one column under two names.
 ALIAS_TOLERANCE = 1e-11
 # Smallest diagonal of the triangular factor of unit columns that counts as full rank.
-RANK_TOLERANCE = 1e-13
+RANK_TOLERANCE = 4e-12
 
 
 class Alias(NamedTuple):
@@ -104,12 +104,11 @@ def build_frame(
     singular = np.linalg.svd(R, compute_uv=False) if free.size else np.ones(1)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if free.size else 0
     condition = float(singular[0] / singular[-1]) if rank == free.size else float("inf")
-    settled = {*forced_columns, *(a.column for a in aliases if set(dict(a.combination)) <= set(kept_forced))}
     return Frame(
         X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z,
         rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=condition,
         aliases=tuple(aliases),
-        constraints=build_constraints(free.tolist(), settled, X64.shape[1], groups, parents),
+        constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
     )  # fmt: skip
 
 

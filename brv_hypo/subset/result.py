@@ -34,17 +34,18 @@ class Subset:
 class Certificate:
     """What the search has proved.
 
-    ``exact``: no allowed subset of a returned size beats the returned ones. ``gap``: where the time limit
-    struck, the largest relative amount, over the sizes, by which the best RSS could still be too high (0.0
-    when exact). ``margin``: relative allowance for rounding with which branches were cut. ``nodes``: nodes
-    visited. ``kernel``: ``numpy`` or ``numba``, ``schur`` or ``givens``. ``status`` says in words how it
-    ended.
+    ``exact``: no allowed subset of a returned size beats the returned ones. ``gaps``: where the time limit
+    struck, by how much, relatively, the RSS of size 1, 2, ... may still be too high (0.0 where that size is
+    proved); ``gap`` is the largest. ``margin``: relative allowance for rounding with which branches were
+    cut. ``nodes``: nodes visited. ``kernel``: ``numpy`` or ``numba``, ``schur`` or ``givens``. ``condition``:
+    of the scaled candidates. ``status`` says in words how it ended.
     """
 
     exact: bool
     nodes: int
     margin: float
     gap: float
+    gaps: tuple[float, ...]
     seconds: float
     kernel: str
     condition: float

@@ -59,20 +59,19 @@ def search(board: Board, effort: Effort) -> Certificate:
     if left and time.perf_counter() < deadline:
         # Imported here: numba takes longer to import than most searches take to finish.
         if not _kernel_in_memory():
-            _tell(
-                effort, "loading the compiled search kernel; the first time on an installation it is compiled"
-            )
+            _tell(effort, "loading the compiled search kernel; the first time ever it has to be compiled")
         from brv_hypo.subset.workers import search_compiled
 
         engine = "numba"
         more, left = search_compiled(board, left, triangular, effort, deadline)
         nodes += more
-    gap = proved_gap(board, left)
+    gaps = proved_gaps(board, left)
     return Certificate(
         exact=not left,
         nodes=nodes,
         margin=board.margin,
-        gap=gap,
+        gap=max(gaps, default=0.0),
+        gaps=gaps,
         seconds=time.perf_counter() - effort.started,
         kernel=f"{engine}-{'givens' if triangular else 'schur'}",
         condition=board.frame.condition,
@@ -127,8 +126,8 @@ def _tell(effort: Effort, sentence: str) -> None:
         effort.inform(sentence)
 
 
-def proved_gap(board: Board, left: Sequence[OpenSubtree]) -> float:
-    """Largest relative amount, over the sizes, by which the best residual may still be too high."""
+def proved_gaps(board: Board, left: Sequence[OpenSubtree]) -> tuple[float, ...]:
+    """Relative amount by which the best residual of size 1, 2, ... may still be too high."""
     lowest = np.full(board.max_size + 1, np.inf)
     for subtree in left:
         piece = make_piece(board.frame, subtree.included, subtree.undecided)
@@ -138,12 +137,14 @@ def proved_gap(board: Board, left: Sequence[OpenSubtree]) -> float:
             lowest[sizes.start : sizes.start + least.size] = np.minimum(
                 lowest[sizes.start : sizes.start + least.size], least
             )
-    gap = 0.0
-    for size in range(1, board.max_size + 1):
-        if np.isfinite(lowest[size]) and board.limits[size] != CLOSED:
-            worst = board.worst(size)
-            gap = max(gap, 1.0 - lowest[size] / worst if board.full(size) and worst > 0.0 else 1.0)
-    return gap
+    return tuple(_gap(board, size, float(lowest[size])) for size in range(1, board.max_size + 1))
+
+
+def _gap(board: Board, size: int, lowest: float) -> float:
+    worst = board.worst(size)
+    if not np.isfinite(lowest) or board.limits[size] == CLOSED or lowest > board.limits[size]:
+        return 0.0
+    return max(0.0, 1.0 - lowest / worst) if board.full(size) and worst > 0.0 else 1.0
 
 
 def _least_residuals(piece: Piece) -> FloatArray:

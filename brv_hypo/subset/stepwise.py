@@ -61,7 +61,7 @@ def stepwise(
         board.offer(subset)
         steps += 1
     certificate = Certificate(
-        exact=False, nodes=steps, margin=0.0, gap=float("inf"), seconds=time.perf_counter() - started,
+        exact=False, nodes=steps, margin=0.0, gap=float("inf"), gaps=(float("inf"),) * board.max_size, seconds=time.perf_counter() - started,
         kernel="efroymson", condition=frame.condition,
         status="stepwise: nothing is proved; compare with best_subsets",
     )  # fmt: skip
