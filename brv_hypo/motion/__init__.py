@@ -1,11 +1,11 @@
 """Motion relative to the wind, and moments, from a flight record.
 
-    reconstruct(flight, config) -> Reconstruction     pipeline.py
-        gyros to attitude, accelerometers to c.g.     inertial.py
-        the crossflow: joint, velocity, rates, polar  methods/
-        Euler's equations inverted                    moments.py
-    write_motion(reconstruction, path)                store.py
-    Motion: what a mechanism may know                 motion.py, history.py, frames.py
+reconstruct(flight, config) -> Reconstruction     pipeline.py
+    gyros to attitude, accelerometers to c.g.     inertial.py
+    the crossflow: joint, velocity, rates, polar  methods/
+    Euler's equations inverted                    moments.py
+write_motion(reconstruction, path)                store.py
+Motion: what a mechanism may know                 motion.py, history.py, frames.py
 """
 
 from brv_hypo.motion.config import ReconstructionConfig

@@ -12,7 +12,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 
 _ORDERS = (2, 4, 6)
 # Squared bias is weighed so much against variance: later statistics know the variance, but not the bias.
-_BIAS_COUNTS = 4.0
+_BIAS_COUNTS = 16.0
 _PAST_VALLEY = 3.0
 # Standard errors by which the bias against a noisy reference must show, and how far its noise is correlated.
 _DOUBT = 4.0

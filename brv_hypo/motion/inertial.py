@@ -22,11 +22,11 @@ class InertialRecord:
     """A flight, integrated; transverse pairs are y + i z, arrays are over time (n,).
 
     `roll` rad, the integral of p; `attitude` (n, 3, 3) turns body axes into those of the first sample;
-    `transverse_rate` q + i r, smoothed, and `spin_rate` its derivative with the filter's error
-    (`Derivative`, of the rate in the axes that turn with (1 - Ix/I) of the roll); `force` (n, 3) specific
-    force at the c.g. in body axes, m/s^2; `measured` where the instruments were read, not bridged;
-    `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise; `force_sigma` (n,) m/s^2 that of the transverse
-    force once moved to the c.g.
+    `transverse_rate` q + i r rad/s, smoothed, and `rate_change` its derivative, rad/s^2; `spin_rate` is the
+    filter's work on (q + i r) exp(i `spin_angle`), `spin_angle` being (1 - Ix/I) of the roll, where spin
+    coupling drops out; `force` (n, 3) m/s^2 the specific force at the c.g. in body axes; `measured` where
+    the instruments were read, not bridged; `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise;
+    `force_sigma` (n,) m/s^2 that of the transverse force once moved to the c.g.
     """
 
     flight: Flight

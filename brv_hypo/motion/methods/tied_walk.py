@@ -27,6 +27,7 @@ from brv_hypo.motion.wind import (
 _MOST_STEPS = 15
 # Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
 _CONVERGED = 1e-2
+# Possible sizes of the instruments' errors, as shares of the largest expected, and how likely each is.
 _LEVELS = (1.0, 0.1, 0.01, 0.001)
 _LEVEL_WEIGHTS = (0.2, 0.2, 0.2, 0.4)
 # Three parts each of gravity and gyro bias, two of accelerometer bias.
@@ -59,13 +60,12 @@ class TiedFit:
         projected = self.response * (self.turn * np.conj(along))[:, None]
         radial = np.einsum("nk,kl,nl->n", projected.real, self.covariance, projected.real)
         tangential = np.einsum("nk,kl,nl->n", projected.imag, self.covariance, projected.imag)
-        return np.sqrt(self.wander**2 + np.maximum(radial, 0.0)), np.sqrt(
-            self.wander**2 + np.maximum(tangential, 0.0)
-        )
+        radial, tangential = (self.wander**2 + np.maximum(part, 0.0) for part in (radial, tangential))
+        return np.sqrt(radial), np.sqrt(tangential)
 
 
 class TiedWalk:
-    """What stays the same over the iterations."""
+    """The problem of one record; its attributes are what stays the same over ties and iterations."""
 
     def __init__(self, record: InertialRecord, config: ReconstructionConfig) -> None:
         self.record = record
