@@ -11,7 +11,7 @@ from rich.text import Text
 
 from brv_hypo.ranking.result import Comparison, RankedHypothesis, TermEstimate, Verdict
 from brv_hypo.report import rows
-from brv_hypo.report.style import bullets, number, plain_table, warning_list
+from brv_hypo.report.style import NOT_A_NUMBER, bullets, plain_table, warning_list
 
 
 def comparison_view(comparison: Comparison, *, verbose: bool = False) -> RenderableType:
@@ -57,6 +57,7 @@ def _details(comparison: Comparison) -> Iterable[RenderableType]:
     yield from term_table("baseline, fitted along with every hypothesis", comparison.baseline.terms)
     for hypothesis in comparison.ranking:
         yield from hypothesis_tables(hypothesis)
+    yield from criteria_table(comparison)
     yield bullets(rows.note_texts(comparison), "Notes")
     seconds = comparison.seconds
     yield Text(
@@ -72,9 +73,6 @@ def hypothesis_tables(hypothesis: RankedHypothesis) -> Iterable[RenderableType]:
         yield from term_table(hypothesis.mechanism, hypothesis.terms)
     for line in rows.derived_texts(hypothesis.derived):
         yield Text(f"  {line}")
-    if hypothesis.criteria:
-        criteria = (f"{name} {number(value, 4)}" for name, value in hypothesis.criteria.items())
-        yield Text("  " + ", ".join(criteria), "dim")
     if hypothesis.ml is not None:
         fit = hypothesis.ml
         heading = f"{hypothesis.mechanism} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
@@ -83,10 +81,26 @@ def hypothesis_tables(hypothesis: RankedHypothesis) -> Iterable[RenderableType]:
             yield Text(f"  {fit.message}", "dim")
 
 
-def term_table(title: str, terms: Sequence[TermEstimate]) -> Iterable[RenderableType]:
-    """One row for each coefficient with its sigma, F, unit, region and delay."""
+def criteria_table(comparison: Comparison) -> Iterable[RenderableType]:
+    """The report's criteria and others (rows) of every hypothesis (columns)."""
     table = plain_table()
-    _add_columns(table, rows.TERM_HEADINGS)
-    for row in rows.term_rows(terms):
-        table.add_row(*row)
+    lines = rows.criteria_rows(comparison)
+    if not lines:
+        return
+    table.add_column("criterion", no_wrap=True)
+    for hypothesis in comparison.ranking:
+        table.add_column(hypothesis.mechanism, justify="right", no_wrap=True)
+    for line in lines:
+        table.add_row(*line)
+    yield from (Text("\ncriteria in whitened rates", "bold"), table)
+
+
+def term_table(title: str, terms: Sequence[TermEstimate]) -> Iterable[RenderableType]:
+    """One row for each coefficient with its sigma, F, unit, region and delay, where any has one."""
+    table = plain_table()
+    lines = rows.term_rows(terms)
+    shown = [i for i in range(len(rows.TERM_HEADINGS)) if any(line[i] != NOT_A_NUMBER for line in lines)]
+    _add_columns(table, [rows.TERM_HEADINGS[i] for i in shown])
+    for line in lines:
+        table.add_row(*(line[i] for i in shown))
     return (Text(f"\n{title}", "bold"), table)

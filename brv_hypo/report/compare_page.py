@@ -29,6 +29,8 @@ def comparison_page(comparison: Comparison) -> str:
         which = f": {flight.title or flight.path}" if len(comparison.flights) > 1 else ""
         blocks.extend(_histories(series, leading(comparison), which))
     blocks.extend(Block(f"Terms of {row.mechanism}", _terms(row)) for row in comparison.ranking if row.terms)
+    headings = ("criterion", *(row.mechanism for row in comparison.ranking))
+    blocks.append(Block("Criteria, in whitened rates", table(headings, rows.criteria_rows(comparison))))
     blocks.append(Block("Notes", bullets(rows.note_texts(comparison))))
     subtitle = "; ".join(rows.flight_texts(comparison))
     return page(f"Mechanisms compared: {names}", subtitle, comparison.verdict.reason, blocks)

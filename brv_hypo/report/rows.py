@@ -10,20 +10,23 @@ from brv_hypo.ranking.result import Comparison, DerivedEstimate, TermEstimate
 from brv_hypo.report.style import interval, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
-TEXT_COLUMNS = ("mechanism", "term", "plane", "unit")
+TEXT_COLUMNS = ("mechanism", "criterion", "term", "plane", "unit")
 TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "delay, s")
 _PLANES = {"in-plane": "in", "out-of-plane": "out"}
 
 
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """One row for each hypothesis, likeliest first; "of none" is the held-out error over that of `none`."""
+    """One row for each hypothesis, likeliest first.
+
+    "of none" is the held-out error over that of `none`; "6+" terms says that more would have entered.
+    """
     return [
         (
             str(row.rank),
             row.mechanism,
-            "failed" if row.status == "failed" else str(row.n_terms),
+            str(row.n_terms) + ("+" if row.status == "term limit" else ""),
             number(row.f_ratio),
-            number(row.cp, 4),
+            number(row.cp),
             number(row.prediction_error),
             share(row.prediction_ratio),
             f"{row.r2:.4f}",
@@ -53,6 +56,12 @@ def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
         )
         for term in terms
     ]
+
+
+def criteria_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """One row for each criterion: its name, then its value for each hypothesis, as they are ranked."""
+    names = dict.fromkeys(name for row in comparison.ranking for name in row.criteria)
+    return [(name, *(number(row.criteria.get(name), 4) for row in comparison.ranking)) for name in names]
 
 
 def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
