@@ -144,15 +144,14 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     found = []
     end = float(fit.frame.time.max())
     for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
-        if parameter.kind == "theta":
-            found.append(
-                DerivedEstimate(
-                    name=f"{parameter.mechanism} {parameter.name}",
-                    value=parameter.value,
-                    std_error=sigma,
-                    units="s",
-                )
+        found.append(
+            DerivedEstimate(
+                name=f"{parameter.mechanism} {parameter.name}",
+                value=parameter.value,
+                std_error=sigma,
+                units="s",
             )
+        )
     vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.tied:

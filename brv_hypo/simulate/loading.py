@@ -20,12 +20,12 @@ _HOMES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
 ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
 
 
-def config_names() -> tuple[str, ...]:
-    """Names of the configurations that come with the program."""
-    return tuple(sorted({file.stem for home in _HOMES for file in home.glob("*.yaml")}))
+def config_names(folder: str = "") -> tuple[str, ...]:
+    """Names of the configurations that come with the program; `folder` holds those of another kind."""
+    return tuple(sorted({file.stem for home in _HOMES for file in (home / folder).glob("*.yaml")}))
 
 
-def config_path(name: str | Path) -> Path:
+def config_path(name: str | Path, folder: str = "") -> Path:
     """The file of a configuration: an existing path, or a name of `config_names` with or without `.yaml`.
 
     Raises UsageError with the nearest names.
@@ -33,15 +33,12 @@ def config_path(name: str | Path) -> Path:
     if Path(name).is_file():
         return Path(name)
     for home in _HOMES:
-        for candidate in (home / Path(name), home / f"{name}.yaml"):
+        for candidate in (home / folder / Path(name), home / folder / f"{name}.yaml"):
             if candidate.is_file():
                 return candidate
-    near = difflib.get_close_matches(Path(name).stem, config_names(), n=2, cutoff=0.4)
-    hint = (
-        f"did you mean {' or '.join(near)}?"
-        if near
-        else f"those that come along: {', '.join(config_names())}."
-    )
+    known = config_names(folder)
+    near = difflib.get_close_matches(Path(name).stem, known, n=2, cutoff=0.4)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"those that come along: {', '.join(known)}."
     raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")
 
 

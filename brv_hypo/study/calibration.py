@@ -1,0 +1,95 @@
+"""Do verdicts given at 0.9 turn out right nine times in ten?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp
+
+from brv_hypo.ranking.summary import TEMPERATURE
+from brv_hypo.study.outcome import Outcome
+from brv_hypo.study.shares import Share, Statistic, share
+
+EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)
+TEMPERATURES = (0.05, 500.0)
+
+
+class CalibrationBin(Statistic):
+    """Flights whose leader's probability lies in [low, high); the last bin holds its upper end."""
+
+    low: float
+    high: float
+    mean_probability: float | None
+    right: Share
+
+
+class Calibration(Statistic):
+    """How far the probabilities can be believed.
+
+    `brier`: mean over flights of sum over hypotheses of (probability - truth)^2 (Brier 1950); `log_loss`:
+    mean of -ln of the true hypothesis's probability at `temperature`. `best_temperature` would make that
+    least, `best_log_loss`; None where no flight tells.
+    """
+
+    flights: int
+    bins: tuple[CalibrationBin, ...]
+    brier: float | None
+    temperature: float
+    log_loss: float | None
+    best_temperature: float | None
+    best_log_loss: float | None
+
+
+def calibration(outcomes: Sequence[Outcome]) -> Calibration:
+    """Calibration over the flights whose planted hypothesis was among those compared."""
+    judged = [outcome for outcome in outcomes if outcome.planted in outcome.probability]
+    best = best_temperature(judged)
+    return Calibration(
+        flights=len(judged),
+        bins=tuple(_bin(judged, low, high) for low, high in pairwise(EDGES)),
+        brier=float(np.mean([_brier(outcome) for outcome in judged])) if judged else None,
+        temperature=TEMPERATURE,
+        log_loss=log_loss(judged, TEMPERATURE) if judged else None,
+        best_temperature=best,
+        best_log_loss=None if best is None else log_loss(judged, best),
+    )
+
+
+def log_loss(outcomes: Sequence[Outcome], temperature: float) -> float:
+    """Mean of -ln p(planted), the probabilities taken anew from the information criteria."""
+    return float(np.mean([_log_loss(o.information, o.planted, temperature) for o in outcomes]))
+
+
+def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
+    """The temperature of least log loss, between the ends of TEMPERATURES; None without flights."""
+    if not outcomes:
+        return None
+    found = minimize_scalar(
+        lambda logarithm: log_loss(outcomes, float(np.exp(logarithm))),
+        bounds=tuple(np.log(TEMPERATURES)),
+        method="bounded",
+    )
+    return float(np.exp(found.x))
+
+
+def _log_loss(information: Mapping[str, float], planted: str, temperature: float) -> float:
+    weights = -0.5 * np.array(list(information.values())) / temperature
+    return float(logsumexp(weights) + 0.5 * information[planted] / temperature)
+
+
+def _brier(outcome: Outcome) -> float:
+    return sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items())
+
+
+def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin:
+    leaders = [(max(outcome.probability.values()), outcome.right) for outcome in outcomes]
+    inside = [(p, right) for p, right in leaders if low <= p < high or p == high == EDGES[-1]]
+    return CalibrationBin(
+        low=low,
+        high=high,
+        mean_probability=float(np.mean([p for p, _ in inside])) if inside else None,
+        right=share(sum(right for _, right in inside), len(inside)),
+    )

@@ -1,0 +1,71 @@
+"""What a study flies: the schema of `configs/studies/*.yaml`. SI and radians throughout."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field
+
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.settings import read_settings
+from brv_hypo.simulate.config import Positive, Section
+from brv_hypo.simulate.loading import config_path
+
+NONE = "none"
+HOME = "studies"
+
+
+def _in_order(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] > span[1]:
+        raise ValueError("the lower end comes first")
+    return span
+
+
+Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
+PositiveSpan = Annotated[tuple[Positive, Positive], AfterValidator(_in_order)]
+
+
+class DrawsConfig(Section):
+    """Ranges from which every flight draws. Factors multiply the vehicle's own values, log-uniformly.
+
+    `size` multiplies the planted coefficients, `delay` the planted delays and other nonlinear parameters,
+    `gyro_noise` the gyros' standard deviation. `onset_shift` s moves the planted regions, uniformly.
+    `windward_meridian` rad is the meridian at the start, uniform.
+    """
+
+    size: PositiveSpan = (0.15, 1.2)
+    delay: PositiveSpan = (0.8, 1.25)
+    onset_shift: Span = (-0.5, 0.5)
+    alpha: PositiveSpan = (0.8, 1.25)
+    roll_rate: PositiveSpan = (0.8, 1.25)
+    windward_meridian: Span = (-math.pi, math.pi)
+    gyro_noise: PositiveSpan = (1.0, 1.0)
+
+
+class StudyConfig(Section):
+    """A study: `flights` for each vehicle and each entry of `planted`.
+
+    `vehicles` are simulation configurations; `planted` names sets of their `plantable` block, a plus joining
+    several, or `none`. `sample_rate` Hz replaces the vehicles' own. Planted effects below
+    `visible_effect` (part of the moment's rms) are counted apart. `compare` holds the settings of `compare`.
+    """
+
+    title: str = "study"
+    vehicles: tuple[str, ...] = Field(min_length=1)
+    planted: tuple[str, ...] = Field(min_length=1)
+    flights: Annotated[int, Field(ge=1)] = 10
+    seed: Annotated[int, Field(ge=0)] = 1
+    draws: DrawsConfig = DrawsConfig()
+    sample_rate: Positive | None = None
+    visible_effect: Positive = 0.05
+    compare: CompareConfig = CompareConfig()
+
+
+def read_study(source: str | Path, **overrides: Any) -> StudyConfig:
+    """The study of a YAML file, or of the name of one that comes along, with `overrides` set over it.
+
+    Raises UsageError that names each wrong setting, what it holds and what is expected.
+    """
+    return read_settings(StudyConfig, config_path(source, HOME), **overrides)

@@ -1,0 +1,108 @@
+"""The flights of a study: every one draws from a seed of its own, so that a study may grow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from brv_hypo.simulate import SimulationConfig, load_config
+from brv_hypo.simulate.config import PlantedConfig, Section
+from brv_hypo.study.config import NONE, StudyConfig
+
+
+class Draw(Section):
+    """What one flight drew; `DrawsConfig` says what each number is. `seed` is of its instruments' noise."""
+
+    vehicle: str
+    planted: str
+    repeat: int
+    seed: int
+    size: float
+    delay: float
+    onset_shift: float
+    alpha: float
+    roll_rate: float
+    windward_meridian: float
+    gyro_noise: float
+
+    @property
+    def key(self) -> str:
+        """The flight's name within its study."""
+        return f"{self.vehicle}/{self.planted}/{self.repeat}"
+
+
+def draws(study: StudyConfig) -> tuple[Draw, ...]:
+    """Every flight of the study, all vehicles and mechanisms once before any comes a second time."""
+    return tuple(
+        _draw(study, (vehicle, planted, repeat))
+        for repeat in range(study.flights)
+        for vehicle in range(len(study.vehicles))
+        for planted in range(len(study.planted))
+    )
+
+
+def _draw(study: StudyConfig, place: tuple[int, int, int]) -> Draw:
+    vehicle, planted, repeat = place
+    random = np.random.default_rng([study.seed, *place])
+    ranges = study.draws
+
+    def factor(span: tuple[float, float]) -> float:
+        return float(np.exp(random.uniform(*np.log(span))))
+
+    return Draw(
+        vehicle=Path(study.vehicles[vehicle]).stem,
+        planted=study.planted[planted],
+        repeat=repeat,
+        seed=int(random.integers(2**31)),
+        size=factor(ranges.size),
+        delay=factor(ranges.delay),
+        onset_shift=float(random.uniform(*ranges.onset_shift)),
+        alpha=factor(ranges.alpha),
+        roll_rate=factor(ranges.roll_rate),
+        windward_meridian=float(random.uniform(*ranges.windward_meridian)),
+        gyro_noise=factor(ranges.gyro_noise),
+    )
+
+
+def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
+    """The flight that was drawn; raises UsageError where a vehicle cannot plant what is asked."""
+    source = next(vehicle for vehicle in study.vehicles if Path(vehicle).stem == draw.vehicle)
+    chosen = () if draw.planted == NONE else tuple(draw.planted.split("+"))
+    config = load_config(source, plant=chosen)
+    start, gyro = config.start, config.instruments.gyro
+    rate = study.sample_rate or config.sample_rate
+    return config.model_copy(
+        update={
+            "sample_rate": rate,
+            "step": 1.0 / (rate * max(1, round(1.0 / (rate * config.step)))),
+            "start": start.model_copy(
+                update={
+                    "alpha": start.alpha * draw.alpha,
+                    "roll_rate": start.roll_rate * draw.roll_rate,
+                    "windward_meridian": draw.windward_meridian,
+                }
+            ),
+            "instruments": config.instruments.model_copy(
+                update={"gyro": gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})}
+            ),
+            "mechanisms": tuple(_resized(entry, draw) for entry in config.mechanisms),
+        }
+    )
+
+
+def _resized(entry: PlantedConfig, draw: Draw) -> PlantedConfig:
+    return entry.model_copy(
+        update={
+            "terms": {name: value * draw.size for name, value in entry.terms.items()},
+            "theta": {name: value * draw.delay for name, value in entry.theta.items()},
+            "start": None if entry.start is None else entry.start + draw.onset_shift,
+            "stop": None if entry.stop is None else entry.stop + draw.onset_shift,
+        }
+    )
+
+
+def check_plants(study: StudyConfig) -> None:
+    """Raise UsageError now for a vehicle or a planted set that does not exist."""
+    for draw in draws(study.model_copy(update={"flights": 1})):
+        flight_config(study, draw)

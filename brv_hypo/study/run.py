@@ -1,0 +1,50 @@
+"""`run_study`: every flight of a study, in parallel, each outcome kept at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from joblib import Parallel, delayed, parallel_config
+
+from brv_hypo.study.config import StudyConfig
+from brv_hypo.study.draws import Draw, check_plants, draws
+from brv_hypo.study.outcome import Outcome
+from brv_hypo.study.store import Store
+from brv_hypo.study.trial import fly
+
+Progress = Callable[[int, int, Outcome], None]
+
+
+def run_study(
+    study: StudyConfig,
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Outcome, ...]:
+    """Fly what `folder` does not hold yet; the outcomes of the whole study, in its order.
+
+    `jobs` processes at once (-1: one for each processor), each with one thread for linear algebra.
+    `progress` is called with flights done, flights in all and the latest outcome. A flight that fails is an
+    outcome with its reason. Raises UsageError for a vehicle or planted set that does not exist, and where
+    `folder` holds another study and `overwrite` is not set.
+    """
+    check_plants(study)
+    store = Store(Path(folder), study, overwrite=overwrite)
+    wanted = draws(study)
+    missing = [draw for draw in wanted if draw.key not in store.known()]
+    for done, outcome in enumerate(_flown(study, missing, jobs), start=len(wanted) - len(missing) + 1):
+        store.add(outcome)
+        if progress is not None:
+            progress(done, len(wanted), outcome)
+    known = store.known()
+    return tuple(known[draw.key] for draw in wanted)
+
+
+def _flown(study: StudyConfig, wanted: Sequence[Draw], jobs: int) -> Iterator[Outcome]:
+    """Outcomes as they come."""
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+        yield from parallel(delayed(fly)(study, draw) for draw in wanted)
