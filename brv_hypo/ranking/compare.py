@@ -10,8 +10,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.design.baseline import PitchDamping, StaticMoment
-from brv_hypo.design.columns import default_knots
-from brv_hypo.design.frame import RateFrame, build_frame
+from brv_hypo.design.columns import default_knots, theta_grid
+from brv_hypo.design.frame import RateFrame, build_frame, checked_terms
 from brv_hypo.design.whitening import fit_noise
 from brv_hypo.errors import MechanismError, UnanswerableError
 from brv_hypo.flight.record import Flight
@@ -58,14 +58,12 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
     say("reconstructing the motion")
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
     reconstructed = clock.perf_counter()
+    hypotheses, warnings = answerable(reconstructions, hypotheses)
     task = prepare(reconstructions, hypotheses, config)
-    fits, warnings = [], []
+    fits = []
     for name, mechanisms in hypotheses.items():
         say(f"fitting {name}")
-        try:
-            fits.append(fit_hypothesis(task, name, mechanisms))
-        except MechanismError as error:
-            warnings.append(f"{name} is left out: {error}")
+        fits.append(fit_hypothesis(task, name, mechanisms))
     task, fits = settle_noise(task, fits)
     say("predicting held-out blocks")
     errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
@@ -75,6 +73,23 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
         reconstruct=reconstructed - begun, select=selected - reconstructed, ml=0.0, total=selected - begun
     )
     return summarise(task, fits, errors, criteria, seconds, warnings)
+
+
+def answerable(
+    reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
+) -> tuple[Hypotheses, tuple[str, ...]]:
+    """The hypotheses whose terms exist on these flights, and why the others are left out."""
+    kept: Hypotheses = {}
+    warnings = []
+    for name, mechanisms in hypotheses.items():
+        try:
+            for mechanism in mechanisms:
+                for reconstruction in reconstructions:
+                    checked_terms(mechanism, reconstruction.motion, theta_grid(mechanism)[0])
+            kept[name] = mechanisms
+        except MechanismError as error:
+            warnings.append(f"{name} is left out: {error}")
+    return kept, tuple(warnings)
 
 
 def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, config: CompareConfig) -> Task:

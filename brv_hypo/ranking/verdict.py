@@ -70,8 +70,7 @@ def judge(scores: Sequence[Score], temperature: float) -> Verdict:
 def _won(leader: Score, rivals: Sequence[Score], chance: float) -> str:
     if leader.name == "none":
         return (
-            "No mechanism is needed: the baseline alone explains the moments "
-            f"(probability {_share(chance)})."
+            f"No mechanism is needed: the baseline alone explains the moments (probability {_share(chance)})."
         )
     null = next((score for score in rivals if score.name == "none"), None)
     ratio = (

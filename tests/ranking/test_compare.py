@@ -1,0 +1,146 @@
+"""Comparisons of records as they come: measured, short, without the channel that a mechanism needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight import load_flight
+from brv_hypo.mechanisms import Mechanism, Term
+from brv_hypo.motion.motion import Motion
+from brv_hypo.ranking import CompareConfig, compare, read_compare_config
+from brv_hypo.simulate import simulate
+from tests.shared_data import shared_file
+
+
+def test_the_measured_entry_of_opportunity() -> None:
+    """8 Hz, Martian, inertia up to a factor: a moment fixed in the body, with warnings."""
+    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    comparison = compare([flight], CompareConfig(mechanisms=("lag", "bodyfixed")))
+    assert comparison.ranking[0].mechanism == "bodyfixed"
+    assert comparison.ranking[0].prediction_ratio < 0.5
+    assert any("8 Hz" in warning for warning in comparison.reconstruction.warnings)
+    assert comparison.flights[0].samples == 1283
+
+
+def test_json_carries_the_keys_of_the_contract() -> None:
+    comparison = compare(
+        [simulate("research_cone", seed=61).flight], CompareConfig(mechanisms=("bodyfixed",))
+    )
+    content = comparison.model_dump(mode="json", by_alias=True)
+    assert content["schema"] == "brv-hypo/compare/1"
+    assert set(content) >= {"flights", "reconstruction", "baseline", "ranking", "verdict", "seconds"}
+    row = content["ranking"][0]
+    keys = {
+        "rank",
+        "mechanism",
+        "f_ratio",
+        "cp",
+        "prediction_error",
+        "r2",
+        "bic",
+        "log_likelihood",
+        "n_terms",
+        "n_effective",
+        "terms",
+        "ml",
+    }
+    assert set(row) >= keys
+    term = content["baseline"]["terms"][0]
+    assert set(term) == {
+        "name",
+        "mechanism",
+        "channel",
+        "value",
+        "std_error",
+        "f_ratio",
+        "units",
+        "region_s",
+        "delay_s",
+    }
+    assert set(content["verdict"]) == {"winner", "equivalent", "probability", "reason"}
+    assert set(content["seconds"]) == {"reconstruct", "select", "ml", "total"}
+
+
+def test_the_seven_criteria_agree_with_their_definitions() -> None:
+    comparison = compare([simulate("research_cone", seed=62).flight], CompareConfig(mechanisms=("damping",)))
+    for row in comparison.ranking:
+        criteria = row.criteria
+        assert set(criteria) >= {
+            "rss",
+            "adjusted_rss",
+            "prediction_error",
+            "cp",
+            "f_ratio",
+            "expected_variance",
+            "press",
+        }
+        assert criteria["press"] > criteria["rss"]
+        assert criteria["adjusted_rss"] > 0.0
+    full = next(row for row in comparison.ranking if row.mechanism == "damping")
+    assert full.cp == pytest.approx(len(comparison.baseline.terms) + full.n_terms, abs=1.0)
+
+
+def test_too_short_a_window_cannot_answer() -> None:
+    flight = simulate("research_cone", seed=63).flight.window(0.0, 0.2)
+    with pytest.raises(UnanswerableError, match="--start and --stop"):
+        compare([flight])
+
+
+def test_an_unknown_mechanism_names_the_nearest() -> None:
+    with pytest.raises(UsageError, match="sticking"):
+        compare([simulate("research_cone", seed=64).flight], CompareConfig(mechanisms=("stiking",)))
+
+
+class NeedsMach(Mechanism):
+    name = "needs_mach"
+    title = claims = source = "a mechanism for this test"
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        return (Term("C", motion.mach * motion.alpha, np.zeros_like(motion.alpha)),)
+
+
+def test_a_mechanism_without_its_channel_is_left_out_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    import importlib
+
+    module = importlib.import_module("brv_hypo.ranking.compare")
+    known = module.parse_hypothesis
+
+    def parse(name: str, options: object = None) -> tuple[Mechanism, ...]:
+        return (NeedsMach(),) if name == "needs_mach" else known(name, options)
+
+    monkeypatch.setattr(module, "parse_hypothesis", parse)
+    flight = replace(simulate("research_cone", seed=65).flight, mach=None, altitude=None, planet="mars")
+    comparison = compare([flight], CompareConfig(mechanisms=("needs_mach", "damping")))
+    assert [row.mechanism for row in comparison.ranking] == ["none", "damping"]
+    assert any("needs_mach is left out" in warning for warning in comparison.warnings)
+
+
+def test_gaps_cost_samples_but_not_the_verdict() -> None:
+    flight = simulate("research_cone", seed=66, plant=("sticking",)).flight
+    n = flight.samples
+    cut = replace(flight, segments=((0, 300), (330, 700), (720, n)))
+    comparison = compare([cut], CompareConfig(mechanisms=("sticking", "bodyfixed")))
+    assert comparison.ranking[0].mechanism == "sticking"
+    assert comparison.ranking[0].n_effective < 2 * n
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("knot_cuont: 3", "knot_count"),
+        ("max_terms: 0", "max_terms"),
+        ("- a list", "mapping"),
+        ("{", "not YAML"),
+    ],
+)
+def test_bad_configurations_are_usage_errors(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(UsageError, match=message):
+        read_compare_config(path)

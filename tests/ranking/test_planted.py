@@ -1,0 +1,42 @@
+"""What is planted comes first, on every vehicle; where nothing is, nothing is needed."""
+
+from __future__ import annotations
+
+import pytest
+
+from brv_hypo.ranking import compare
+from brv_hypo.simulate import simulate
+
+VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
+MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None:
+    seed = 4000 + 10 * VEHICLES.index(vehicle) + MECHANISMS.index(mechanism)
+    comparison = compare([simulate(vehicle, seed=seed, plant=(mechanism,)).flight])
+    first = comparison.ranking[0]
+    assert first.mechanism == mechanism
+    assert sum(comparison.verdict.probability.values()) == pytest.approx(1.0)
+    assert first.prediction_ratio < 1.0
+    assert [row.rank for row in comparison.ranking] == list(range(1, 7))
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_none_stands_where_nothing_is_planted(vehicle: str) -> None:
+    comparison = compare([simulate(vehicle, seed=4100 + VEHICLES.index(vehicle)).flight])
+    assert "none" in comparison.verdict.equivalent
+    assert comparison.ranking[0].mechanism == "none"
+    assert comparison.ranking[0].f_ratio is None
+
+
+def test_two_flights_are_fitted_jointly() -> None:
+    flights = [simulate("research_cone", seed=seed, plant=("bodyfixed",)).flight for seed in (4200, 4201)]
+    comparison = compare(flights)
+    assert comparison.verdict.winner == "bodyfixed"
+    assert len(comparison.flights) == 2
+    assert len(comparison.series) == 2
+    alone = compare(flights[:1]).ranking[0]
+    pairs = zip(comparison.ranking[0].terms, alone.terms, strict=False)
+    assert all(joint.std_error < single.std_error for joint, single in pairs)
