@@ -9,12 +9,18 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 
-REFINEMENTS = 4
+MOST_REFINEMENTS = 8
+# Condition number of the scaled columns from which the variances are refined too.
+REFINE_VARIANCES_FROM = 1e6
 
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """A least-squares fit. ``basis`` (n, k) is an orthonormal basis of the columns, ``residuals`` (n,)."""
+    """A least-squares fit of k columns to n rows.
+
+    ``basis`` (n, k) is an orthonormal basis of the columns, ``residuals`` (n,), ``inverse_diagonal`` (k,) the
+    diagonal of (X'X)^-1.
+    """
 
     coefficients: FloatArray
     rss: float
@@ -26,33 +32,53 @@ class LeastSquares:
 def least_squares(X: FloatArray, y: FloatArray) -> LeastSquares:
     """Fit y (n,) on the columns of X (n, k), to nearly the precision that the data allow.
 
-    Bjorck's refinement of the augmented system (Numer. Math. 7 (1967) 257): residual and gradient are
-    evaluated in extended precision (80 bits where the machine has them), the corrections in double.
+    Residuals and gradients are evaluated in extended precision (80 bits where the machine has them), the
+    corrections in double. The columns must be independent.
     """
-    k = X.shape[1]
+    n, k = X.shape
     if k == 0:
-        return LeastSquares(
-            np.empty(0), float(y @ y), y.astype(np.float64), np.empty((y.size, 0)), np.empty(0)
-        )
+        residuals = y.astype(np.float64)
+        return LeastSquares(np.empty(0), float(y @ y), residuals, np.empty((n, 0)), np.empty(0))
     scale = np.linalg.norm(X.astype(np.float64), axis=0)
-    scale[scale == 0.0] = 1.0
-    scale = np.exp2(np.round(np.log2(scale)))
+    scale = np.exp2(np.round(np.log2(np.where(scale > 0.0, scale, 1.0))))
     wide: Any = X.astype(np.longdouble) / scale
-    target: Any = y.astype(np.longdouble)
     Q, R = np.linalg.qr(wide.astype(np.float64))
-    inverse = np.linalg.solve(R, np.eye(k))
-    beta = np.zeros(k, dtype=np.longdouble)
-    r = np.zeros(target.size, dtype=np.longdouble)
-    for _ in range(REFINEMENTS):
-        f = (target - r - wide @ beta).astype(np.float64)
-        g = (-(wide.T @ r)).astype(np.float64)
-        h = inverse.T @ g
-        inside = Q.T @ f
-        beta = beta + inverse @ (inside - h)
-        r = r + f - Q @ (inside - h)
-    exact = target - wide @ beta
+    inverse = np.asarray(np.linalg.solve(R, np.eye(k)), dtype=np.float64)
+    target: Any = y.astype(np.longdouble)
+    beta = _augmented(wide, Q, inverse, target[:, None], np.zeros((k, 1)))[:, 0]
+    residuals = target - wide @ beta
+    if np.linalg.norm(R) * np.linalg.norm(inverse) > REFINE_VARIANCES_FROM:
+        variances = _augmented(wide, Q, inverse, np.zeros((n, k)), -np.eye(k)).diagonal()
+    else:
+        variances = np.sum(inverse**2, axis=1)
     return LeastSquares(
-        coefficients=(beta / scale).astype(np.float64), rss=float(exact @ exact),
-        residuals=exact.astype(np.float64), basis=Q,
-        inverse_diagonal=np.sum(inverse**2, axis=1) / scale**2,
-    )  # fmt: skip
+        coefficients=(beta / scale).astype(np.float64),
+        rss=float(residuals @ residuals),
+        residuals=residuals.astype(np.float64),
+        basis=Q,
+        inverse_diagonal=np.asarray(variances / scale**2, dtype=np.float64),
+    )
+
+
+def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) -> Any:
+    """Solve r + X b = f, X'r = g for b (k, m), refined until the corrections no longer shrink.
+
+    With (f, g) = (y, 0) b is the least-squares solution, with (0, -I) the inverse of X'X. Source: Bjorck,
+    Numer. Math. 7 (1967) 257.
+    """
+    beta = np.zeros((inverse.shape[0], f.shape[1]), dtype=np.longdouble)
+    r = np.zeros(f.shape, dtype=np.longdouble)
+    last = np.inf
+    for _ in range(MOST_REFINEMENTS):
+        left = (f - r - wide @ beta).astype(np.float64)
+        inside = Q.T @ left - inverse.T @ (g - wide.T @ r).astype(np.float64)
+        step = inverse @ inside
+        size = float(np.linalg.norm(step))
+        if size >= 0.5 * last:
+            break
+        beta = beta + step
+        r = r + left - Q @ inside
+        last = size
+        if size <= 1e-18 * float(np.linalg.norm(beta.astype(np.float64))):
+            break
+    return beta

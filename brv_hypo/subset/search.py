@@ -19,6 +19,8 @@ from brv_hypo.subset.tree_numpy import NumpyTree, StopSearchError
 
 # Scaled condition number above which Schur complements lose too many digits and triangular factors take over.
 SCHUR_CONDITION = 2e5
+# The same where Schur complements are asked for by name: beyond, their H has no digits left.
+SCHUR_BREAKDOWN = 1e7
 KERNELS = ("auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
 # Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs. Where
 # it is already in memory it takes over at once from larger problems.
@@ -80,9 +82,10 @@ def search(board: Board, effort: Effort) -> Certificate:
 
 
 def _triangular(pieces: Sequence[Piece], kernel: str) -> bool:
-    if kernel != "auto":
-        return kernel.endswith("givens")
-    return any(p.condition > SCHUR_CONDITION for p in pieces if not p.singular)
+    if kernel.endswith("givens"):
+        return True
+    limit = SCHUR_CONDITION if kernel == "auto" else SCHUR_BREAKDOWN
+    return any(p.condition > limit for p in pieces if not p.singular)
 
 
 def _search_numpy(

@@ -60,11 +60,18 @@ def stepwise(
     for subset in _path(frame, board.max_size, f_enter, f_remove):
         board.offer(subset)
         steps += 1
+    unproved = float("inf")
     certificate = Certificate(
-        exact=False, nodes=steps, margin=0.0, gap=float("inf"), gaps=(float("inf"),) * board.max_size, seconds=time.perf_counter() - started,
-        kernel="efroymson", condition=frame.condition,
+        exact=False,
+        nodes=steps,
+        margin=0.0,
+        gap=unproved,
+        gaps=(unproved,) * board.max_size,
+        seconds=time.perf_counter() - started,
+        kernel="efroymson",
+        condition=frame.condition,
         status="stepwise: nothing is proved; compare with best_subsets",
-    )  # fmt: skip
+    )
     return finisher.result(board, certificate)
 
 

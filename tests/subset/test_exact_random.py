@@ -78,10 +78,8 @@ def with_rules(problem: Problem, rng: np.random.Generator) -> Problem:
 
 
 def solve(problem: Problem, kernel: str) -> SubsetResult:
-    return best_subsets(
-        problem.X, problem.y, problem.max_terms, problem.forced, problem.n_best, problem.groups, problem.parents,
-        kernel=kernel,
-    )  # fmt: skip
+    p = problem
+    return best_subsets(p.X, p.y, p.max_terms, p.forced, p.n_best, p.groups, p.parents, kernel=kernel)
 
 
 def check(problem: Problem, result: SubsetResult) -> None:

@@ -1,0 +1,128 @@
+"""Time limits, progress, threads, start-up cost and refusals."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.subset import at_most_one, best_subsets, stepwise, together
+from brv_hypo.subset.problems import correlated_problem, spline_problem
+
+
+@pytest.fixture(scope="module")
+def splines() -> tuple[np.ndarray, np.ndarray]:
+    return spline_problem()
+
+
+@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+def test_time_limit_returns_the_best_so_far_and_a_true_gap(
+    splines: tuple[np.ndarray, np.ndarray], kernel: str
+) -> None:
+    best_subsets(*splines, 2, kernel=kernel)
+    cut = best_subsets(*splines, 9, time_limit_s=0.02, kernel=kernel)
+    exact = best_subsets(*splines, 9, kernel="numba-schur")
+    assert not cut.certificate.exact
+    assert "time limit" in cut.certificate.status
+    assert cut.certificate.gap == max(cut.certificate.gaps)
+    assert 0.0 < cut.certificate.gap < 1.0
+    for found, best, gap in zip(cut.subsets, exact.subsets, cut.certificate.gaps, strict=True):
+        assert found.rss * (1.0 - gap) <= best.rss * (1.0 + 1e-9)
+
+
+def test_threads_change_nothing_but_the_time(splines: tuple[np.ndarray, np.ndarray]) -> None:
+    one = best_subsets(*splines, 11, n_best=2, kernel="numba-schur")
+    two = best_subsets(*splines, 11, n_best=2, kernel="numba-schur", threads=2)
+    assert two.certificate.exact
+    assert [s.columns for s in one.subsets] == [s.columns for s in two.subsets]
+
+
+def test_progress_goes_from_nothing_to_all(splines: tuple[np.ndarray, np.ndarray]) -> None:
+    seen: list[tuple[float, int]] = []
+    best_subsets(*splines, 10, kernel="numba-schur", progress=lambda done, nodes: seen.append((done, nodes)))
+    assert len(seen) > 2
+    assert all(0.0 <= done <= 1.0 for done, _ in seen)
+    assert seen[-1][0] == 1.0
+    assert [nodes for _, nodes in seen] == sorted(nodes for _, nodes in seen)
+
+
+def test_kernels_agree_on_the_spline_problem(splines: tuple[np.ndarray, np.ndarray]) -> None:
+    answers = {
+        kernel: best_subsets(*splines, 6, n_best=2, kernel=kernel)
+        for kernel in ("auto", "numpy-schur", "numba-schur", "numba-givens")
+    }
+    reference = [s.columns for s in answers["auto"].subsets]
+    assert all([s.columns for s in r.subsets] == reference for r in answers.values())
+
+
+def test_all_sizes_of_forty_correlated_columns() -> None:
+    X, y = correlated_problem()
+    result = best_subsets(X, y, 39)
+    assert result.certificate.exact
+    assert [s.size for s in result.subsets] == list(range(1, 40))
+    assert np.all(np.diff([s.rss for s in result.subsets]) < 0.0)
+
+
+def test_importing_and_a_small_search_need_neither_numba_nor_scipy_stats() -> None:
+    code = (
+        "import sys, numpy as np\n"
+        "from brv_hypo.subset import best_subsets\n"
+        "rng = np.random.default_rng(0)\n"
+        "X = np.column_stack([np.ones(200), rng.standard_normal((200, 13))])\n"
+        "assert best_subsets(X, X[:, 3] + rng.standard_normal(200), 13).certificate.exact\n"
+        "print([m for m in ('numba', 'scipy.stats') if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_stepwise_moves_groups_and_parents_together() -> None:
+    rng = np.random.default_rng(2)
+    X = np.column_stack([np.ones(80), rng.standard_normal((80, 6))])
+    y = X[:, 3] + X[:, 5] + 0.2 * rng.standard_normal(80)
+    result = stepwise(X, y, 4, groups=[together(3, 4)], parents={5: 6})
+    assert not result.certificate.exact
+    assert {3, 4, 5, 6} == set(result.best(4).columns)
+
+
+def test_forced_columns_count_as_parents_and_fill_a_group() -> None:
+    rng = np.random.default_rng(4)
+    X = np.column_stack([np.ones(50), rng.standard_normal((50, 4))])
+    y = X[:, 2] + X[:, 3] + 0.1 * rng.standard_normal(50)
+    result = best_subsets(X, y, 3, forced=(0, 1), groups=[at_most_one(1, 2)], parents={3: 1})
+    assert result.best(1).columns == (3,)
+    assert all(2 not in s.columns for s in result.subsets)
+
+
+def test_aliases_are_named_with_their_combination() -> None:
+    rng = np.random.default_rng(6)
+    a = rng.standard_normal(30)
+    X = np.column_stack([np.ones(30), a, 3.0 * a, np.full(30, 2.0), rng.standard_normal(30)])
+    aliases = {a.column: dict(a.combination) for a in best_subsets(X, a + X[:, 4], 2).aliases}
+    assert set(aliases) == {2, 3}
+    assert aliases[2] == pytest.approx({1: 3.0})
+    assert aliases[3] == pytest.approx({0: 2.0})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"X": np.ones((5, 2, 1))}, "shape"),
+        ({"X": np.ones((4, 2))}, "shape"),
+        ({"y": np.array([1.0, np.nan, 0.0, 0.0, 0.0])}, "not finite"),
+        ({"forced": (9,)}, "forced names columns"),
+        ({"max_terms": -1}, "max_terms"),
+        ({"kernel": "magic"}, "expected one of"),
+        ({"weights": -np.ones(5)}, "weights"),
+        ({"parents": {1: 17}}, "17"),
+        ({"point": np.ones(3)}, "point"),
+        ({"held_out_blocks": np.ones(3)}, "held_out_blocks"),
+    ],
+)
+def test_refusals_say_what_is_wrong(arguments: dict[str, object], message: str) -> None:
+    given = {"X": np.eye(5, 2), "y": np.arange(5.0), **arguments}
+    with pytest.raises(UsageError, match=message):
+        best_subsets(**given)
