@@ -30,14 +30,15 @@ def comparison_view(comparison: Comparison, *, verbose: bool = False) -> Rendera
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, the likeliest first; those that stand are bold."""
     table = plain_table()
-    _add_columns(table, rows.RANKING_HEADINGS)
+    add_columns(table, rows.RANKING_HEADINGS)
     standing = rows.standing_rows(comparison)
     for index, row in enumerate(rows.ranking_rows(comparison)):
         table.add_row(*row, style="bold" if index in standing else "")
     return table
 
 
-def _add_columns(table: Table, headings: Sequence[str]) -> None:
+def add_columns(table: Table, headings: Sequence[str]) -> None:
+    """A column for each heading: words to the left, numbers to the right."""
     for heading in headings:
         table.add_column(heading, justify="left" if heading in rows.TEXT_COLUMNS else "right", no_wrap=True)
 
@@ -100,7 +101,7 @@ def term_table(title: str, terms: Sequence[TermEstimate]) -> Iterable[Renderable
     table = plain_table()
     lines = rows.term_rows(terms)
     shown = [i for i in range(len(rows.TERM_HEADINGS)) if any(line[i] != NOT_A_NUMBER for line in lines)]
-    _add_columns(table, [rows.TERM_HEADINGS[i] for i in shown])
+    add_columns(table, [rows.TERM_HEADINGS[i] for i in shown])
     for line in lines:
         table.add_row(*(line[i] for i in shown))
     return (Text(f"\n{title}", "bold"), table)

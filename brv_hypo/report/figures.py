@@ -33,7 +33,7 @@ def motion_figure(time: Values, alpha: Values, windward_meridian: Values) -> go.
     kept = _thinned(len(time))
     for row, values in enumerate((alpha, windward_meridian), start=1):
         figure.add_trace(_line(time, np.degrees(values), kept, MEASURED), row=row, col=1)
-    return _finished(figure, legend=False)
+    return finished(figure, legend=False)
 
 
 def moment_figure(time: Values, measured: Moments, sigma: Values, fitted: Mapping[str, Moments]) -> go.Figure:
@@ -47,22 +47,31 @@ def moment_figure(time: Values, measured: Moments, sigma: Values, fitted: Mappin
         for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
             line = _line(time, MILLI * np.asarray(moments[row - 1]), kept, colour, name, row == 1)
             figure.add_trace(line, row=row, col=1)
-    return _finished(figure)
+    return finished(figure)
 
 
 def residual_figure(
     time: Values, measured: Moments, sigma: Values, fitted: Mapping[str, Moments]
 ) -> go.Figure:
     """Measured less fitted moments of each hypothesis, before a band of two standard deviations."""
+    left = {
+        name: (np.asarray(measured[0]) - np.asarray(inside), np.asarray(measured[1]) - np.asarray(outside))
+        for name, (inside, outside) in fitted.items()
+    }
+    return leftover_figure(time, left, sigma)
+
+
+def leftover_figure(time: Values, left: Mapping[str, Moments], sigma: Values) -> go.Figure:
+    """Residual moments by name, before a band of two standard deviations."""
     figure = _stack([f"{plane} · 10³" for plane in PLANES])
     kept = _thinned(len(time))
-    for row, values in enumerate(measured, start=1):
+    for row in (1, 2):
         band = _band(time, np.zeros(len(time)), np.asarray(sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
-        for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
-            left = MILLI * (np.asarray(values) - np.asarray(moments[row - 1]))
-            figure.add_trace(_line(time, left, kept, colour, name, row == 1), row=row, col=1)
-    return _finished(figure)
+        for (name, moments), colour in zip(left.items(), COLOURS, strict=False):
+            line = _line(time, MILLI * np.asarray(moments[row - 1]), kept, colour, name, row == 1)
+            figure.add_trace(line, row=row, col=1)
+    return finished(figure)
 
 
 def probability_figure(probability: Mapping[str, float]) -> go.Figure:
@@ -79,7 +88,31 @@ def probability_figure(probability: Mapping[str, float]) -> go.Figure:
         )
     )
     figure.update_xaxes(title="probability", range=[0, 1])
-    return _finished(figure, legend=False, height=90 + 34 * len(names))
+    return finished(figure, legend=False, height=90 + 34 * len(names))
+
+
+def calibration_figure(
+    stated: Sequence[float], right: Sequence[float], intervals: Sequence[tuple[float, float]]
+) -> go.Figure:
+    """Share of right verdicts against the probability that they stated, with 95 % intervals."""
+    figure = go.Figure(
+        go.Scatter(x=[0, 1], y=[0, 1], mode="lines", line={"color": "#999999", "width": 1}, hoverinfo="skip")
+    )
+    figure.add_trace(
+        go.Scatter(
+            x=list(stated),
+            y=list(right),
+            mode="markers",
+            marker={"color": COLOURS[0], "size": 9},
+            error_y={
+                "array": [high - value for value, (_, high) in zip(right, intervals, strict=True)],
+                "arrayminus": [value - low for value, (low, _) in zip(right, intervals, strict=True)],
+            },
+        )
+    )
+    figure.update_xaxes(title="stated probability", range=[0, 1.02])
+    figure.update_yaxes(title="share that was right", range=[0, 1.02])
+    return finished(figure, legend=False, height=420)
 
 
 def _stack(titles: Sequence[str]) -> go.Figure:
@@ -143,7 +176,7 @@ def _compact(values: Values) -> FloatArray:
     return np.asarray(values, dtype=np.float32)
 
 
-def _finished(figure: go.Figure, *, legend: bool = True, height: int = 520) -> go.Figure:
+def finished(figure: go.Figure, *, legend: bool = True, height: int = 520) -> go.Figure:
     """The house style: white, thin axes, one font."""
     figure.update_layout(
         template="simple_white",

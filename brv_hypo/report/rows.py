@@ -10,7 +10,10 @@ from brv_hypo.ranking.result import Comparison, DerivedEstimate, TermEstimate
 from brv_hypo.report.style import interval, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
-TEXT_COLUMNS = ("mechanism", "criterion", "term", "plane", "unit")
+TEXT_COLUMNS = (
+    *("mechanism", "criterion", "term", "plane", "unit"),
+    *("planted", "vehicle", "parameter", "status", "flight", "ranked first", "verdict", "reason"),
+)
 TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "delay, s")
 _PLANES = {"in-plane": "in", "out-of-plane": "out"}
 

@@ -1,0 +1,80 @@
+"""`brv-hypo study`: how often is a planted mechanism found?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.guard import INTERRUPTED
+from brv_hypo.cli.session import Progress, Session, as_json, write_whole
+from brv_hypo.errors import UnanswerableError
+
+if TYPE_CHECKING:
+    from brv_hypo.study import Outcome, StudySummary
+    from brv_hypo.study.run import Progress as StudyProgress
+
+RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
+
+
+def study(
+    config: Annotated[
+        str, typer.Argument(metavar="STUDY.yaml", help="Study, or the name of one that comes along.")
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."
+        ),
+    ],
+    jobs: Annotated[
+        int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
+    ] = -1,
+    seed: options.Seed = None,
+    json: options.Json = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Fly many simulated flights with planted mechanisms and judge the verdicts."""
+    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
+    session.claim()
+    from brv_hypo.report.study import study_view
+    from brv_hypo.report.study_rows import headline
+    from brv_hypo.study import read_study, run_study, summarise
+
+    settings = read_study(config, **({} if seed is None else {"seed": seed}))
+    try:
+        with session.progress("flying") as progress:
+            outcomes = run_study(settings, output, jobs=jobs, overwrite=force, progress=_advance(progress))
+    except KeyboardInterrupt:
+        session.warn(f"interrupted; the same command goes on with what {output} holds")
+        raise typer.Exit(INTERRUPTED) from None
+    summary = summarise(settings, outcomes)
+    _write(output, outcomes, summary)
+    if not summary.compared:
+        first = summary.failures[0]
+        raise UnanswerableError(
+            f"none of {summary.flights} flights was compared. {first.key}: {first.reason}"
+        )
+    session.present(study_view(summary, verbose=verbose), conclusion=headline(summary))
+    session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
+    session.write_json(summary)
+
+
+def _advance(progress: Progress) -> StudyProgress:
+    def advance(done: int, total: int, latest: Outcome) -> None:
+        progress(f"{done} of {total} flights, last {latest.draw.key}", done / total)
+
+    return advance
+
+
+def _write(folder: Path, outcomes: tuple[Outcome, ...], summary: StudySummary) -> None:
+    from brv_hypo.report.study_page import study_page
+    from brv_hypo.study.store import results_csv
+
+    write_whole(folder / RESULTS, results_csv(outcomes))
+    write_whole(folder / SUMMARY, as_json(summary))
+    write_whole(folder / REPORT, study_page(summary, outcomes))
