@@ -91,30 +91,6 @@ def probability_figure(probability: Mapping[str, float]) -> go.Figure:
     return finished(figure, legend=False, height=90 + 34 * len(names))
 
 
-def calibration_figure(
-    stated: Sequence[float], right: Sequence[float], intervals: Sequence[tuple[float, float]]
-) -> go.Figure:
-    """Share of right verdicts against the probability that they stated, with 95 % intervals."""
-    figure = go.Figure(
-        go.Scatter(x=[0, 1], y=[0, 1], mode="lines", line={"color": "#999999", "width": 1}, hoverinfo="skip")
-    )
-    figure.add_trace(
-        go.Scatter(
-            x=list(stated),
-            y=list(right),
-            mode="markers",
-            marker={"color": COLOURS[0], "size": 9},
-            error_y={
-                "array": [high - value for value, (_, high) in zip(right, intervals, strict=True)],
-                "arrayminus": [value - low for value, (low, _) in zip(right, intervals, strict=True)],
-            },
-        )
-    )
-    figure.update_xaxes(title="stated probability", range=[0, 1.02])
-    figure.update_yaxes(title="share that was right", range=[0, 1.02])
-    return finished(figure, legend=False, height=420)
-
-
 def _stack(titles: Sequence[str]) -> go.Figure:
     """Rows over one time axis, each with the title of its vertical axis."""
     figure = make_subplots(rows=len(titles), cols=1, shared_xaxes=True, vertical_spacing=0.06)

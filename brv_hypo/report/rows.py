@@ -11,7 +11,7 @@ from brv_hypo.report.style import interval, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
 TEXT_COLUMNS = (
-    *("mechanism", "criterion", "term", "plane", "unit"),
+    *("mechanism", "criterion", "term", "plane", "unit", "effect", "kind"),
     *("planted", "vehicle", "parameter", "status", "flight", "ranked first", "verdict", "reason"),
 )
 TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "delay, s")

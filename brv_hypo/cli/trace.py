@@ -1,0 +1,103 @@
+"""`brv-hypo trace`: what a model leaves over, traced to the effect that it lacks."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.session import Session, write_whole
+from brv_hypo.errors import UsageError
+
+Model = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="MODEL.json", help="Start from the model of a comparison or trace."),
+]
+MechanismFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
+    ),
+]
+
+
+def trace(
+    flight: options.FlightFile,
+    model: Model = None,
+    mechanism_file: MechanismFile = None,
+    config: options.Config = None,
+    json: options.Json = None,
+    report: options.Report = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    seed: options.Seed = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
+    force: options.Force = False,
+) -> None:
+    """Trace what a model leaves over to its effects, one by one."""
+    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
+    session.claim(mechanism_file)
+    from brv_hypo.flight import load_flight
+    from brv_hypo.report.trace import conclusion, trace_view
+    from brv_hypo.settings import read_settings
+    from brv_hypo.trace import TraceConfig
+    from brv_hypo.trace import trace as traced
+
+    chosen = {} if model is None else {"start": starting_hypothesis(model, session)}
+    settings = read_settings(TraceConfig, config, **chosen)
+    record = load_flight(flight).window(start, stop)
+    with session.progress("tracing") as progress:
+        result = traced(record, settings, progress=progress)
+    session.present(trace_view(result, verbose=verbose), conclusion=conclusion(result))
+    session.write_json(result)
+    if mechanism_file is not None:
+        _write_mechanism(session, mechanism_file, result.discovered)
+    if report is not None:
+        from brv_hypo.report.trace_page import trace_page
+
+        session.write_report(trace_page(result))
+
+
+def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:
+    """The discovered mechanism, where there is one."""
+    from brv_hypo.mechanisms.filed import mechanism_text
+
+    if discovered is None:
+        session.warn(f"nothing was discovered, so {file} is not written")
+        return
+    write_whole(file, mechanism_text(discovered))
+    session.show(f"Wrote {file}: `brv-hypo compare FLIGHT.h5 --mechanisms {file}` compares it.")
+
+
+def starting_hypothesis(path: Path, session: Session) -> str:
+    """The hypothesis that a comparison or a trace, written with `--json`, ended with.
+
+    Raises UsageError where the file is neither.
+    """
+    try:
+        content = json_format.loads(path.read_text(encoding="utf-8"))
+        if content["schema"] == "brv-hypo/compare/1":
+            return str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
+        if content["schema"] == "brv-hypo/trace/1":
+            return _of_trace(content["model"]["terms"], session)
+    except OSError as error:
+        raise UsageError(f"the model {path} cannot be read ({error.strerror}). Check the path.") from None
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        raise UsageError(
+            f"{path} is not a model ({type(error).__name__}: {error}). Give what `compare --json` or "
+            "`trace --json` wrote."
+        ) from None
+    raise UsageError(f"{path} holds '{content['schema']}', expected the JSON of a comparison or of a trace.")
+
+
+def _of_trace(terms: list[dict[str, Any]], session: Session) -> str:
+    """The mechanisms of a traced model; errors of the record are found anew."""
+    record = {term["mechanism"] for term in terms if term["channel"] == "record"}
+    if record:
+        session.warn(f"errors of the record are found anew: {', '.join(sorted(record))}")
+    moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
+    return "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"

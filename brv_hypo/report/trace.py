@@ -1,0 +1,109 @@
+"""A trace as tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from brv_hypo.report.compare import add_columns, term_table
+from brv_hypo.report.style import bullets, interval, number, plain_table, share, warning_list
+from brv_hypo.trace.result import Residual, Step, Trace, TriedCandidate
+
+TOLD = 4
+"""Candidates shown for each step; all of them with `verbose`."""
+
+CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains")
+
+
+def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
+    """The steps, the model, and what is left unexplained."""
+    flight = result.flight
+    span = interval((flight.start_s, flight.stop_s))
+    title = (
+        f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
+    )
+    parts: list[RenderableType] = [Text(title)]
+    for step in result.steps:
+        parts.extend(_step(step, verbose))
+    if result.final_residual is not None:
+        parts.append(Text(f"\nLeft over: {residual_text(result.final_residual)}"))
+    if verbose:
+        parts.extend(term_table("model, fitted to the whole record", result.model.terms))
+    panel = Panel(
+        Text(conclusion(result)),
+        title="Found: " + (", ".join(result.added) or "nothing"),
+        title_align="left",
+        border_style="yellow" if result.unexplained else "green",
+        expand=False,
+    )
+    return Group(*parts, Text(), panel, warning_list(result.caveats))
+
+
+def conclusion(result: Trace) -> str:
+    """What was found, why the loop stopped, and what is left, in a sentence or two."""
+    found = f"Added {', '.join(result.added)}." if result.added else "Nothing was added."
+    why = f"The loop stopped: {result.stopped}."
+    return " ".join([found, why, *([result.unexplained] if result.unexplained else [])])
+
+
+def residual_text(residual: Residual) -> str:
+    """Size, whiteness and place of a residual."""
+    white = "white" if residual.white else f"not white (p {number(residual.p_value, 2)})"
+    return (
+        f"rms {number(residual.rms)}, {white}, {number(residual.noise_ratio)} of the noise; worst in "
+        f"{residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
+        f"{number(residual.dominant_frequency_hz)} Hz ({residual.dominant_frequency_is})"
+    )
+
+
+def _step(step: Step, verbose: bool) -> Iterable[RenderableType]:
+    yield Text(f"\nStep {step.step}", "bold")
+    yield Text(f"residual {residual_text(step.residual)}")
+    if step.candidates:
+        yield candidate_table(step.candidates if verbose else step.candidates[:TOLD], step.added)
+    if step.look_alikes:
+        yield Text(f"this flight cannot tell from it: {', '.join(step.look_alikes)}", "dim")
+    yield Text(outcome_text(step), "bold" if step.added else "")
+    if verbose:
+        correlated = [
+            f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {number(one.p_value, 2)})"
+            for one in step.residual.correlations
+        ]
+        yield bullets(correlated, "Correlations")
+
+
+def candidate_table(candidates: Iterable[TriedCandidate], added: str | None) -> Table:
+    """One row for each effect that was tried, the best first; what was added is bold."""
+    table = plain_table()
+    add_columns(table, CANDIDATE_HEADINGS)
+    for row in candidates:
+        table.add_row(*candidate_row(row), style="bold" if row.effect == added else "")
+    return table
+
+
+def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:
+    """Effect, kind, F, adjusted p, and the share of the residual that it explains."""
+    return (
+        candidate.effect,
+        candidate.kind,
+        number(candidate.f_ratio),
+        number(candidate.p_value_adjusted, 2),
+        share(candidate.explains),
+    )
+
+
+def outcome_text(step: Step) -> str:
+    """What was added, and the errors before and after."""
+    before = step.error_before
+    if step.added is None or step.error_after is None:
+        return f"added nothing; error {number(before.fit)} in the fit, {number(before.held_out)} held out"
+    after = step.error_after
+    what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
+    return (
+        f"{what}: error in the fit {number(before.fit)} → {number(after.fit)}, held out "
+        f"{number(before.held_out)} → {number(after.held_out)} (ratio {number(step.error_ratio_held_out)})"
+    )

@@ -1,0 +1,36 @@
+"""A trace as a page."""
+
+from __future__ import annotations
+
+from brv_hypo.report import figures, rows
+from brv_hypo.report.pages import Block, bullets, drawn, page, table
+from brv_hypo.report.trace import (
+    CANDIDATE_HEADINGS,
+    candidate_row,
+    conclusion,
+    outcome_text,
+    residual_text,
+)
+from brv_hypo.trace.result import Step, Trace
+
+
+def trace_page(result: Trace) -> str:
+    """The residual before and after, the steps, and the model."""
+    flight = result.flight
+    blocks = []
+    if (picture := result.picture) is not None:
+        left = {"before": picture.before, "after": picture.after}
+        figure = figures.leftover_figure(picture.time_s, left, picture.sigma)
+        blocks.append(Block("Residual moments, before and after", drawn(figure)))
+    blocks.extend(Block(f"Step {step.step}", _step(step)) for step in result.steps)
+    if result.model.terms:
+        terms = table(rows.TERM_HEADINGS, rows.term_rows(result.model.terms))
+        blocks.append(Block("Model, fitted to the whole record", terms))
+    blocks.append(Block("Caveats", bullets(result.caveats)))
+    subtitle = f"{flight.samples} samples at {flight.sample_rate_hz:.4g} Hz"
+    return page(f"Residual traced: {flight.title or flight.path}", subtitle, conclusion(result), blocks)
+
+
+def _step(step: Step) -> str:
+    told = bullets([f"residual {residual_text(step.residual)}", outcome_text(step)])
+    return told + table(CANDIDATE_HEADINGS, [candidate_row(one) for one in step.candidates])
