@@ -15,7 +15,9 @@ from brv_hypo.cli.main import app
 from brv_hypo.cli.session import Session, as_json, write_whole
 from brv_hypo.errors import FlightRecordError, UnanswerableError, UsageError
 
-COMMANDS = ("demo", "simulate", "inspect", "import", "reconstruct", "compare", "mechanisms")
+COMMANDS = (
+    *("demo", "simulate", "inspect", "import", "reconstruct", "compare", "trace", "study", "mechanisms"),
+)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

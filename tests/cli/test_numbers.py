@@ -1,0 +1,46 @@
+"""How numbers are written in tables."""
+
+from __future__ import annotations
+
+import pytest
+
+from brv_hypo.report.style import interval, number, probability, share
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.60123, 3, "0.601"),
+        (12345.6, 3, "12300"),
+        (999999.0, 3, "1000000"),
+        (1.5e7, 3, "1.50e+07"),
+        (0.001, 3, "0.001"),
+        (-9.098e-5, 4, "-9.098e-05"),
+        (0.0, 3, "0"),
+        (None, 3, "–"),
+        (float("nan"), 3, "–"),
+        (float("inf"), 3, "–"),
+    ],
+)
+def test_numbers_have_an_exponent_only_where_they_need_one(value, digits, text):
+    assert number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.0, ">99 %"), (0.997, ">99 %"), (0.9, "90 %"), (0.001, "<1 %"), (0.0, "<1 %"), (None, "–")],
+)
+def test_a_probability_is_never_certain(value, text):
+    assert probability(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0071, "0.71 %"), (1.2, "120 %"), (1e-9, "<0.01 %"), (None, "–")]
+)
+def test_a_share_has_two_digits(value, text):
+    assert share(value) == text
+
+
+def test_a_region_is_written_from_to():
+    assert interval((2.0, 4.125)) == "2.00–4.12"
+    assert interval(None) == "–"

@@ -1,0 +1,97 @@
+"""`brv-hypo trace`: the contract's JSON, the page, and the model that it starts from."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from brv_hypo.cli.session import Session
+from brv_hypo.cli.trace import starting_hypothesis
+from brv_hypo.errors import UsageError
+
+STEP_KEYS = "step residual candidates added error_before error_after error_ratio_held_out"
+RESIDUAL_KEYS = "rms white p_value worst_channel worst_region_s dominant_frequency_hz"
+CANDIDATE_KEYS = "effect kind f_ratio p_value_adjusted explains"
+
+
+@pytest.fixture(scope="module")
+def traced(brv_hypo, simulated_file, tmp_path_factory):
+    """One trace of a flight with planted sticking: the finished process, its JSON and its report."""
+    folder = tmp_path_factory.mktemp("traced")
+    (folder / "config.yaml").write_text("effects: [sticking, gyro_bias]\nmax_steps: 1\ndiscover: false\n")
+    files = ("--json", folder / "out.json", "--report", folder / "out.html")
+    done = brv_hypo("trace", simulated_file, "--config", folder / "config.yaml", *files)
+    assert done.returncode == 0, done.stderr
+    return done, json.loads((folder / "out.json").read_text()), (folder / "out.html").read_text()
+
+
+def test_json_follows_the_contract(traced):
+    result = traced[1]
+    assert result["schema"] == "brv-hypo/trace/1"
+    assert result["stopped"] in ("white", "nothing significant", "nothing improves held-out error", "limit")
+    for step in result["steps"]:
+        assert set(STEP_KEYS.split()) <= set(step)
+        assert set(RESIDUAL_KEYS.split()) <= set(step["residual"])
+        assert all(set(CANDIDATE_KEYS.split()) <= set(candidate) for candidate in step["candidates"])
+        assert set(step["error_before"]) == {"fit", "held_out"}
+    assert result["model"]["terms"]
+
+
+def test_prints_what_was_added_and_the_error_before_and_after(traced):
+    for expected in ("Step 1", "added sticking", "held out", "Found: sticking"):
+        assert expected in traced[0].stdout
+
+
+def test_the_report_shows_the_residual_before_and_after(traced):
+    assert traced[2].count('class="plotly-graph-div"') == 1
+    assert "Residual moments, before and after" in traced[2]
+
+
+@pytest.mark.parametrize(
+    ("content", "hypothesis"),
+    [
+        ({"schema": "brv-hypo/compare/1", "verdict": {"winner": "lag"}, "ranking": []}, "lag"),
+        (
+            {
+                "schema": "brv-hypo/compare/1",
+                "verdict": {"winner": None},
+                "ranking": [{"mechanism": "lag+trim"}],
+            },
+            "lag+trim",
+        ),
+        (
+            {
+                "schema": "brv-hypo/trace/1",
+                "model": {
+                    "terms": [
+                        {"mechanism": "baseline", "channel": "in-plane"},
+                        {"mechanism": "trim", "channel": "both"},
+                        {"mechanism": "trim", "channel": "both"},
+                        {"mechanism": "lag", "channel": "both"},
+                        {"mechanism": "gyro_bias", "channel": "record"},
+                    ]
+                },
+            },
+            "trim+lag",
+        ),
+        ({"schema": "brv-hypo/trace/1", "model": {"terms": []}}, "none"),
+    ],
+)
+def test_a_model_starts_with_its_mechanisms(tmp_path, content, hypothesis):
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(content))
+    assert starting_hypothesis(path, Session()) == hypothesis
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "other/1"}', '{"schema": "brv-hypo/trace/1"}'])
+def test_what_is_no_model_is_refused(tmp_path, text):
+    path = tmp_path / "model.json"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=r"model|expected"):
+        starting_hypothesis(path, Session())
+
+
+def test_a_missing_model_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="cannot be read"):
+        starting_hypothesis(tmp_path / "nowhere.json", Session())
