@@ -52,11 +52,17 @@ def default_knots(start: float, stop: float, count: int) -> FloatArray:
     return np.linspace(start, stop, count + 2)[1:-1]
 
 
-def theta_grid(mechanism: Mechanism) -> tuple[Theta, ...]:
-    """Every point of the grid of nonlinear parameters; one empty point where there is none."""
+def theta_grid(mechanism: Mechanism, *, dense: bool = False) -> tuple[Theta, ...]:
+    """Every point of the grid of nonlinear parameters; one empty point where there is none.
+
+    `dense` adds the geometric mean of neighbouring positive values.
+    """
     points: list[dict[str, float]] = [{}]
     for parameter in mechanism.parameters():
-        points = [{**point, parameter.name: value} for point in points for value in parameter.grid]
+        grid = np.asarray(parameter.grid, dtype=float)
+        if dense and np.all(grid > 0.0):
+            grid = np.sort(np.concatenate([grid, np.sqrt(grid[:-1] * grid[1:])]))
+        points = [{**point, parameter.name: float(value)} for point in points for value in grid]
     return tuple(tuple(point.items()) for point in points)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -47,12 +48,12 @@ class RateFrame:
     mechanisms: Mapping[str, Mechanism]
     _shapes: dict[tuple[str, Theta], dict[str, _Shape]] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def observed(self) -> ComplexArray:
         """Derolled transverse rates of all segments (rows,), rad/s."""
         return np.concatenate([segment.observed for segment in self.segments])
 
-    @property
+    @cached_property
     def pieces(self) -> tuple[Piece, ...]:
         """Row range [a, b) of each segment."""
         ends = np.cumsum([segment.time.size for segment in self.segments])
@@ -156,8 +157,8 @@ def whiten(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> Fl
     """
     out = []
     for a, b in pieces:
-        level = noise.whiten(np.ones((b - a, 1), dtype=complex))[:, 0].real
-        white = noise.whiten(rows[a:b])
+        both = noise.whiten(np.column_stack([np.ones(b - a, dtype=complex), rows[a:b]]))
+        level, white = both[:, 0].real, both[:, 1:]
         out.append(white - np.outer(level, (level @ white) / (level @ level)))
     stacked = np.concatenate(out)
     return np.concatenate([stacked.real, stacked.imag])

@@ -38,6 +38,16 @@ class Integrals:
         return CubicSpline(self.time, self.integrand).antiderivative()
 
     @cached_property
+    def plain_at_samples(self) -> ComplexArray:
+        """Antiderivative of g at the segment's samples (m,)."""
+        return self.plain(self.time)
+
+    @cached_property
+    def first_at_samples(self) -> ComplexArray:
+        """Antiderivative of (t - origin) g at the segment's samples (m,)."""
+        return self.first(self.time)
+
+    @cached_property
     def first(self) -> Antiderivative:
         """Antiderivative of (t - origin) g, which ramps need."""
         return CubicSpline(self.time, (self.time - self.time[0]) * self.integrand).antiderivative()
@@ -59,16 +69,27 @@ class WeakSegment:
 
     def column(self, integrals: Integrals, course: TimeFunction) -> ComplexArray:
         """The column times its course, integrated from the segment's first sample to each sample (m,)."""
-        origin, last = self.time[0], self.time[-1]
-        start, stop = np.clip([course.start, course.stop], origin, last)
-        inside = np.clip(self.time, start, stop)
-        plain = integrals.plain(inside) - integrals.plain(start)
+        origin, last = float(self.time[0]), float(self.time[-1])
+        start = min(max(course.start, origin), last)
+        stop = min(max(course.stop, origin), last)
+        plain = self._between(integrals.plain, integrals.plain_at_samples, start, stop)
         if course.kind != "ramp":
-            return np.asarray(plain, dtype=complex)
-        slope = integrals.first(inside) - integrals.first(start) + (origin - course.start) * plain
-        after = np.maximum(self.time, stop)
-        held = (min(course.stop, last) - course.start) * (integrals.plain(after) - integrals.plain(stop))
-        return np.asarray(slope + held, dtype=complex)
+            return plain
+        slope = self._between(integrals.first, integrals.first_at_samples, start, stop)
+        after = self._between(integrals.plain, integrals.plain_at_samples, stop, last)
+        held = min(course.stop, last) - course.start
+        return slope + (origin - course.start) * plain + held * after
+
+    def _between(
+        self, integral: Antiderivative, at_samples: ComplexArray, start: float, stop: float
+    ) -> ComplexArray:
+        """Integral from `start` to each sample, 0 before it and constant after `stop` (m,)."""
+        first, after = np.searchsorted(self.time, [start, stop])
+        out = np.zeros(self.time.size, dtype=complex)
+        base = integral(start)
+        out[first:after] = at_samples[first:after] - base
+        out[after:] = integral(stop) - base
+        return out
 
 
 def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:

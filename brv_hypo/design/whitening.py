@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 
@@ -39,7 +38,11 @@ class NoiseModel:
         for k in range(order):
             out[k] = self.filters[k][::-1] @ rows[: k + 1]
         if rows.shape[0] > order:
-            out[order:] = lfilter(self.filters[self.order], [1.0], rows, axis=0)[order:]
+            count = rows.shape[0] - order
+            out[order:] = sum(
+                weight * rows[order - lag : order - lag + count]
+                for lag, weight in enumerate(self.filters[order])
+            )
         return out
 
 

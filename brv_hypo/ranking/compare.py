@@ -60,11 +60,15 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
     reconstructed = clock.perf_counter()
     hypotheses, warnings = answerable(reconstructions, hypotheses)
     task = prepare(reconstructions, hypotheses, config)
+    say("estimating the noise")
+    rough = replace(task, refine=False, max_terms=task.exact_terms)
+    task = settle_noise(task, [fit_hypothesis(rough, *hypothesis) for hypothesis in hypotheses.items()])
     fits = []
     for name, mechanisms in hypotheses.items():
         say(f"fitting {name}")
         fits.append(fit_hypothesis(task, name, mechanisms))
-    task, fits = settle_noise(task, fits)
+    task = settle_noise(task, fits)
+    fits = [refit(task, fit) for fit in fits]
     say("predicting held-out blocks")
     errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
     criteria = criteria_of(task, fits, config.held_out_blocks)
@@ -116,14 +120,13 @@ def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, c
     return Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.exact_terms, config.refine)
 
 
-def settle_noise(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[HypothesisFit]]:
-    """Noise model and effective sample size from what the leader leaves; all are fitted anew under them."""
-    leader = min(fits, key=lambda fit: fit.information)
+def settle_noise(task: Task, fits: Sequence[HypothesisFit]) -> Task:
+    """The task with noise model and effective sample size from what the refined leader leaves."""
+    leader = refit(task, min(fits, key=lambda fit: fit.information))
     noise = fit_noise(residual_rates(leader.frame, leader.frame.columns(leader.columns), task.noise))
     task = replace(task, noise=noise)
     leader = refit(task, leader)
-    task = replace(task, efficiency=efficiency_of(leader.residual, leader.frame))
-    return task, [refit(task, fit) for fit in fits]
+    return replace(task, efficiency=efficiency_of(leader.residual, leader.frame))
 
 
 def _frame(reconstructions: Sequence[Reconstruction], offset_degree: int, slope_degree: int) -> RateFrame:

@@ -92,18 +92,18 @@ def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> 
     if not mechanisms:
         return _solved(task, frame, name, (), task.baseline, 0)
     offered = offers(task, frame, mechanisms)
-    searched = len({column for choice in offered for column in choice})
+    searched = offered.count
 
     def settle(chosen: tuple[Column, ...], known: tuple[Column, ...] = ()) -> HypothesisFit:
         return _settled(task, frame, name, mechanisms, (*task.baseline, *chosen), searched, frozenset(known))
 
     best: HypothesisFit | None = None
     worse = 0
-    exact = best_by_size(task, frame, offered)
+    exact = [best_by_size(task, frame, family) for family in (offered.single, offered.joint)]
     for size in range(1, task.max_terms + 1):
-        starts = [settle(exact[size])] if size in exact else []
+        starts = [settle(columns) for columns in dict.fromkeys(f[size] for f in exact if size in f)]
         if best is not None:
-            further = extended(task, best.frame, best.columns, mechanisms, offered)
+            further = extended(task, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])
         if not starts:
             continue

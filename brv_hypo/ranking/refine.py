@@ -34,6 +34,13 @@ class Nonlinear:
     bounds: tuple[float, float]
     columns: tuple[int, ...]
 
+    def around(self, points: int) -> FloatArray:
+        """Values to try: over the bounds of a knot; for a theta, within a factor of 1.6."""
+        low, high = self.bounds
+        if self.kind == "theta" and self.value > 0.0:
+            return np.geomspace(max(low, self.value / 1.6), min(high, self.value * 1.6), points)
+        return np.linspace(low, high, points)
+
     def moved(self, columns: Sequence[Column], value: float) -> tuple[Column, ...]:
         """The columns with this parameter at `value`."""
         out = list(columns)
@@ -90,8 +97,8 @@ def refine(
 def nonlinear_parameters(
     columns: Sequence[Column], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray
 ) -> tuple[Nonlinear, ...]:
-    """The delays and knots of a model: knots may move by half their spacing, delays within their bounds."""
-    reach = 0.5 * float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
+    """The delays and knots of a model: knots may move by their spacing, delays within their bounds."""
+    reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     found: dict[tuple[Literal["theta", "knot"], str, float, str], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
         for name, value in column.theta:
@@ -114,7 +121,7 @@ def _scan(
     fresh: frozenset[int],
     design_of: DesignOf,
     response: FloatArray,
-    points: int = 7,
+    points: int = 9,
 ) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...]]:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     settled = []
@@ -126,7 +133,7 @@ def _scan(
         basis, _ = np.linalg.qr(design_of([columns[j] for j in others]))
         left = response - basis @ (basis.T @ response)
         scores = {}
-        for value in (parameter.value, *np.linspace(*parameter.bounds, points)):
+        for value in (parameter.value, *parameter.around(points)):
             moved = parameter.moved(columns, float(value))
             own = design_of([moved[j] for j in parameter.columns])
             own = own - basis @ (basis.T @ own)

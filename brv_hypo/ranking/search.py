@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,20 +17,48 @@ from brv_hypo.ranking.task import Task
 from brv_hypo.subset import best_subsets
 
 
-def offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Column, ...]]:
-    """The columns on offer; one set for each theta of mechanisms that allow one theta at a time."""
-    grids: list[list[tuple[Theta, ...]]] = [
-        [theta_grid(m)] if m.several_parameters_at_once else [(theta,) for theta in theta_grid(m)]
-        for m in mechanisms
-    ]
-    return [
-        tuple(
-            c
-            for m, thetas in zip(mechanisms, choice, strict=True)
-            for c in _columns_of(task, frame, m, thetas)
+@dataclass(frozen=True)
+class Offers:
+    """Sets of columns to choose from.
+
+    `single`: one set for each theta of the mechanisms' grids, where one theta serves all terms. `joint`: the
+    sets in which terms of several theta may stand side by side.
+    """
+
+    single: tuple[tuple[Column, ...], ...]
+    joint: tuple[tuple[Column, ...], ...]
+
+    @property
+    def count(self) -> int:
+        """Number of different columns, which the search pays for."""
+        return len({column for offer in self.joint or self.single for column in offer})
+
+
+def offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
+    """The columns on offer for a hypothesis."""
+
+    def product(grids: list[list[tuple[Theta, ...]]]) -> tuple[tuple[Column, ...], ...]:
+        return tuple(
+            tuple(
+                column
+                for mechanism, thetas in zip(mechanisms, choice, strict=True)
+                for column in _columns_of(task, frame, mechanism, thetas)
+            )
+            for choice in itertools.product(*grids)
         )
-        for choice in itertools.product(*grids)
-    ]
+
+    single = product([[(theta,) for theta in theta_grid(m, dense=True)] for m in mechanisms])
+    if not any(m.several_parameters_at_once for m in mechanisms):
+        return Offers(single, ())
+    return Offers(
+        single,
+        product(
+            [
+                [theta_grid(m)] if m.several_parameters_at_once else [(t,) for t in theta_grid(m)]
+                for m in mechanisms
+            ]
+        ),
+    )
 
 
 def _columns_of(
@@ -137,9 +165,12 @@ def _subsets(
     for j, column in enumerate(offered):
         if column.tied:
             vectors.setdefault(column.vector, []).append(size + j)
+    # The triangular factor has the same residual sums of squares as the rows, and is small.
+    rows = np.column_stack([forced, task.design(frame, offered), task.response])
+    triangle: FloatArray = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
     result = best_subsets(
-        np.column_stack([forced, task.design(frame, offered)]),
-        task.response,
+        triangle[:, :-1],
+        triangle[:, -1],
         max_terms=min(max_terms, len(offered)),
         forced=tuple(range(size)),
         groups=tuple(tuple(members) for members in vectors.values()) or None,
