@@ -114,6 +114,8 @@ def build_constraints(
 
 def _closed(requires: BoolArray, excludes: BoolArray, possible: BoolArray) -> Constraints:
     m = possible.size
+    if not requires.any() and not excludes.any():
+        return Constraints(requires, excludes, possible)
     reach = requires | np.eye(m, dtype=np.bool_)
     for k in range(m):
         reach |= reach[:, [k]] & reach[[k], :]

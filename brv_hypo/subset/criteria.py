@@ -55,7 +55,10 @@ class Criteria:
 
 @dataclass(frozen=True)
 class Reference:
-    """What criteria compare with: the forced and the complete model, blocks to hold out, Allen's point."""
+    """What criteria compare with: the forced and the complete model, blocks to hold out, Allen's point.
+
+    ``blocks`` (n,) labels the rows 0, 1, ...
+    """
 
     rss_forced: float
     n_forced: int
@@ -117,15 +120,18 @@ def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
     (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
     """
     k = fit.basis.shape[1]
-    total = 0.0
-    for block in np.unique(blocks):
-        rows = blocks == block
-        Q, e = fit.basis[rows], fit.residuals[rows]
-        inner = np.eye(k) - Q.T @ Q
-        if k and np.linalg.eigvalsh(inner)[0] < 1e-10:
-            return float("nan")
-        total += float(np.sum((e + Q @ np.linalg.solve(inner, Q.T @ e)) ** 2))
-    return total / blocks.size
+    within = np.array(
+        [_gram(fit.basis[blocks == b], fit.residuals[blocks == b]) for b in range(blocks.max() + 1)]
+    )
+    inner = np.eye(k) - within[:, :, :k]
+    if k and np.linalg.eigvalsh(inner)[:, 0].min() < 1e-10:
+        return float("nan")
+    shift = np.linalg.solve(inner, within[:, :, k:])[:, :, 0]
+    return float(np.mean((fit.residuals + np.einsum("ij,ij->i", fit.basis, shift[blocks])) ** 2))
+
+
+def _gram(Q: FloatArray, e: FloatArray) -> FloatArray:
+    return Q.T @ np.column_stack([Q, e])
 
 
 def contiguous_blocks(n: int, count: int) -> IntArray:

@@ -28,7 +28,7 @@ class Finisher:
         self._blocks = (
             contiguous_blocks(n, held_out_blocks)
             if isinstance(held_out_blocks, int)
-            else np.asarray(held_out_blocks)
+            else np.unique(np.asarray(held_out_blocks), return_inverse=True)[1]
         )
         if self._blocks.shape != (n,):
             raise UsageError(

@@ -23,7 +23,7 @@ def seed_board(board: Board) -> None:
     chosen: list[int] = []
     for _ in range(min(board.max_size, frame.rank)):
         ranked = work.additions(chosen)
-        board.offer_all([[*chosen, int(j)] for j in ranked[: board.capacity + 1]])
+        board.offer_all([[*chosen, int(j)] for j in ranked[: board.capacity]])
         chosen = work.swapped([*chosen, int(ranked[0])], board)
         best.append(chosen)
     for size in range(len(best) - 2, 0, -1):
@@ -47,7 +47,6 @@ class _Workspace:
 
     def swapped(self, chosen: list[int], board: Board) -> list[int]:
         """Take the best exchange of one column, again and again, until none helps."""
-        board.offer(chosen)
         for _ in range(MOST_SWAPS):
             W, beta, spread = self._regression(chosen)
             d, c = self._left(chosen, W)
@@ -59,7 +58,7 @@ class _Workspace:
             if net[i, j] <= 1e-10 * board.frame.rss_full:
                 break
             chosen = [*chosen[:i], *chosen[i + 1 :], int(j)]
-            board.offer(chosen)
+        board.offer(chosen)
         return chosen
 
     def without_least(self, chosen: list[int]) -> list[int]:
@@ -70,7 +69,7 @@ class _Workspace:
 
     def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Coefficients of all columns and of y on the chosen ones, and the diagonal of the inverse."""
-        inverse = np.linalg.pinv(self._G[np.ix_(chosen, chosen)], hermitian=True)
+        inverse = _inverse(self._G[np.ix_(chosen, chosen)])
         return (
             inverse @ self._G[chosen],
             inverse @ self._b[chosen],
@@ -80,6 +79,13 @@ class _Workspace:
     def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Squared length of what is left of every column, and its product with what is left of y."""
         return self._G.diagonal() - np.sum(self._G[chosen] * W, axis=0), self._b - self._b[chosen] @ W
+
+
+def _inverse(M: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.inv(M), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64)
 
 
 def _gain(d: FloatArray, c: FloatArray) -> FloatArray:

@@ -110,6 +110,8 @@ def propagate(
 def make_piece(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...]) -> Piece | None:
     """Factorise one piece from the root factor; None where the included columns are dependent."""
     s, u = len(included), len(undecided)
+    if undecided == tuple(range(frame.n_candidates)):
+        return Piece(included, undecided, frame.R, frame.z, frame.rss_full)
     columns = [*included, *undecided]
     factor = triangle(np.column_stack([frame.R[:, columns], frame.z]))
     padded = np.zeros((s + u + 1, s + u + 1))

@@ -13,6 +13,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.subset.board import CLOSED, Board
+from brv_hypo.subset.frame import Frame
 from brv_hypo.subset.pieces import OpenSubtree, Piece, independent_pieces, make_piece
 from brv_hypo.subset.result import Certificate
 from brv_hypo.subset.tree_numpy import NumpyTree, StopSearchError
@@ -50,7 +51,7 @@ def search(board: Board, effort: Effort) -> Certificate:
     """Search until every branch is decided or the time is up; the board then holds the answer."""
     deadline = np.inf if effort.time_limit_s is None else effort.started + effort.time_limit_s
     pieces = list(independent_pieces(board.frame, board.max_size))
-    triangular = _triangular(pieces, effort.kernel)
+    triangular = _triangular(board.frame, pieces, effort.kernel)
     for piece in pieces:
         if not piece.singular:
             board.widen(piece.rounding_margin(triangular=triangular))
@@ -81,10 +82,12 @@ def search(board: Board, effort: Effort) -> Certificate:
     )
 
 
-def _triangular(pieces: Sequence[Piece], kernel: str) -> bool:
+def _triangular(frame: Frame, pieces: Sequence[Piece], kernel: str) -> bool:
     if kernel.endswith("givens"):
         return True
     limit = SCHUR_CONDITION if kernel == "auto" else SCHUR_BREAKDOWN
+    if np.isfinite(frame.condition):
+        return frame.condition > limit
     return any(p.condition > limit for p in pieces if not p.singular)
 
 

@@ -1,0 +1,148 @@
+"""``python -m brv_hypo.subset.benchmark``: the exact search beside R leaps on the same data, in the same run.
+
+R with the package leaps (Debian: r-cran-leaps) is called through Rscript where it is installed. Times are
+wall clock: for this package the whole of ``best_subsets``, best of ``--repeats`` after one call that loads the
+kernel; for leaps its ``regsubsets`` call alone, without the start of R.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.subset import SubsetResult, best_subsets
+from brv_hypo.subset.fit import least_squares
+from brv_hypo.subset.problems import correlated_problem, delay_problem, polynomial_problem, spline_problem
+
+# Prints the seconds, then one line a size: the columns chosen (1 is the first after the constant).
+LEAPS = """
+suppressMessages(library(leaps)); a <- commandArgs(TRUE)
+d <- as.matrix(read.csv(a[1], header = FALSE)); k <- as.integer(a[2])
+s <- system.time(r <- suppressWarnings(regsubsets(d[, -1], d[, 1], nvmax = k, method = "exhaustive",
+                                                  really.big = TRUE)))[3]
+cat(s, "\\n"); w <- summary(r)$which[, -1, drop = FALSE]
+for (i in seq_len(nrow(w))) cat(which(w[i, ]), "\\n")
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One row of the table; ``target``: the ratio to leaps to reach, ``limit_s``: seconds not to exceed."""
+
+    name: str
+    problem: Callable[[], tuple[FloatArray, FloatArray]]
+    terms: int
+    leaps: bool = True
+    threads: int = 1
+    target: float = 1.0
+    limit_s: float = float("inf")
+
+
+CASES = (
+    Case("60 spline columns", spline_problem, 8),
+    Case("60 spline columns", spline_problem, 10, target=300.0),
+    Case("60 spline columns", spline_problem, 12, leaps=False, threads=2, limit_s=1.5),
+    Case("60 spline columns", spline_problem, 15, leaps=False, threads=2, limit_s=12.0),
+    Case("62 delay columns", delay_problem, 10, target=150.0),
+    Case("80 spline columns", lambda: spline_problem(20), 8, target=300.0),
+    Case("80 spline columns", lambda: spline_problem(20), 10, leaps=False),
+    Case("28 polynomial columns", polynomial_problem, 10),
+    Case("28 polynomial columns", polynomial_problem, 15),
+    Case("40 correlated columns", correlated_problem, 39),
+)
+
+
+def main() -> None:
+    """Run every case and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=3, help="timed calls of this package, best counts")
+    parser.add_argument("--leaps-limit", type=float, default=900.0, help="seconds that leaps may take a case")
+    parser.add_argument("--only", default="", help="only the cases whose name contains this")
+    options = parser.parse_args()
+    with_leaps = shutil.which("Rscript") is not None
+    print(
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; R leaps {'found' if with_leaps else 'absent'}"
+    )
+    print(
+        f"{'problem':24}{'k':>4}{'threads':>9}{'here [s]':>10}{'nodes':>10}{'leaps [s]':>11}{'ratio':>8}  verdict"
+    )
+    for case in CASES:
+        if options.only in case.name:
+            _run(case, options.repeats, options.leaps_limit if with_leaps else 0.0)
+
+
+def _run(case: Case, repeats: int, leaps_limit: float) -> None:
+    X, y = case.problem()
+    best_subsets(X, y, 3, kernel="numba-schur")
+    seconds, result = float("inf"), best_subsets(X, y, case.terms, threads=case.threads)
+    for _ in range(repeats):
+        started = time.perf_counter()
+        result = best_subsets(X, y, case.terms, threads=case.threads)
+        seconds = min(seconds, time.perf_counter() - started)
+    answer = _leaps(X, y, case.terms, leaps_limit) if case.leaps and leaps_limit > 0.0 else None
+    nodes = result.certificate.nodes
+    head = f"{case.name:24}{case.terms:>4}{case.threads:>9}{seconds:>10.4f}{nodes:>10}"
+    if answer is None:
+        verdict = "within the limit" if seconds <= case.limit_s else f"OVER the limit of {case.limit_s} s"
+        print(f"{head}{'-':>11}{'-':>8}  {verdict if np.isfinite(case.limit_s) else ''}", flush=True)
+        return
+    ratio = answer.seconds / seconds
+    verdict = f"target {case.target:g} {'met' if ratio >= case.target else 'MISSED'}; {_compared(X, y, result, answer)}"
+    print(f"{head}{answer.seconds:>11.3f}{ratio:>8.0f}  {verdict}", flush=True)
+
+
+@dataclass(frozen=True)
+class _Answer:
+    seconds: float
+    subsets: dict[int, tuple[int, ...]]
+
+
+def _leaps(X: FloatArray, y: FloatArray, terms: int, limit_s: float) -> _Answer | None:
+    """What R leaps takes and finds; None where it does not finish in time."""
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder) / "problem.csv"
+        np.savetxt(data, np.column_stack([y, X[:, 1:]]), delimiter=",", fmt="%.17g")
+        script = Path(folder) / "leaps.R"
+        script.write_text(LEAPS)
+        command = ["Rscript", str(script), str(data), str(terms)]
+        try:
+            run = subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=True)
+        except (subprocess.TimeoutExpired, subprocess.CalledProcessError):
+            return None
+    lines = run.stdout.splitlines()
+    subsets = [tuple(int(c) for c in line.split()) for line in lines[1:]]
+    return _Answer(float(lines[0]), {len(s): s for s in subsets})
+
+
+def _compared(X: FloatArray, y: FloatArray, result: SubsetResult, answer: _Answer) -> str:
+    """Where the answers differ, both fitted in the same way."""
+    worse: list[int] = []
+    better: list[int] = []
+    missing: list[int] = []
+    for subset in result.subsets:
+        theirs = answer.subsets.get(subset.size)
+        if theirs is None:
+            missing.append(subset.size)
+        elif theirs != subset.columns:
+            rss = least_squares(X[:, [0, *theirs]], y).rss
+            (worse if rss > subset.rss else better).append(subset.size)
+    notes = [
+        f"leaps {what} at sizes {sizes}"
+        for what, sizes in (("is beaten", worse), ("FINDS BETTER", better), ("loses a model", missing))
+        if sizes
+    ]
+    return "; ".join(notes) or "same subsets"
+
+
+if __name__ == "__main__":
+    main()
