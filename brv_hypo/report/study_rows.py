@@ -16,19 +16,10 @@ from brv_hypo.study.summary import StudySummary
 Rows = list[tuple[str, ...]]
 
 CALIBRATION_HEADINGS = ("probability", "flights", "mean prob.", "right (95 %)")
-DETECTION_HEADINGS = (
-    "planted",
-    "vehicle",
-    "flights",
-    "won",
-    "effects flown",
-    "50 % won",
-    "90 % won",
-    "status",
-)
+DETECTION_HEADINGS = ("planted", "vehicle", "flights", "won", "effects", "50 %", "90 %", "status")
 COVERAGE_HEADINGS = (
-    *("planted", "parameter", "unit", "estimated", "missing"),
-    *(f"within {SIGMAS:g} sigma", "rms error / sigma", "median error"),
+    *("planted", "parameter", "unit", "known", "missing"),
+    *(f"in {SIGMAS:g} sigma", "rms/sigma", "error"),
 )
 MISTAKE_HEADINGS = ("flight", "size", "effect", "ranked first", "verdict", "prob.", "lead")
 FAILURE_HEADINGS = ("flight", "status", "reason")
@@ -112,14 +103,14 @@ def calibration_line(calibration: Calibration) -> str:
 
 
 def detection_rows(limits: Sequence[DetectionLimit]) -> Rows:
-    """One row for each planted mechanism and vehicle."""
+    """One row for each planted mechanism and vehicle: the effects flown, and those won in 50 % and 90 %."""
     return [
         (
             limit.planted,
             limit.vehicle or "all",
             str(limit.flights),
             str(limit.won),
-            f"{percent(limit.least)}–{percent(limit.greatest)}",
+            f"{number(100.0 * limit.least, 2)}–{percent(limit.greatest)}",
             percent(limit.half),
             percent(limit.nine_tenths),
             limit.status,
@@ -129,7 +120,7 @@ def detection_rows(limits: Sequence[DetectionLimit]) -> Rows:
 
 
 def coverage_rows(coverages: Sequence[Coverage]) -> Rows:
-    """One row for each planted parameter."""
+    """One row for each planted parameter; "error" is the median of the absolute errors."""
     return [
         (
             item.planted,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.ranking.summary import TEMPERATURE
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.shares import Share, Statistic, share
@@ -60,24 +61,32 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
 
 def log_loss(outcomes: Sequence[Outcome], temperature: float) -> float:
     """Mean of -ln p(planted), the probabilities taken anew from the information criteria."""
-    return float(np.mean([_log_loss(o.information, o.planted, temperature) for o in outcomes]))
+    return _log_loss(_behind(outcomes), temperature)
 
 
 def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
     """The temperature of least log loss, between the ends of TEMPERATURES; None without flights."""
     if not outcomes:
         return None
+    behind = _behind(outcomes)
     found = minimize_scalar(
-        lambda logarithm: log_loss(outcomes, float(np.exp(logarithm))),
+        lambda logarithm: _log_loss(behind, float(np.exp(logarithm))),
         bounds=tuple(np.log(TEMPERATURES)),
         method="bounded",
     )
     return float(np.exp(found.x))
 
 
-def _log_loss(information: Mapping[str, float], planted: str, temperature: float) -> float:
-    weights = -0.5 * np.array(list(information.values())) / temperature
-    return float(logsumexp(weights) + 0.5 * information[planted] / temperature)
+def _behind(outcomes: Sequence[Outcome]) -> FloatArray:
+    """How far each hypothesis is behind the planted one (flights, hypotheses); inf where not compared."""
+    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.information))
+    return np.array(
+        [[o.information.get(name, np.inf) - o.information[o.planted] for name in names] for o in outcomes]
+    )
+
+
+def _log_loss(behind: FloatArray, temperature: float) -> float:
+    return float(np.mean(logsumexp(-0.5 * behind / temperature, axis=1)))
 
 
 def _brier(outcome: Outcome) -> float:

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
@@ -61,6 +61,14 @@ class StudyConfig(Section):
     sample_rate: Positive | None = None
     visible_effect: Positive = 0.05
     compare: CompareConfig = CompareConfig()
+
+    @model_validator(mode="after")
+    def _each_once(self) -> StudyConfig:
+        for what, names in (("vehicle", [Path(v).stem for v in self.vehicles]), ("plant", self.planted)):
+            twice = [name for name in names if list(names).count(name) > 1]
+            if twice:
+                raise ValueError(f"the {what} '{twice[0]}' is named twice: ask for more `flights` instead")
+        return self
 
 
 def read_study(source: str | Path, **overrides: Any) -> StudyConfig:

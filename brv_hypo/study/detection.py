@@ -30,8 +30,8 @@ class DetectionLimit(Statistic):
     vehicle: str | None
     flights: int
     won: int
-    least: float | None
-    greatest: float | None
+    least: float
+    greatest: float
     status: Status
     half: float | None = None
     nine_tenths: float | None = None

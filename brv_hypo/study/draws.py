@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulate import SimulationConfig, load_config
 from brv_hypo.simulate.config import PlantedConfig, Section
 from brv_hypo.study.config import NONE, StudyConfig
@@ -102,7 +103,9 @@ def _resized(entry: PlantedConfig, draw: Draw) -> PlantedConfig:
     )
 
 
-def check_plants(study: StudyConfig) -> None:
-    """Raise UsageError now for a vehicle or a planted set that does not exist."""
+def check_names(study: StudyConfig) -> None:
+    """Raise UsageError now for a vehicle, a planted set or a mechanism that does not exist."""
+    for name in study.compare.mechanisms or ():
+        parse_hypothesis(name, study.compare.options)
     for draw in draws(study.model_copy(update={"flights": 1})):
         flight_config(study, draw)

@@ -8,7 +8,7 @@ from pathlib import Path
 from joblib import Parallel, delayed, parallel_config
 
 from brv_hypo.study.config import StudyConfig
-from brv_hypo.study.draws import Draw, check_plants, draws
+from brv_hypo.study.draws import Draw, check_names, draws
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.store import Store
 from brv_hypo.study.trial import fly
@@ -31,7 +31,7 @@ def run_study(
     outcome with its reason. Raises UsageError for a vehicle or planted set that does not exist, and where
     `folder` holds another study and `overwrite` is not set.
     """
-    check_plants(study)
+    check_names(study)
     store = Store(Path(folder), study, overwrite=overwrite)
     wanted = draws(study)
     missing = [draw for draw in wanted if draw.key not in store.known()]

@@ -1,0 +1,47 @@
+"""Made-up outcomes, for statistics whose answer is known."""
+
+from __future__ import annotations
+
+from brv_hypo.study.draws import Draw
+from brv_hypo.study.outcome import Estimate, Outcome
+
+
+def outcome(
+    planted: str = "lag",
+    first: str = "lag",
+    *,
+    winner: str | None = None,
+    probability: dict[str, float] | None = None,
+    information: dict[str, float] | None = None,
+    effect: float = 0.2,
+    vehicle: str = "cone",
+    repeat: int = 0,
+    estimates: tuple[Estimate, ...] = (),
+) -> Outcome:
+    """A compared flight."""
+    draw = Draw(
+        vehicle=vehicle,
+        planted=planted,
+        repeat=repeat,
+        seed=repeat,
+        size=1.0,
+        delay=1.0,
+        onset_shift=0.0,
+        alpha=1.0,
+        roll_rate=1.0,
+        windward_meridian=0.0,
+        gyro_noise=1.0,
+    )
+    probability = probability or {"none": 0.0, "lag": 0.0, "sticking": 0.0} | {first: 1.0}
+    return Outcome(
+        draw=draw,
+        status="compared",
+        effect_in_plane=0.0 if planted == "none" else effect,
+        first=first,
+        winner=winner,
+        equivalent=(first,),
+        probability=probability,
+        information=information or {name: -10.0 * (name == first) for name in probability},
+        estimates=estimates,
+        seconds=1.0,
+    )

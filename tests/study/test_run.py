@@ -1,0 +1,187 @@
+"""Studies that are interrupted, grow, fail in part; and the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from brv_hypo.cli.main import app
+from brv_hypo.errors import UsageError
+from brv_hypo.study import StudyConfig, read_study, run, run_study, summarise
+from brv_hypo.study.store import FLIGHTS, results_csv
+from brv_hypo.study.trial import fly
+from tests.study.outcomes import outcome
+
+STUDY = StudyConfig(vehicles=("research_cone",), planted=("none", "lag"), flights=2)
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Flights cost nothing; gives the keys of those that were flown."""
+    keys = []
+
+    def pretend(study, draw):
+        keys.append(draw.key)
+        return outcome(draw.planted, draw.planted, winner=draw.planted).model_copy(update={"draw": draw})
+
+    monkeypatch.setattr(run, "fly", pretend)
+    return keys
+
+
+def test_every_flight_is_flown_once_and_kept_at_once(tmp_path, flown):
+    kept = []
+
+    def progress(done, total, latest):
+        kept.append((done, total, len((tmp_path / FLIGHTS).read_text().splitlines())))
+
+    outcomes = run_study(STUDY, tmp_path, progress=progress)
+    assert [o.draw.key for o in outcomes] == flown
+    assert kept == [(n, 4, n) for n in (1, 2, 3, 4)]
+
+
+def test_an_interrupted_study_goes_on_and_a_half_written_flight_is_flown_again(tmp_path, flown):
+    first = run_study(STUDY, tmp_path)
+    path = tmp_path / FLIGHTS
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:2]) + lines[2][:40])
+    flown.clear()
+    assert run_study(STUDY, tmp_path) == first
+    assert flown == ["research_cone/none/1", "research_cone/lag/1"]
+    assert len(path.read_text().splitlines()) == 4
+
+
+def test_a_study_grows_and_another_one_is_refused_unless_forced(tmp_path, flown):
+    run_study(STUDY, tmp_path)
+    flown.clear()
+    run_study(STUDY.model_copy(update={"flights": 3}), tmp_path)
+    assert flown == ["research_cone/none/2", "research_cone/lag/2"]
+    other = STUDY.model_copy(update={"seed": 9})
+    with pytest.raises(UsageError, match="holds another study"):
+        run_study(other, tmp_path)
+    flown.clear()
+    run_study(other, tmp_path, overwrite=True)
+    assert len(flown) == 4
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path, flown):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="cannot be written"):
+        run_study(STUDY, tmp_path / "file")
+    assert flown == []
+
+
+def test_failures_are_outcomes_with_their_reason(tmp_path):
+    """Damping ten thousand times too unstable diverges; half a second is too short to compare."""
+    wild = STUDY.draws.model_copy(update={"size": (1e4, 1e4)})
+    (tmp_path / "brief.yaml").write_text("base: research_cone\nduration: 0.5\nsample_rate: 100.0")
+    diverging = StudyConfig(vehicles=("research_cone",), planted=("damping",), flights=1, draws=wild)
+    brief = StudyConfig(vehicles=(str(tmp_path / "brief.yaml"),), planted=("none",), flights=1)
+    outcomes = [*run_study(diverging, tmp_path / "a"), *run_study(brief, tmp_path / "b")]
+    assert [o.status for o in outcomes] == ["not simulated", "not compared"]
+    assert "diverges" in outcomes[0].reason
+    assert "Widen" in outcomes[1].reason
+    summary = summarise(STUDY, outcomes)
+    assert len(summary.failures) == 2
+    assert summary.seconds_per_flight is None
+
+
+def test_the_table_has_a_row_for_each_flight():
+    failed = outcome("lag", "lag", repeat=1).model_copy(
+        update={"status": "not compared", "reason": "too short", "probability": {}, "information": {}}
+    )
+    rows = list(csv.DictReader(results_csv([outcome("lag", "sticking"), failed]).splitlines()))
+    assert [row["status"] for row in rows] == ["compared", "not compared"]
+    assert (rows[0]["first"], rows[0]["probability_sticking"], rows[0]["vehicle"]) == (
+        "sticking",
+        "1.0",
+        "cone",
+    )
+    assert (rows[1]["reason"], rows[1]["probability_sticking"]) == ("too short", "")
+
+
+SMALL = """
+title: small
+vehicles: [{vehicle}]
+planted: [none, bodyfixed]
+flights: 1
+draws: {{size: [0.9, 1.1], onset_shift: [-0.1, 0.1]}}
+compare: {{mechanisms: [bodyfixed], maximum_likelihood: false}}
+"""
+VEHICLE = """
+base: research_cone
+title: short cone
+duration: 3.0
+sample_rate: 100.0
+plantable:
+  bodyfixed:
+    - {mechanism: bodyfixed, terms: {C_b cos(phi_b): 8.0e-4, C_b sin(phi_b): -3.0e-4}, start: 1.0, stop: 2.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A study of two short flights that really are simulated and compared."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "cone.yaml").write_text(VEHICLE)
+    (folder / "small.yaml").write_text(SMALL.format(vehicle=folder / "cone.yaml"))
+    return folder / "small.yaml"
+
+
+@pytest.fixture(scope="module")
+def commanded(small):
+    """The command's outcome and its folder."""
+    folder = small.parent / "out"
+    return CliRunner().invoke(
+        app, ["study", str(small), "-o", str(folder), "--jobs", "1", "--json", "-"]
+    ), folder
+
+
+def test_the_command_writes_table_summary_and_page(commanded):
+    done, folder = commanded
+    assert done.exit_code == 0, done.output
+    summary = json.loads(done.stdout)
+    assert summary["schema"] == "brv-hypo/study/1"
+    assert summary == json.loads((folder / "summary.json").read_text())
+    rows = list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
+    assert [(row["planted"], row["first"]) for row in rows] == [("none", "none"), ("bodyfixed", "bodyfixed")]
+    page = (folder / "report.html").read_text()
+    assert "Ranked first, cone" in page
+    assert "Detection limits" in page
+
+
+def test_the_planted_moment_is_found_with_its_angle_and_its_knots(commanded):
+    _, folder = commanded
+    flight = json.loads((folder / FLIGHTS).read_text().splitlines()[1])
+    found = {item["name"]: item for item in flight["estimates"]}
+    assert 0.05 < flight["effect_in_plane"] < 0.5
+    assert found["phi_b"]["value"] == pytest.approx(found["phi_b"]["truth"], abs=0.02)
+    assert found["onset"]["value"] == pytest.approx(found["onset"]["truth"], abs=0.02)
+    assert found["end"]["value"] == pytest.approx(found["end"]["truth"], abs=0.02)
+
+
+def test_the_command_goes_on_where_it_was_and_prints_tables(commanded, small):
+    _, folder = commanded
+    done = CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--jobs", "1", "-v"])
+    assert done.exit_code == 0, done.output
+    for heading in ("Ranked first", "Calibration", "Detection limits", "Planted parameters"):
+        assert heading in done.stdout
+    quiet = CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--jobs", "1", "-q"])
+    assert quiet.stdout.startswith("What was planted ranks first in 2 of 2")
+
+
+def test_another_seed_is_another_study(commanded, small):
+    _, folder = commanded
+    done = CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--seed", "5"])
+    assert done.exit_code == 2
+    assert "another study" in done.output
+
+
+def test_a_flight_is_the_same_wherever_it_is_flown(commanded, small):
+    _, folder = commanded
+    kept = json.loads((folder / FLIGHTS).read_text().splitlines()[0])
+    study = read_study(small)
+    again = fly(study, run.draws(study)[0])
+    assert again.information == pytest.approx(kept["information"], rel=1e-9)

@@ -1,0 +1,190 @@
+"""Statistics of studies whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.ranking.verdict import probabilities
+from brv_hypo.study import StudyConfig, summarise
+from brv_hypo.study.calibration import best_temperature, calibration, log_loss
+from brv_hypo.study.confusion import confusion, false_alarms
+from brv_hypo.study.coverage import coverages
+from brv_hypo.study.detection import detection_limits, logistic
+from brv_hypo.study.outcome import Estimate
+from brv_hypo.study.shares import share
+from tests.study.outcomes import outcome
+
+
+@pytest.mark.parametrize(
+    ("count", "total", "low", "high"),
+    [
+        (0, 10, 0.0, 0.30849710781876083),  # 1 - 0.025^(1/10): closed form
+        (10, 10, 0.69150289218123917, 1.0),
+        (7, 20, 0.1539092, 0.5921885),  # R 4, binom.test(7, 20)$conf.int, 7 digits
+        (0, 0, 0.0, 1.0),
+    ],
+)
+def test_shares_carry_the_exact_interval(count, total, low, high):
+    found = share(count, total)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=1e-7)
+    assert found.value == (count / total if total else None)
+
+
+def test_confusion_counts_what_ranked_first_and_what_won():
+    lag, none = confusion(
+        [
+            outcome("lag", "lag", winner="lag"),
+            outcome("lag", "lag"),
+            outcome("lag", "sticking", winner="sticking"),
+            outcome("none", "none", winner="none"),
+        ]
+    )
+    assert (lag.planted, lag.flights, lag.first) == ("lag", 3, {"lag": 2, "sticking": 1})
+    assert (lag.winners, lag.undecided) == ({"lag": 1, "sticking": 1}, 1)
+    assert (lag.ranked_first.count, lag.won.count) == (2, 1)
+    assert none.first == {"none": 1}
+
+
+def test_a_false_alarm_is_a_named_mechanism_where_nothing_was_planted():
+    flights = [
+        outcome("none", "lag", winner="lag"),
+        outcome("none", "lag"),
+        outcome("none", "none", winner="none"),
+    ]
+    found = false_alarms([*flights, outcome("lag", "sticking", winner="sticking")])
+    assert (found.count, found.total) == (1, 3)
+
+
+def test_the_brier_score_and_the_log_loss_by_hand():
+    chances = {"none": 0.2, "lag": 0.7, "sticking": 0.1}
+    information = {name: -2.0 * np.log(p) for name, p in chances.items()}
+    one = outcome("none", "lag", probability=chances, information=information)
+    assert calibration([one]).brier == pytest.approx(0.8**2 + 0.7**2 + 0.1**2)
+    assert log_loss([one], 1.0) == pytest.approx(-np.log(0.2))
+
+
+def drawn_from(temperature: float, flights: int, seed: int) -> list:
+    """Flights whose truth is drawn from the probabilities at `temperature`."""
+    random = np.random.default_rng(seed)
+    names = ("none", "lag", "sticking")
+    found = []
+    for _ in range(flights):
+        information = dict(zip(names, random.uniform(0.0, 12.0 * temperature, 3), strict=True))
+        chances = probabilities(information, temperature)
+        planted = str(random.choice(names, p=list(chances.values())))
+        first = max(chances, key=lambda name: chances[name])
+        found.append(outcome(planted, first, probability=chances, information=information))
+    return found
+
+
+@pytest.mark.parametrize("temperature", [0.5, 2.0, 8.0])
+def test_the_best_temperature_is_the_one_that_the_truths_were_drawn_at(temperature):
+    """1500 flights: the standard error of ln T is about 0.05."""
+    found = best_temperature(drawn_from(temperature, 1500, seed=3))
+    assert found == pytest.approx(temperature, rel=0.15)
+
+
+def test_calibrated_verdicts_fill_the_bins_at_their_own_probability():
+    found = calibration(drawn_from(2.0, 1500, seed=5))
+    assert sum(item.right.total for item in found.bins) == found.flights == 1500
+    assert found.temperature == 2.0
+    assert found.best_log_loss <= found.log_loss
+    for item in found.bins:
+        # 99.9 % limits of the share; the intervals themselves are at 95 %
+        sigma = np.sqrt(item.mean_probability * (1 - item.mean_probability) / item.right.total)
+        assert abs(item.right.value - item.mean_probability) < 3.3 * sigma + 1e-9
+
+
+def test_a_certain_verdict_is_counted_in_the_last_bin():
+    last = calibration([outcome("lag", "lag")]).bins[-1]
+    assert (last.right.count, last.right.total) == (1, 1)
+
+
+def test_calibration_without_flights_says_so():
+    found = calibration([])
+    assert (found.flights, found.brier, found.best_temperature) == (0, None, None)
+
+
+def flown_at(effects, won) -> list:
+    return [
+        outcome("lag", "lag", winner="lag" if hit else None, effect=float(effect))
+        for effect, hit in zip(effects, won, strict=True)
+    ]
+
+
+def test_the_detection_limit_is_recovered():
+    """2000 flights won with probability 1 / (1 + (0.05 / effect)^3): half at 0.05, nine tenths at 0.104."""
+    random = np.random.default_rng(1)
+    effects = np.exp(random.uniform(np.log(0.005), np.log(0.5), 2000))
+    won = random.uniform(size=2000) < 1.0 / (1.0 + (0.05 / effects) ** 3)
+    together, alone = detection_limits(flown_at(effects, won))
+    assert (together.vehicle, alone.vehicle) == (None, "cone")
+    assert together.status == "estimated"
+    assert together.half == pytest.approx(0.05, rel=0.08)
+    assert together.nine_tenths == pytest.approx(0.05 * 9 ** (1 / 3), rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("effects", "won", "status"),
+    [
+        ([0.1, 0.2, 0.3], [1, 1, 1], "all won"),
+        ([0.1, 0.2, 0.3], [0, 0, 0], "none won"),
+        ([0.1, 0.2, 0.3], [0, 1, 1], "too few"),
+        ([0.1, 0.2, 0.3, 0.4, 0.5, 0.6], [1, 1, 1, 0, 0, 0], "no trend"),
+        ([0.1, 0.11, 0.12, 0.13, 0.14, 0.15], [0, 1, 0, 1, 0, 1], "extrapolated"),
+    ],
+)
+def test_limits_that_the_flights_do_not_show_are_not_given_as_estimates(effects, won, status):
+    assert detection_limits(flown_at(effects, won))[0].status == status
+
+
+def test_a_logistic_curve_stays_finite_where_won_and_lost_are_parted():
+    x = np.arange(10.0)
+    level, slope = logistic(x, (x > 4.5).astype(float))
+    assert 0.5 < slope < 20.0
+    assert -level / slope == pytest.approx(4.5, abs=0.01)
+
+
+def test_nothing_planted_has_no_detection_limit():
+    assert detection_limits([outcome("none", "none", winner="none")]) == ()
+
+
+def estimate(value: float | None, std_error: float | None = 1.0) -> Estimate:
+    return Estimate(name="delay", kind="theta", units="s", truth=0.0, value=value, std_error=std_error)
+
+
+def test_two_sigma_cover_gaussian_errors_as_often_as_they_should():
+    """2000 draws: 95.45 % within 1.5 %."""
+    errors = np.random.default_rng(2).normal(size=2000)
+    (found,) = coverages([outcome(estimates=(estimate(float(error)),)) for error in errors])
+    assert found.covered.value == pytest.approx(0.9545, abs=0.015)
+    assert found.median_error == pytest.approx(0.6745, abs=0.05)
+
+
+def test_coverage_counts_what_is_missing_and_leaves_out_flights_that_another_leads():
+    flights = [
+        outcome(estimates=(estimate(0.5),)),
+        outcome(estimates=(estimate(None),)),
+        outcome(estimates=(estimate(0.5, None),)),
+        outcome("lag", "sticking", estimates=(estimate(9.0),)),
+    ]
+    (found,) = coverages(flights)
+    assert (found.covered.count, found.covered.total, found.missing) == (1, 1, 2)
+
+
+def test_the_summary_sets_weak_effects_and_failures_apart():
+    study = StudyConfig(vehicles=("cone",), planted=("none", "lag"))
+    lost = outcome("lag", "none", effect=0.3, repeat=1).model_copy(
+        update={"information": {"none": -12.0, "lag": -10.0}}
+    )
+    failed = outcome("lag", "lag", repeat=2).model_copy(
+        update={"status": "not simulated", "reason": "it diverges"}
+    )
+    weak = outcome("lag", "none", effect=0.01)
+    found = summarise(study, [outcome("none", "none", winner="none"), weak, lost, failed])
+    assert (found.flights, found.compared) == (4, 3)
+    assert (found.right.count, found.right.total) == (1, 3)
+    assert (found.right_visible.count, found.right_visible.total) == (1, 2)
+    assert [(item.key, item.first, item.lead) for item in found.mistakes] == [("cone/lag/1", "none", 2.0)]
+    assert [(item.key, item.reason) for item in found.failures] == [("cone/lag/2", "it diverges")]
