@@ -1,0 +1,210 @@
+"""Generic terms for what no plugin describes, and the words that an analyst uses for them.
+
+An entry is one vector or one scalar: terms that enter together. Entries with a position (a rate of turning, a Mach number) are
+laid on a grid and can be moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn
+from brv_hypo.motion.motion import Motion
+
+_TURNS = 160
+_STEPS = 14
+_HATS = 8
+_ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
+_POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
+_QUANTITY = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time": "time"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
+
+    `at(position)` is the same entry elsewhere.
+    """
+
+    words: str
+    terms: tuple[FiledTerm, ...]
+    position: float = 0.0
+    spacing: float = 0.0
+    at: Callable[[float], Entry] | None = None
+
+
+def entries(motion: Motion) -> tuple[Entry, ...]:
+    """The dictionary for one flight; quantities that the record lacks or that stand still are left out."""
+    found = [*_turning(motion), *_harmonics(), *_powers()]
+    for quantity in ("mach", "log_reynolds", "time"):
+        values = np.log10(motion.reynolds) if quantity == "log_reynolds" else getattr(motion, quantity)
+        low, high = float(np.min(values)), float(np.max(values))
+        if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
+            found += [*_steps(quantity, low, high), *_courses(quantity, low, high)]
+    return tuple(found)
+
+
+def _turning(motion: Motion) -> list[Entry]:
+    """Body-fixed moments of constant size that turn in the body at a constant rate."""
+    duration = float(motion.time[-1] - motion.time[0])
+    fastest = 3.0 * (
+        float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), 90))
+    )
+    top = min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
+    step = max(np.pi / duration, 2.0 * top / _TURNS)
+    rates = step * np.arange(-int(top / step), int(top / step) + 1)
+    near = float(np.mean(motion.p))
+
+    def entry(rate: float) -> Entry:
+        roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
+        name = f"turns at {rate:.4g} rad/s"
+        terms = tuple(
+            FiledTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY
+        )
+        return Entry(
+            f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})",
+            terms,
+            rate,
+            step,
+            entry,
+        )
+
+    return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
+
+
+_BODY: tuple[Axis, Axis] = ("body_y", "body_z")
+
+
+def _harmonics() -> list[Entry]:
+    """Harmonics of the windward meridian, in and out of plane, constant or with alpha."""
+    found = []
+    for harmonic in (1, 2, 3, 4):
+        for power in (0, 1):
+            for axis in _PLANE:
+                terms = tuple(
+                    FiledTerm(
+                        name=f"{axis} {function} {harmonic} phi_w{_POWER[power]}",
+                        axis=axis,
+                        factors=(
+                            Factor(of="windward_meridian", function=function, rate=float(harmonic)),
+                            *_alpha(power),
+                        ),
+                        units="1/rad" if power else "1",
+                    )
+                    for function in _WAVES
+                )
+                side = "in-plane" if axis == "in_plane" else "out-of-plane"
+                found.append(
+                    Entry(
+                        f"an {side} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}",
+                        terms,
+                    )
+                )
+    return found
+
+
+_PLANE: tuple[Axis, Axis] = ("in_plane", "out_of_plane")
+_WAVES = ("cos", "sin")
+
+
+def _powers() -> list[Entry]:
+    """Powers of alpha in and out of plane that the baseline lacks."""
+    chosen: list[tuple[Axis, int]] = [
+        ("in_plane", 2),
+        ("in_plane", 3),
+        *(("out_of_plane", k) for k in range(4)),
+    ]
+    return [
+        Entry(
+            f"a constant {axis.replace('_', '-')} moment"
+            if power == 0
+            else f"an {axis.replace('_', '-')} moment{_POWER[power].replace(' times', ' with')}",
+            (
+                FiledTerm(
+                    name=f"{axis}{_POWER[power]}",
+                    axis=axis,
+                    factors=_alpha(power),
+                    units=f"1/rad^{power}" if power else "1",
+                ),
+            ),
+        )
+        for axis, power in chosen
+    ]
+
+
+def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
+    """Steps of the stiffness, in and out of plane, at a value of the quantity."""
+    spacing = (high - low) / (_STEPS + 1)
+
+    def maker(axis: Axis) -> Callable[[float], Entry]:
+        what = (
+            "a step of the stiffness"
+            if axis == "in_plane"
+            else "an out-of-plane moment with alpha that steps"
+        )
+
+        def entry(value: float) -> Entry:
+            factor = Factor(of=quantity, function="step", at=value, width=0.1 * spacing)
+            name = f"{axis} alpha, step at {quantity} {value:.5g}"
+            return Entry(
+                f"{what} at {_QUANTITY[quantity]} {value:.5g}",
+                (FiledTerm(name=name, axis=axis, factors=(factor, *_alpha(1)), units="1/rad"),),
+                value,
+                spacing,
+                entry,
+            )
+
+        return entry
+
+    return [maker(axis)(low + k * spacing) for axis in _PLANE for k in range(1, _STEPS + 1)]
+
+
+def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
+    """Splines: stiffness, out-of-plane slope and body-fixed moment around a value of the quantity."""
+    width = (high - low) / (_HATS - 1)
+    found = []
+    for k in range(_HATS):
+        at = low + k * width
+        hat = Factor(of=quantity, function="bump", at=at, width=width)
+        where = f"around {_QUANTITY[quantity]} {at:.4g}"
+        label = f"hat at {quantity} {at:.5g}"
+        found.append(
+            Entry(
+                f"a change of the stiffness {where}",
+                (
+                    FiledTerm(
+                        name=f"in_plane alpha, {label}",
+                        axis="in_plane",
+                        factors=(hat, *_alpha(1)),
+                        units="1/rad",
+                    ),
+                ),
+            )
+        )
+        found.append(
+            Entry(
+                f"an out-of-plane moment with alpha {where}",
+                (
+                    FiledTerm(
+                        name=f"out_of_plane alpha, {label}",
+                        axis="out_of_plane",
+                        factors=(hat, *_alpha(1)),
+                        units="1/rad",
+                    ),
+                ),
+            )
+        )
+        found.append(
+            Entry(
+                f"a body-fixed moment {where}",
+                tuple(FiledTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY),
+            )
+        )
+    return found
+
+
+def _alpha(power: int) -> tuple[Factor, ...]:
+    return (Factor(of="alpha", power=power),) if power else ()

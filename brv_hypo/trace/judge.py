@@ -1,0 +1,120 @@
+"""Judgement on the held-out part: it took no part in the fit, nor in the choice of the effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.design.columns import Column
+from brv_hypo.design.frame import RateFrame
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.fit import HypothesisFit
+from brv_hypo.ranking.linear import solve_scaled
+from brv_hypo.trace.channels import Part
+from brv_hypo.trace.task import TraceTask
+
+# Rows that are summed before their squares are, so that short correlations count.
+_CLUSTER = 8
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Squared moment errors on a part of the record: sum and number of samples of each of its stretches."""
+
+    squares: FloatArray
+    sizes: FloatArray
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of the moment coefficients, pitch and yaw together."""
+        return float(self.squares.sum() / max(self.sizes.sum(), 1.0))
+
+
+def score(task: TraceTask, held_out: Part, before: HypothesisFit, after: HypothesisFit) -> float:
+    """Fall of the held-out squared error in both channels, in standard errors.
+
+    The difference of two predictions d and the later residual e give it: sum of d^2 + 2 e d, whose noise is that of the second
+    part alone; it is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
+    """
+    first, second = (_held_out_residual(task, held_out, fit) for fit in (before, after))
+    gain = first**2 - second**2
+    noise = 2.0 * second * (first - second)
+    starts = np.arange(0, noise.size, _CLUSTER)
+    clusters = np.add.reduceat(noise, starts)
+    return float(gain.sum() / max(np.sqrt(np.sum(clusters**2)), 1e-300))
+
+
+def _held_out_residual(task: TraceTask, held_out: Part, fit: HypothesisFit) -> FloatArray:
+    values = solve_scaled(task.whole_design(fit.frame, fit.columns), task.raw_response)
+    other = task.on(held_out)
+    rows = 4 * held_out.thinned_pieces(task.both)[-1][1]
+    predicted = other.whole_design(fit.frame, fit.columns)[:rows] @ values
+    return np.asarray(other.raw_response[:rows] - predicted, dtype=float)
+
+
+def moment_errors(part: Part, left: ResidualMoments) -> Prediction:
+    """Errors of the moment coefficients on a part, by stretch."""
+    square = np.where(left.usable, np.abs(left.body) ** 2 / 2.0, 0.0)[part.samples]
+    usable = left.usable[part.samples]
+    sums = [(float(square[a:b].sum()), float(usable[a:b].sum())) for a, b in part.pieces]
+    squares, sizes = np.array(sums).T
+    return Prediction(squares, sizes)
+
+
+@dataclass(frozen=True)
+class ResidualMoments:
+    """C_m + i C_n measured less modelled (n,), and where it is usable."""
+
+    body: ComplexArray
+    usable: BoolArray
+
+
+def residual_moments(
+    frame: RateFrame, record: InertialRecord, columns: tuple[Column, ...], values: FloatArray
+) -> ResidualMoments:
+    """Moments from what the columns leave of the rates.
+
+    The filter that differentiates the rates acts on measurement and model alike, so that it rounds no corner of the
+    one that the other keeps.
+    """
+    left = frame.observed - frame.columns(columns) @ values
+    spin = record.spin_rate
+    body = np.zeros(record.time.size, dtype=complex)
+    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+        if b - a > 2 * spin.half_width:
+            rate = savgol_filter(
+                np.stack([left[a:b].real, left[a:b].imag]),
+                2 * spin.half_width + 1,
+                spin.order,
+                1,
+                record.flight.step,
+            )
+            body[segment.rows] = rate[0] + 1j * rate[1]
+    usable = record.measured & spin.interior
+    return ResidualMoments(body * np.exp(-1j * record.spin_angle) / record.moment_scale, usable)
+
+
+def ratio(before: Prediction, after: Prediction) -> tuple[float, float]:
+    """Ratio of mean squares, after over before, and its standard error by the jackknife over stretches."""
+    whole = after.mean_square / before.mean_square
+    keep = ~np.eye(before.squares.size, dtype=bool)
+    parts = np.array(
+        [
+            (after.squares[k].sum() / after.sizes[k].sum())
+            / (before.squares[k].sum() / before.sizes[k].sum())
+            for k in keep
+        ]
+    )
+    n = parts.size
+    return whole, float(np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2)))
+
+
+def noise_floor(part: Part, reconstruction: Reconstruction) -> float:
+    """Mean square of the moment coefficients' noise on a part."""
+    moments = reconstruction.moments
+    usable = moments.usable[part.samples]
+    return float(np.mean(moments.sigma[part.samples][usable] ** 2))

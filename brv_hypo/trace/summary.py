@@ -1,0 +1,178 @@
+"""Gathers the result of a trace: the model on the whole record, what is left, and its caveats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.design.columns import BASELINE, Column
+from brv_hypo.design.whitening import NoiseModel
+from brv_hypo.flight.record import Flight
+from brv_hypo.ranking.linear import covariance_of
+from brv_hypo.ranking.result import FlightSummary, TermEstimate
+from brv_hypo.trace.discover import Discovery
+from brv_hypo.trace.judge import noise_floor, residual_moments
+from brv_hypo.trace.result import ModelSummary, Picture, Residual, Step, Stop, Trace
+from brv_hypo.trace.step import Model, Seen
+
+_FEW_SAMPLES = 25.0
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Where the loop ended."""
+
+    seen: Seen
+    model: Model
+    noise: NoiseModel
+    steps: tuple[Step, ...]
+    stopped: Stop
+    discovery: Discovery | None
+
+
+def summary(flight: Flight, first: Seen, start: Model, end: Ending, seconds: float) -> Trace:
+    """The result of the contract."""
+    last, model, noise, steps = end.seen, end.model, end.noise, end.steps
+    values = last.values(last.whole, model.columns, noise)
+    before = first.values(first.whole, start.columns, noise)
+    final = steps[-1].residual
+    return Trace(
+        flight=FlightSummary(
+            path=flight.path,
+            samples=flight.samples,
+            start_s=float(flight.time[0]),
+            stop_s=float(flight.time[-1]),
+            sample_rate_hz=flight.sample_rate,
+            title=flight.title,
+            notes=flight.notes,
+        ),
+        steps=steps,
+        model=ModelSummary(terms=_terms(last, model, values, noise)),
+        stopped=end.stopped,
+        unexplained=_unexplained(final),
+        caveats=_caveats(flight, last),
+        noise_floor=noise_floor(last.held_out, last.reconstruction),
+        final_residual=final,
+        seconds=seconds,
+        discovered=None if end.discovery is None else end.discovery.file,
+        picture=_picture(first, start, before, last, model, values),
+    )
+
+
+def _terms(seen: Seen, model: Model, values: FloatArray, noise: NoiseModel) -> tuple[TermEstimate, ...]:
+    """Coefficients on the whole record with their standard errors, and what was taken out of the record."""
+    frame = seen.frame
+    design, response = seen.rows(seen.whole, model.columns, noise)
+    covariance = covariance_of(design, response - design @ values, response.size, 1.0)
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    time = frame.time
+    found = [
+        TermEstimate(
+            name=column.label,
+            mechanism=_owner(column),
+            channel=_channel(seen, column),
+            value=float(value),
+            std_error=float(sigma),
+            f_ratio=float((value / sigma) ** 2) if sigma > 0.0 else float("nan"),
+            units=column.units,
+            region_s=None
+            if column.course.kind == "constant"
+            else (max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))),
+            delay_s=column.delay,
+        )
+        for column, value, sigma in zip(model.columns, values, sigmas, strict=True)
+    ]
+    return (
+        *found,
+        *(
+            TermEstimate(
+                name=applied.component,
+                mechanism=applied.effect.name,
+                channel="record",
+                value=applied.value,
+                std_error=float("nan"),
+                f_ratio=float("nan"),
+                units=applied.units,
+            )
+            for applied in model.applied
+        ),
+    )
+
+
+def _owner(column: Column) -> str:
+    return BASELINE if column.mechanism in ("static", "pitch damping") else column.mechanism
+
+
+def _channel(seen: Seen, column: Column) -> str:
+    terms = seen.frame.mechanisms[column.mechanism].terms(seen.reconstruction.motion, dict(column.theta))
+    term = next(term for term in terms if term.name == column.term)
+    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
+    return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
+
+
+def _unexplained(residual: Residual) -> str | None:
+    """What is left, in a sentence."""
+    if residual.white:
+        return None
+    start, stop = residual.worst_region_s
+    went = "".join(
+        f"; {c.moment} goes with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
+    )
+    return (
+        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.1f} times the noise of the moments; it is "
+        f"largest in {residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at {residual.dominant_frequency_hz:.3g} Hz "
+        f"({residual.dominant_frequency_is}){went}."
+    )
+
+
+def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
+    """What in the data could pose as an effect."""
+    found = list(seen.reconstruction.warnings)
+    motion = seen.reconstruction.motion
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), 90.0)) + float(
+        np.mean(np.abs(motion.p))
+    )
+    per_cycle = 2.0 * np.pi / (turning * flight.step)
+    if per_cycle < _FEW_SAMPLES:
+        attenuation = 1.0 - np.sinc(1.0 / per_cycle)
+        found.append(
+            f"a cycle has {per_cycle:.0f} samples: where samples are means over their interval, fast motion reads "
+            f"{100.0 * attenuation:.1f} % too small, and a delay of half a sample may pose as damping or lag"
+        )
+    drag = _drag_spread(flight)
+    if drag is not None and drag < 0.1:
+        found.append(
+            f"dynamic pressure keeps a fixed proportion to the axial force within {100.0 * drag:.0f} %: where it was derived from "
+            "drag, its errors are those of the assumed drag coefficient, and a stiffness that changes along the flight may in part "
+            "be that coefficient's change"
+        )
+    return tuple(dict.fromkeys(found))
+
+
+def _drag_spread(flight: Flight) -> float | None:
+    """Relative spread of axial force over dynamic pressure."""
+    share = flight.ax / flight.dynamic_pressure
+    centre = float(np.median(share))
+    return None if centre == 0.0 else float(np.std(share) / abs(centre))
+
+
+def _picture(
+    first: Seen, start: Model, before: FloatArray, last: Seen, model: Model, values: FloatArray
+) -> Picture:
+    old = residual_moments(first.frame, first.record, start.columns, before)
+    new = residual_moments(last.frame, last.record, model.columns, values)
+    moments = last.reconstruction.moments
+    kept = old.usable & new.usable
+    return Picture(
+        time_s=tuple(last.reconstruction.motion.time[kept].tolist()),
+        measured=_pair(moments.body[kept]),
+        before=_pair(old.body[kept]),
+        after=_pair(new.body[kept]),
+        sigma=tuple(moments.sigma[kept].tolist()),
+    )
+
+
+def _pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    return tuple(values.real.tolist()), tuple(values.imag.tolist())

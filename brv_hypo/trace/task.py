@@ -1,0 +1,246 @@
+"""The regression of one step: moments, force, motion and record together, as a task of the ranking's fits.
+
+The rows of `TraceTask` are the whitened rates, the whitened force, and one for each prior. Columns that are not
+functions of the motion (unknowns of the motion, the force model, record effects) are given as histories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.design.columns import Column, candidates, default_knots, theta_grid
+from brv_hypo.design.frame import RateFrame, remove_levels
+from brv_hypo.design.timebasis import TimeFunction
+from brv_hypo.design.whitening import effective_samples, fit_noise, white
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.motion.motion import Motion
+from brv_hypo.ranking.fit import HypothesisFit
+from brv_hypo.ranking.linear import lengths, solve_scaled
+from brv_hypo.ranking.task import Task
+from brv_hypo.trace.channels import Noise, Part, Rows
+from brv_hypo.trace.response import Situation, side_by_side
+
+GIVEN = "given"
+_OBSERVED = "observed"
+_WALK_MODES = 10
+_NOISE_ORDER = 12
+_PER_CYCLE = 16
+_FORCE = tuple(f"force {k}" for k in range(5))
+
+
+class GivenColumns(Mechanism):
+    """Stands for the columns that are given as histories: no moment belongs to it."""
+
+    name = GIVEN
+    title = "columns given as histories"
+    claims = "nothing of its own"
+    source = "the residual loop"
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """None."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What is fitted along in every step, by name: histories over the flight, priors on some of them.
+
+    `prior` maps a name to the present value in units of its prior's standard deviation.
+    """
+
+    histories: Mapping[str, Rows]
+    prior: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class TraceTask(Task):
+    """One step's regression on one part of the record.
+
+    `given` are histories over the whole flight, by name; `unknowns` name those that are fitted along always, and
+    are projected out of all rows; `prior` holds the present values of those that have one.
+    """
+
+    part: Part
+    both: Noise
+    given: Mapping[str, Rows]
+    unknowns: tuple[str, ...]
+    prior: Mapping[str, float]
+
+    @cached_property
+    def response(self) -> FloatArray:
+        """Rates, force and priors, whitened, the unknowns projected out (rows,)."""
+        return self.projected(self.raw_response[:, np.newaxis])[:, 0]
+
+    @cached_property
+    def samples(self) -> int:
+        """Real residuals less the constants of integration and the unknowns without a prior."""
+        return self.part.count(self.both) - (len(self.unknowns) - len(self.prior))
+
+    def design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """Whitened columns (rows, columns), projected like the response."""
+        return self.projected(self.raw_design(frame, columns))
+
+    @cached_property
+    def raw_response(self) -> FloatArray:
+        """Rates, force and present values of what has a prior, whitened (rows,)."""
+        observed = Rows(self.frame.observed[self.part.rows], self.given[_OBSERVED].force[self.part.samples])
+        return np.concatenate(
+            [self.part.whitened(observed, self.both)[:, 0], np.array(list(self.prior.values()))]
+        )
+
+    def raw_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """Whitened columns (rows, columns) as they are."""
+        rows = 4 * self.part.thinned_pieces(self.both)[-1][1]
+        out = np.zeros((rows + len(self.prior), len(columns)))
+        given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
+        others = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
+        if others:
+            moments = frame.columns([columns[j] for j in others])[self.part.rows]
+            out[: rows // 2, others] = self.part.white_rates(moments, self.both)
+        if given:
+            histories = side_by_side([self.given[columns[j].term].at(self.part.samples) for j in given])
+            out[:rows, given] = self.part.whitened(histories, self.both)
+        names = list(self.prior)
+        for j in given:
+            if columns[j].term in self.prior:
+                out[rows + names.index(columns[j].term), j] = 1.0
+        return out
+
+    def projected(self, rows: FloatArray) -> FloatArray:
+        """Rows (rows, columns) with the unknowns projected out."""
+        return np.asarray(rows - self._basis @ (self._basis.T @ rows), dtype=float)
+
+    def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """The columns as they are, and the unknowns after them (rows, columns + unknowns)."""
+        return np.column_stack([self.raw_design(frame, columns), self._unknown_design])
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        return np.linalg.qr(self._unknown_design / lengths(self._unknown_design))[0]
+
+    @cached_property
+    def _unknown_design(self) -> FloatArray:
+        return self.raw_design(self.frame, [given_column(name) for name in self.unknowns])
+
+    def on(self, part: Part) -> TraceTask:
+        """The same columns and noise on another part of the record."""
+        return replace(self, part=part)
+
+
+def given_column(name: str, units: str = "1") -> Column:
+    """The column of a history that is given."""
+    return Column(GIVEN, name, (), TimeFunction("constant"), units)
+
+
+def unknowns(situation: Situation, record_columns: Mapping[str, Rows]) -> Unknowns:
+    """The unknowns of the motion, the force model and the record effects that the model holds already."""
+    rows, present = situation.unknowns_of_motion(_WALK_MODES)
+    names = [f"motion {k}" for k in range(len(rows))]
+    walk = names[len(names) - present.size :]
+    record = situation.record
+    nothing = np.zeros(record.time.size, dtype=complex)
+    force = situation.force.columns(record, situation.crossflow)
+    histories = {
+        **dict(zip(names, rows, strict=True)),
+        **{name: Rows(nothing, force[:, k]) for k, name in enumerate(_FORCE)},
+        **record_columns,
+    }
+    return Unknowns(histories, dict(zip(walk, (float(v) for v in present), strict=True)))
+
+
+def build_task(
+    situation: Situation,
+    frame: RateFrame,
+    part: Part,
+    fixed: Unknowns,
+    effects: Mapping[str, Rows],
+    rich: Sequence[Mechanism],
+    knot_count: int,
+    max_terms: int,
+) -> TraceTask:
+    """The task of a step, its noise from what a rich model leaves."""
+    frame = frame.with_mechanisms([GivenColumns()])
+    time = frame.time
+    observed = Rows(situation.here.rates, situation.record.transverse_force)
+    noise = Noise(
+        white(situation.record.gyro_sigma),
+        white(float(np.median(situation.record.force_sigma))),
+        _thinning(situation),
+    )
+    task = TraceTask(
+        frame=frame,
+        baseline=situation.columns,
+        knots=default_knots(float(time.min()), float(time.max()), knot_count),
+        noise=noise.rates,
+        efficiency=1.0,
+        max_terms=max_terms,
+        refine=True,
+        exact_terms=max_terms,
+        part=part,
+        both=noise,
+        given={**fixed.histories, **effects, _OBSERVED: observed},
+        unknowns=tuple(fixed.histories),
+        prior=fixed.prior,
+    )
+    columns = (*situation.columns, *(given_column(name) for name in effects), *_rich_columns(frame, rich))
+    for _ in range(2):
+        task = with_noise(task, frame.with_mechanisms(rich), columns)
+    return task
+
+
+def with_noise(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> TraceTask:
+    """The task with the noise of what these columns leave, in each channel."""
+    left = residual(task, frame, columns)
+    pieces = task.part.pieces
+    rates = fit_noise(remove_levels(left.rates, pieces, task.noise), _NOISE_ORDER)
+    force = fit_noise([left.force[a:b][task.part.seen[a:b]] for a, b in pieces], _NOISE_ORDER)
+    return replace(task, noise=rates, both=Noise(rates, force, task.both.thinning))
+
+
+def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> Rows:
+    """What columns and unknowns leave of the rates (but for a constant a piece) and of the force (rows,)."""
+    everything = (*columns, *(given_column(name) for name in task.unknowns))
+    values = solve_scaled(task.whole_design(frame, columns), task.raw_response)
+    moments = [j for j, column in enumerate(everything) if column.mechanism != GIVEN]
+    given = [j for j, column in enumerate(everything) if column.mechanism == GIVEN]
+    histories = side_by_side([task.given[everything[j].term].at(task.part.samples) for j in given])
+    rates = (frame.observed - frame.columns([everything[j] for j in moments]) @ values[moments])[
+        task.part.rows
+    ]
+    force = task.given[_OBSERVED].force[task.part.samples]
+    return Rows(rates - histories.rates @ values[given], force - histories.force @ values[given])
+
+
+def with_efficiency(task: TraceTask, fit: HypothesisFit) -> TraceTask:
+    """The task with the effective share of samples that a fit's residual shows."""
+    pieces = task.part.thinned_pieces(task.both)
+    n = pieces[-1][1]
+    channels = fit.residual[: 4 * n].reshape(4, n)
+    parts = [channel[a:b] for channel in channels for a, b in pieces]
+    return replace(task, efficiency=effective_samples(parts) / (4 * n))
+
+
+def _thinning(situation: Situation) -> int:
+    """Samples that may be averaged where a cycle of the fastest motion keeps `_PER_CYCLE` rows."""
+    motion, record = situation.reconstruction.motion, situation.record
+    fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(
+        np.max(np.abs(motion.p))
+    )
+    return max(1, int(2.0 * np.pi / (fastest * record.flight.step * _PER_CYCLE)))
+
+
+def _rich_columns(frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[Column]:
+    """All terms of the mechanisms, at coarse knots and the middle of their grids."""
+    time = frame.time
+    coarse = np.linspace(time.min(), time.max(), 6)[1:-1]
+    found: list[Column] = []
+    for mechanism in mechanisms:
+        middle = theta_grid(mechanism)[len(theta_grid(mechanism)) // 2]
+        terms = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(middle))]
+        found.extend(candidates(mechanism, terms, coarse, (middle,)))
+    return found
