@@ -16,7 +16,7 @@ from brv_hypo.study.confusion import ConfusionRow
 
 def confusion_figure(rows: Sequence[ConfusionRow]) -> go.Figure:
     """Shares of what ranked first, one line for each planted mechanism."""
-    names = confusion_headings(rows)[2:-3]
+    names = confusion_headings(rows)[2:-2]
     counts = [[row.first.get(name, 0) for name in names] for row in rows]
     figure = go.Figure(
         go.Heatmap(

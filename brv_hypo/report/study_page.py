@@ -18,7 +18,7 @@ def study_page(summary: StudySummary, outcomes: Sequence[Outcome]) -> str:
     visible = f"effect of at least {percent(summary.visible_effect)}, or none"
     planted = [o for o in outcomes if o.status == "compared" and o.effect > 0.0]
     blocks = [
-        Block(f"Ranked first ({visible})", _confusion(summary.confusion_visible)),
+        Block(f"Ranked first ({visible})", _drawn_confusion(summary.confusion_visible)),
         *(Block(f"Ranked first, {name}", _confusion(part)) for name, part in summary.by_vehicle.items()),
         Block("Ranked first, all flights", _confusion(summary.confusion)),
         Block(f"Calibration ({visible})", _calibration(summary.calibration_visible)),
@@ -32,11 +32,12 @@ def study_page(summary: StudySummary, outcomes: Sequence[Outcome]) -> str:
     return page(f"Study: {summary.title}", rows.flown(summary), rows.headline(summary), blocks)
 
 
+def _drawn_confusion(part: Sequence[ConfusionRow]) -> str:
+    return drawn(figures.confusion_figure(part)) + _confusion(part) if part else ""
+
+
 def _confusion(part: Sequence[ConfusionRow]) -> str:
-    if not part:
-        return ""
-    headings = rows.confusion_headings(part)
-    return drawn(figures.confusion_figure(part)) + table(headings, rows.confusion_rows(part))
+    return _filled(rows.confusion_headings(part), rows.confusion_rows(part))
 
 
 def _calibration(calibration: Calibration) -> str:

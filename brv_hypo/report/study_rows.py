@@ -55,7 +55,7 @@ def ranged(value: Share) -> str:
 
 def confusion_headings(rows: Sequence[ConfusionRow]) -> tuple[str, ...]:
     """Planted, then a column for everything that ranked first."""
-    return ("planted", "flights", *_names(rows), "first (95 %)", "won", "undecided")
+    return ("planted", "n", *_names(rows), "right", "won")
 
 
 def confusion_rows(rows: Sequence[ConfusionRow]) -> Rows:
@@ -66,9 +66,8 @@ def confusion_rows(rows: Sequence[ConfusionRow]) -> Rows:
             row.planted,
             str(row.flights),
             *(str(row.first.get(name, 0) or "·") for name in names),
-            ranged(row.ranked_first),
+            percent(row.ranked_first.value),
             percent(row.won.value),
-            str(row.undecided),
         )
         for row in rows
     ]
@@ -95,10 +94,15 @@ def calibration_rows(calibration: Calibration) -> Rows:
 
 def calibration_line(calibration: Calibration) -> str:
     """Scores, and the temperature that would serve better."""
+    best = calibration.best_temperature
+    least = (
+        "the flights cannot set a better one"
+        if best is None
+        else f"least {number(calibration.best_log_loss)} at {number(best, 2)}"
+    )
     return (
         f"{calibration.flights} flights: Brier score {number(calibration.brier)}, log loss "
-        f"{number(calibration.log_loss)} at temperature {calibration.temperature:g}; least "
-        f"{number(calibration.best_log_loss)} at {number(calibration.best_temperature, 2)}"
+        f"{number(calibration.log_loss)} at temperature {calibration.temperature:g}; {least}"
     )
 
 
@@ -128,7 +132,7 @@ def coverage_rows(coverages: Sequence[Coverage]) -> Rows:
             item.units,
             str(item.covered.total),
             str(item.missing),
-            ranged(item.covered),
+            percent(item.covered.value),
             number(item.rms_sigmas),
             number(item.median_error, 2),
         )

@@ -32,7 +32,7 @@ class Calibration(Statistic):
 
     `brier`: mean over flights of sum over hypotheses of (probability - truth)^2 (Brier 1950); `log_loss`:
     mean of -ln of the true hypothesis's probability at `temperature`. `best_temperature` would make that
-    least, `best_log_loss`; None where no flight tells.
+    least, `best_log_loss`; None where the flights cannot tell.
     """
 
     flights: int
@@ -65,7 +65,10 @@ def log_loss(outcomes: Sequence[Outcome], temperature: float) -> float:
 
 
 def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
-    """The temperature of least log loss, between the ends of TEMPERATURES; None without flights."""
+    """The temperature of least log loss; None where it lies at an end of TEMPERATURES, or without flights.
+
+    Where every flight is right, colder is always better: such flights cannot set a temperature.
+    """
     if not outcomes:
         return None
     behind = _behind(outcomes)
@@ -74,7 +77,9 @@ def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
         bounds=tuple(np.log(TEMPERATURES)),
         method="bounded",
     )
-    return float(np.exp(found.x))
+    temperature = float(np.exp(found.x))
+    low, high = TEMPERATURES
+    return temperature if 1.01 * low < temperature < 0.99 * high else None
 
 
 def _behind(outcomes: Sequence[Outcome]) -> FloatArray:

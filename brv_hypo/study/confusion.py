@@ -26,12 +26,10 @@ class ConfusionRow(Statistic):
     won: Share
 
 
-def confusion(outcomes: Sequence[Outcome]) -> tuple[ConfusionRow, ...]:
-    """One row for each planted mechanism, in the order of the flights."""
-    return tuple(
-        _row(planted, [outcome for outcome in outcomes if outcome.planted == planted])
-        for planted in dict.fromkeys(outcome.planted for outcome in outcomes)
-    )
+def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[ConfusionRow, ...]:
+    """One row for each entry of `planted`, in its order; without those that no flight has."""
+    flights = {name: [outcome for outcome in outcomes if outcome.planted == name] for name in planted}
+    return tuple(_row(name, found) for name, found in flights.items() if found)
 
 
 def _row(planted: str, flights: Sequence[Outcome]) -> ConfusionRow:

@@ -80,9 +80,12 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
         visible_effect=study.visible_effect,
         right=share(sum(o.right for o in compared), len(compared)),
         right_visible=share(sum(o.right for o in visible), len(visible)),
-        confusion=confusion(compared),
-        confusion_visible=confusion(visible),
-        by_vehicle={name: confusion([o for o in visible if o.draw.vehicle == name]) for name in vehicles},
+        confusion=confusion(compared, study.planted),
+        confusion_visible=confusion(visible, study.planted),
+        by_vehicle={
+            vehicle: confusion([o for o in visible if o.draw.vehicle == vehicle], study.planted)
+            for vehicle in vehicles
+        },
         calibration=calibration(compared),
         calibration_visible=calibration(visible),
         detection=detection_limits(compared),

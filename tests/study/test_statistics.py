@@ -38,7 +38,8 @@ def test_confusion_counts_what_ranked_first_and_what_won():
             outcome("lag", "lag"),
             outcome("lag", "sticking", winner="sticking"),
             outcome("none", "none", winner="none"),
-        ]
+        ],
+        ("lag", "sticking", "none"),
     )
     assert (lag.planted, lag.flights, lag.first) == ("lag", 3, {"lag": 2, "sticking": 1})
     assert (lag.winners, lag.undecided) == ({"lag": 1, "sticking": 1}, 1)
@@ -99,6 +100,10 @@ def test_calibrated_verdicts_fill_the_bins_at_their_own_probability():
 def test_a_certain_verdict_is_counted_in_the_last_bin():
     last = calibration([outcome("lag", "lag")]).bins[-1]
     assert (last.right.count, last.right.total) == (1, 1)
+
+
+def test_flights_that_are_all_right_set_no_temperature():
+    assert best_temperature([outcome("lag", "lag"), outcome("none", "none")]) is None
 
 
 def test_calibration_without_flights_says_so():
