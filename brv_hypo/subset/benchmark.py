@@ -1,8 +1,8 @@
 """``python -m brv_hypo.subset.benchmark``: the exact search beside R leaps on the same data, in the same run.
 
-R with the package leaps (Debian: r-cran-leaps) is called through Rscript where it is installed. Times are
-wall clock: for this package the whole of ``best_subsets``, best of ``--repeats`` after one call that loads the
-kernel; for leaps its ``regsubsets`` call alone, without the start of R.
+R with the package leaps (Debian: r-cran-leaps) is called through Rscript where it is installed. Times
+are wall clock: for this package the whole of ``best_subsets``, best of ``--repeats`` after one call that
+loads the kernel; for leaps its ``regsubsets`` call alone, without the start of R.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ s <- system.time(r <- suppressWarnings(regsubsets(d[, -1], d[, 1], nvmax = k, me
 cat(s, "\\n"); w <- summary(r)$which[, -1, drop = FALSE]
 for (i in seq_len(nrow(w))) cat(which(w[i, ]), "\\n")
 """
+
+ROW = "{:24}{:>4}{:>9}{:>10}{:>10}{:>11}{:>8}  {}"
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,9 @@ def main() -> None:
     parser.add_argument("--only", default="", help="only the cases whose name contains this")
     options = parser.parse_args()
     with_leaps = shutil.which("Rscript") is not None
-    print(
-        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; R leaps {'found' if with_leaps else 'absent'}"
-    )
-    print(
-        f"{'problem':24}{'k':>4}{'threads':>9}{'here [s]':>10}{'nodes':>10}{'leaps [s]':>11}{'ratio':>8}  verdict"
-    )
+    load = os.getloadavg()[0]
+    print(f"{os.cpu_count()} cores, load {load:.1f}; R leaps {'found' if with_leaps else 'absent'}")
+    print(ROW.format("problem", "k", "threads", "here [s]", "nodes", "leaps [s]", "ratio", "verdict"))
     for case in CASES:
         if options.only in case.name:
             _run(case, options.repeats, options.leaps_limit if with_leaps else 0.0)
@@ -83,22 +82,22 @@ def main() -> None:
 
 def _run(case: Case, repeats: int, leaps_limit: float) -> None:
     X, y = case.problem()
-    best_subsets(X, y, 3, kernel="numba-schur")
+    best_subsets(X, y, 3, kernel="numba-schur")  # loads the kernel
     seconds, result = float("inf"), best_subsets(X, y, case.terms, threads=case.threads)
     for _ in range(repeats):
         started = time.perf_counter()
         result = best_subsets(X, y, case.terms, threads=case.threads)
         seconds = min(seconds, time.perf_counter() - started)
     answer = _leaps(X, y, case.terms, leaps_limit) if case.leaps and leaps_limit > 0.0 else None
-    nodes = result.certificate.nodes
-    head = f"{case.name:24}{case.terms:>4}{case.threads:>9}{seconds:>10.4f}{nodes:>10}"
+    ours = (case.name, case.terms, case.threads, f"{seconds:.4f}", result.certificate.nodes)
     if answer is None:
         verdict = "within the limit" if seconds <= case.limit_s else f"OVER the limit of {case.limit_s} s"
-        print(f"{head}{'-':>11}{'-':>8}  {verdict if np.isfinite(case.limit_s) else ''}", flush=True)
+        print(ROW.format(*ours, "-", "-", verdict if np.isfinite(case.limit_s) else ""), flush=True)
         return
     ratio = answer.seconds / seconds
-    verdict = f"target {case.target:g} {'met' if ratio >= case.target else 'MISSED'}; {_compared(X, y, result, answer)}"
-    print(f"{head}{answer.seconds:>11.3f}{ratio:>8.0f}  {verdict}", flush=True)
+    met = f"target {case.target:g} {'met' if ratio >= case.target else 'MISSED'}"
+    verdict = f"{met}; {_compared(X, y, result, answer)}"
+    print(ROW.format(*ours, f"{answer.seconds:.3f}", f"{ratio:.1f}", verdict), flush=True)
 
 
 @dataclass(frozen=True)

@@ -77,14 +77,14 @@ class Finisher:
         )
         return SubsetResult(subsets, certificate, self._frame.aliases, self.subset(()))
 
-    def _fit(self, terms: tuple[int, ...]) -> LeastSquares:
-        return least_squares(self._frame.X[:, list(terms)], self._frame.y)
+    def _fit(self, terms: tuple[int, ...], *, variances: bool = True) -> LeastSquares:
+        return least_squares(self._frame.X[:, list(terms)], self._frame.y, variances=variances)
 
     @cached_property
     def _reference(self) -> Reference:
         frame = self._frame
         every = frame.forced + tuple(int(c) for c in frame.candidates[_independent(frame)])
-        complete = self._fit(every)
+        complete = self._fit(every, variances=False)
         at_point = (
             (None, None) if self._point is None else point_values(every, complete, frame.X, self._point)
         )

@@ -29,11 +29,12 @@ class LeastSquares:
     inverse_diagonal: FloatArray
 
 
-def least_squares(X: FloatArray, y: FloatArray) -> LeastSquares:
+def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> LeastSquares:
     """Fit y (n,) on the columns of X (n, k), to nearly the precision that the data allow.
 
     Residuals and gradients are evaluated in extended precision (80 bits where the machine has them), the
-    corrections in double. The columns must be independent.
+    corrections in double. The columns must be independent. Without ``variances``, ``inverse_diagonal`` is not
+    refined.
     """
     n, k = X.shape
     if k == 0:
@@ -47,16 +48,16 @@ def least_squares(X: FloatArray, y: FloatArray) -> LeastSquares:
     target: Any = y.astype(np.longdouble)
     beta = _augmented(wide, Q, inverse, target[:, None], np.zeros((k, 1)))[:, 0]
     residuals = target - wide @ beta
-    if np.linalg.norm(R) * np.linalg.norm(inverse) > REFINE_VARIANCES_FROM:
-        variances = _augmented(wide, Q, inverse, np.zeros((n, k)), -np.eye(k)).diagonal()
+    if variances and np.linalg.norm(R) * np.linalg.norm(inverse) > REFINE_VARIANCES_FROM:
+        diagonal = _augmented(wide, Q, inverse, np.zeros((n, k)), -np.eye(k)).diagonal()
     else:
-        variances = np.sum(inverse**2, axis=1)
+        diagonal = np.sum(inverse**2, axis=1)
     return LeastSquares(
         coefficients=(beta / scale).astype(np.float64),
         rss=float(residuals @ residuals),
         residuals=residuals.astype(np.float64),
         basis=Q,
-        inverse_diagonal=np.asarray(variances / scale**2, dtype=np.float64),
+        inverse_diagonal=np.asarray(diagonal / scale**2, dtype=np.float64),
     )
 
 

@@ -83,7 +83,8 @@ def polynomial_problem(seed: int = 3) -> tuple[FloatArray, FloatArray]:
     X = np.column_stack([alpha**a * reynolds**r * mach**m for a, r, m in _TABLE_4_1_POWERS])
     y = (
         -0.00101 - 0.0695 * d_alpha + 0.000225 * d_reynolds - 0.0000108 * d_reynolds**2
-        + 0.0125 * d_alpha * d_reynolds - 0.00685 * d_alpha * d_reynolds**2 - 0.0976 * d_reynolds**2 * d_mach**2
+        + 0.0125 * d_alpha * d_reynolds - 0.00685 * d_alpha * d_reynolds**2
+        - 0.0976 * d_reynolds**2 * d_mach**2
     )  # fmt: skip
     return X, y + 1e-6 * rng.standard_normal(t.size)
 

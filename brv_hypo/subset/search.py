@@ -23,10 +23,8 @@ SCHUR_CONDITION = 2e5
 # The same where Schur complements are asked for by name: beyond, their H has no digits left.
 SCHUR_BREAKDOWN = 1e7
 KERNELS = ("auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
-# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs. Where
-# it is already in memory it takes over at once from larger problems.
+# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs.
 NUMPY_NODES = 8000
-NUMPY_NODES_BESIDE_COMPILED = 100
 # Seconds that a time limit must leave for the compiled kernel to be worth sending for.
 COMPILE_ALLOWANCE_S = 10.0
 
@@ -57,7 +55,8 @@ def search(board: Board, effort: Effort) -> Certificate:
             board.widen(piece.rounding_margin(triangular=triangular))
     nodes, engine = 0, "numpy"
     left: list[OpenSubtree] = [OpenSubtree(p.included, p.undecided, p.bound) for p in pieces]
-    if not effort.kernel.startswith("numba"):
+    # A compiled kernel that is in memory already is quicker from the first node.
+    if effort.kernel.startswith("numpy") or (effort.kernel == "auto" and not _kernel_in_memory()):
         nodes, left = _search_numpy(board, pieces, triangular, effort, deadline)
     if left and time.perf_counter() < deadline:
         # Imported here: numba takes longer to import than most searches take to finish.
@@ -117,8 +116,6 @@ def _search_numpy(
 def _numpy_budget(effort: Effort, deadline: float) -> float:
     if effort.kernel.startswith("numpy"):
         return np.inf
-    if _kernel_in_memory():
-        return NUMPY_NODES_BESIDE_COMPILED
     return NUMPY_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
 
 
