@@ -1,6 +1,6 @@
 """Maximum likelihood for entry vehicles: a regression model refined on the original measurements.
 
-    identify(frame, columns, values, options)   -> Identification       identify.py, config.py, result.py
+    identify(frame, columns, values, options)   -> Identification       estimate.py, config.py, result.py
         nodes.py         flight records to block means, smooth inputs and start states
         structure.py     names: coefficients, delays, knots
         moments.py       the columns at the estimated motion; courses.py: knots between nodes
@@ -11,7 +11,7 @@
 """
 
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.identify import identify
+from brv_hypo.identification.estimate import identify
 from brv_hypo.identification.result import OUTPUTS, Estimate, Evidence, Identification
 
 __all__ = ["OUTPUTS", "Estimate", "Evidence", "Identification", "IdentificationConfig", "identify"]

@@ -27,7 +27,7 @@ class IdentificationConfig(BaseModel):
     evidence: float = Field(default=6.0, ge=0.0)
     most_added: int = Field(default=4, ge=0)
     refine: bool = True
-    quadrature: float = Field(default=0.3, gt=0.0)
+    quadrature: float = Field(default=0.2, gt=0.0)
     noise: Literal["diagonal", "full"] = "diagonal"
     max_iterations: int = Field(default=30, ge=1)
 

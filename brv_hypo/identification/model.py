@@ -13,8 +13,9 @@ q, r, a_y, a_z in body axes.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legval
@@ -22,6 +23,7 @@ from numpy.polynomial.legendre import legval
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.design.columns import Column
 from brv_hypo.identification.courses import averaged, kink, on_grid
+from brv_hypo.identification.inputs import NOISE_DEGREE, NOISY_INPUTS, noise_name
 from brv_hypo.identification.instruments import (
     ROLL_RATE_ERRORS,
     TIME_SKEW,
@@ -35,7 +37,8 @@ from brv_hypo.likelihood import Delayed
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.motion import Motion
 
-_REMEMBERED = 3
+_REMEMBERED = 6
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,21 @@ class Point:
         return np.exp(-1j * self.input("roll"))
 
 
+class Memory(Generic[T]):
+    """The last few results by key: most parameters leave the columns as they are, and a moved state only one motion."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
+
+    def __call__(self, key: tuple[object, ...], compute: Callable[[], T]) -> T:
+        """The result for `key`, computed where it is not known."""
+        if key not in self._known:
+            self._known[key] = compute()
+            if len(self._known) > _REMEMBERED:
+                self._known.popitem(last=False)
+        return self._known[key]
+
+
 @dataclass(frozen=True)
 class Shapes:
     """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n) rad/s^2."""
@@ -65,6 +83,7 @@ class Shapes:
     acceleration: ComplexArray
     in_plane: ComplexArray
     motion: Motion
+    past: tuple[Motion, ...]
 
 
 @dataclass(frozen=True)
@@ -78,7 +97,8 @@ class VehicleModel:
     contexts: Sequence[Context]
     force_names: tuple[str, ...]
     span: tuple[float, float]
-    _recent: OrderedDict[tuple[object, ...], Shapes] = field(default_factory=OrderedDict, compare=False, repr=False)
+    _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
+    _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 
     def dynamics(
         self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: Mapping[str, Delayed] | None = None
@@ -100,6 +120,8 @@ class VehicleModel:
             acceleration += weight * (on_grid(column.course, t, half) * shape - first * slope + second * curvature)
             lacking += weight * (first * shape - 2.0 * second * slope)
             row += 4
+        density = self._pressure(here, context, theta) / here.input("pressure")
+        acceleration, lacking = acceleration * density, lacking * density
         moving = replace(here, omega=here.omega + lacking)
         return _rows(self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta))
 
@@ -110,7 +132,7 @@ class VehicleModel:
         here, context = point(x, u, t), self._context(u)
         delayed = delayed or {}
         readings = InstrumentReadings(theta, context.flight)
-        p = here.input("p") - readings.roll_rate_error(here.input("p"))
+        p = here.input("p") - self._roll_rate_error(here, context, theta)
         omega = here.omega * here.to_body
         seen = self._late(here, context, theta, delayed)
         force = self._force(seen, context, theta) * seen.to_body
@@ -124,43 +146,36 @@ class VehicleModel:
                 weight * course * shape
                 for weight, course, shape in zip(self._coefficients(theta), courses, shapes.acceleration, strict=True)
             )
-            omega_rate = self._omega_rate(here, context, theta, np.asarray(acceleration))
+            density = self._pressure(here, context, theta) / here.input("pressure")
+            omega_rate = self._omega_rate(here, context, theta, acceleration * density)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
             force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
         return _rows(readings.gyros(omega, p), readings.accelerometers(force, here.input("axial")))
 
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
-        """The columns at some instants; remembered, because most parameters leave them as they are."""
+        """The columns at some instants."""
         context = self._context(here.u)
-        key = self._key(here, context, theta, delayed)
-        if key in self._recent:
-            return self._recent[key]
         now = self._motion(here, context, theta)
         past = {}
         for name in self.moments.structure.delays:
             before = point(delayed[name].x, delayed[name].u, here.time - theta[name])
             past[theta[name]] = self._motion(before, context, theta)
+        key = (id(now), *map(id, past.values()), *(theta[name] for name in self.moments.shape_parameters))
+        return self._shapes(key, lambda: self._evaluated(here, context, now, past, theta))
+
+    def _evaluated(
+        self, here: Point, context: Context, now: Motion, past: Mapping[float, Motion], theta: Values
+    ) -> Shapes:
         columns, planes = self.moments.planes(now, past, theta, here.input("half"))
         scale = here.input("pressure") * context.vehicle.moment_scale
         turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        found = Shapes(columns, planes * turn, planes, now)
-        self._recent[key] = found
-        if len(self._recent) > _REMEMBERED:
-            self._recent.popitem(last=False)
-        return found
+        return Shapes(columns, planes * turn, planes, now, tuple(past.values()))
 
-    def _key(
-        self, here: Point, context: Context, theta: Values, delayed: Mapping[str, Delayed]
-    ) -> tuple[object, ...]:
-        """What the columns depend on."""
-        roll = (of_flight(name, context.flight) for name in ROLL_RATE_ERRORS)
-        gravity = (of_flight(f"gravity {axis}", context.flight) for axis in "xyz")
-        names = (*self.moments.shape_parameters, *self.force_names, *roll, *gravity)
-        past = tuple(delayed[name].x.tobytes() for name in self.moments.structure.delays)
-        return (
-            here.omega.tobytes(), here.zeta.tobytes(), past, here.time.tobytes(),
-            tuple(theta.get(name) for name in names), context.start, context.flight,
-        )
+    def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
+        """The motion of a point; it depends on the parameters of forces and gravity through its rates only."""
+        rates = self._rate_values(context, theta) if self.moments.uses_rates else ()
+        key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, rates)
+        return self._motions(key, lambda: self._moving(at, context, theta))
 
     def _coefficients(self, theta: Values) -> list[float]:
         return [theta[name] for name in self.moments.structure.names]
@@ -171,12 +186,12 @@ class VehicleModel:
     def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
         k = context.vehicle.inertia_ratio
         p = here.input("p")
-        error = InstrumentReadings(theta, context.flight).roll_rate_error(p)
+        error = self._roll_rate_error(here, context, theta)
         return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration)
 
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
         forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))
-        error = InstrumentReadings(theta, context.flight).roll_rate_error(here.input("p"))
+        error = self._roll_rate_error(here, context, theta)
         size = [theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz"]
         first = ROW["gravity_xy"]
         gravity = size @ here.u[first : first + 3] + 1j * (size @ here.u[first + 3 : first + 6])
@@ -186,10 +201,27 @@ class VehicleModel:
     def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
         xi = at.zeta / at.input("speed")
-        scale = at.input("pressure") * (context.vehicle.reference_area / context.vehicle.mass)
-        middle, reach = 0.5 * (self.span[0] + self.span[1]), 0.5 * (self.span[1] - self.span[0])
-        slope = legval((at.time - middle) / reach, [theta[name] for name in self.force_names])
+        scale = self._pressure(at, context, theta) * (context.vehicle.reference_area / context.vehicle.mass)
+        slope = legval(self._scaled(at.time), [theta[name] for name in self.force_names])
         return np.asarray(-scale * slope * alpha_over_sine(xi) * xi)
+
+    def _scaled(self, time: FloatArray) -> FloatArray:
+        """Time from -1 to 1 over the span."""
+        return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
+
+    def _noise(self, channel: str, at: Point, context: Context, theta: Values) -> FloatArray:
+        """Error that smoothing leaves in an input (n,), in its units."""
+        names = (of_flight(noise_name(channel, degree), context.flight) for degree in range(NOISE_DEGREE + 1))
+        return legval(self._scaled(at.time), [theta[name] for name in names])
+
+    def _roll_rate_error(self, at: Point, context: Context, theta: Values) -> FloatArray:
+        """Measured less true roll rate (n,), rad/s."""
+        instrument = InstrumentReadings(theta, context.flight).roll_rate_error(at.input("p"))
+        return np.asarray(instrument + self._noise("roll rate", at, context, theta))
+
+    def _pressure(self, at: Point, context: Context, theta: Values) -> FloatArray:
+        """True dynamic pressure (n,), Pa."""
+        return np.asarray(at.input("pressure") - self._noise("pressure", at, context, theta))
 
     def _late(self, here: Point, context: Context, theta: Values, delayed: Mapping[str, Delayed]) -> Point:
         """Where the accelerometers' clock stands."""
@@ -198,7 +230,13 @@ class VehicleModel:
             return here
         return point(delayed[name].x, delayed[name].u, here.time - theta[name])
 
-    def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
+    def _rate_values(self, context: Context, theta: Values) -> tuple[float | None, ...]:
+        """Parameters that change the rates of alpha and of the meridian at given states."""
+        noise = [noise_name(channel, degree) for channel in NOISY_INPUTS for degree in range(NOISE_DEGREE + 1)]
+        own = (*ROLL_RATE_ERRORS, *noise, *(f"gravity {axis}" for axis in "xyz"))
+        return (*(theta[n] for n in self.force_names), *(theta.get(of_flight(n, context.flight)) for n in own))
+
+    def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
         slowing = at.zeta * at.input("speed_rate") / speed

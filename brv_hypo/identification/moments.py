@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -44,12 +45,13 @@ class UnknownDelayError(ValueError):
 
 @dataclass(frozen=True)
 class MomentModel:
-    """What the columns of a structure are at any motion."""
+    """What the columns of a structure are at any motion; `uses_rates`: whether rates of alpha or meridian matter to them."""
 
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
+    uses_rates: bool = True
 
-    @property
+    @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
         """The coefficients and nonlinear parameters that change the columns themselves.
 
@@ -98,3 +100,15 @@ class MomentModel:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 known[key] = {term.name: term for term in terms}
         return [known[column.mechanism, column.theta][column.term] for column in columns]
+
+
+def uses_rates(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism], motion: Motion) -> bool:
+    """Whether any column changes with the rates of alpha or of the meridian, tried on a recorded motion."""
+    other = replace(motion, alpha_rate=motion.alpha_rate + 1.0, windward_meridian_rate=motion.windward_meridian_rate + 1.0)
+    for mechanism, theta in {(column.mechanism, column.theta) for column in columns}:
+        both = (mechanisms[mechanism].terms(m, dict(theta)) for m in (motion, other))
+        for term, changed in zip(*both, strict=True):
+            same = np.array_equal(term.in_plane, changed.in_plane)
+            if not same or not np.array_equal(term.out_of_plane, changed.out_of_plane):
+                return True
+    return False

@@ -2,7 +2,8 @@
 
 States are wanted at nodes only as far apart as the motion allows. The measurement at a node is the mean of the samples
 around it, taken in de-rolled axes, less what the mean of the predicted motion differs from its value at the node.
-That difference is of second order in the block and comes from the regression, which knows it to far below the noise.
+That difference is of second order in the block and comes from the regression, which knows it to far below the noise
+but where a knot lies in the block: such blocks are left out.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from brv_hypo.design.frame import RateFrame
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.design.weakform import WeakSegment
 from brv_hypo.flight.record import Vehicle
+from brv_hypo.identification.inputs import smoothed
 from brv_hypo.identification.instruments import lever_force
 from brv_hypo.likelihood import Segment
 from brv_hypo.motion.attitude import derolled_attitude, running_integral
@@ -35,7 +37,7 @@ SLOPES = len(INPUTS)
 """First of the rows that hold, for each column with a knot, first and second derivative by time of the angular acceleration
 that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
 FEWEST_NODES = 12
-LARGEST_BLOCK = 15
+LARGEST_BLOCK = 5
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,11 @@ class NodeRecord:
 
         Between nodes the prediction follows the regression's, plus the difference of the two.
         """
-        predicted = (outputs[::2] + 1j * outputs[1::2]) * self.turn[self.middle]
-        nodes = self.time[self.middle]
-        correction = CubicSpline(nodes, predicted - self.expected[:, self.middle], axis=1)
+        seen = np.all(np.isfinite(outputs), axis=0)
+        middle = self.middle[seen]
+        predicted = (outputs[::2] + 1j * outputs[1::2])[:, seen] * self.turn[middle]
+        nodes = self.time[middle]
+        correction = CubicSpline(nodes, predicted - self.expected[:, middle], axis=1)
         inside = np.clip(self.time, nodes[0], nodes[-1])
         residual = (self.measured - self.expected - correction(inside)) * np.conj(self.turn)
         return _pairs(list(residual))
@@ -84,8 +88,7 @@ def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, 
     The largest difference between the two angular rates may be `tolerance` times the gyros' white noise. The number is odd, so
     that a sample stands in the middle.
     """
-    moments = frame.moments(columns) @ values
-    knots = [edge for c in columns for edge in (c.course.start, c.course.stop) if np.isfinite(edge)]
+    moments, knots = frame.moments(columns) @ values, knots_of(columns)
     longest = max(segment.time.size for segment in frame.segments)
     size = 1
     for trial in range(3, min(LARGEST_BLOCK, longest // FEWEST_NODES) + 1, 2):
@@ -95,6 +98,11 @@ def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, 
                 return size
         size = trial
     return size
+
+
+def knots_of(columns: Sequence[Column]) -> list[float]:
+    """Times (s) at which a column has a jump or a kink."""
+    return sorted({edge for c in columns for edge in (c.course.start, c.course.stop) if np.isfinite(edge)})
 
 
 def _quadrature_error(part: WeakSegment, moments: ComplexArray, size: int, knots: Sequence[float]) -> float:
@@ -126,16 +134,17 @@ def node_records(
         local = np.arange(count * size).reshape(count, size)
         found.append(
             _node_record(
-                frame, part, predicted[a:b], moments[a:b], shapes[a:b], local, gravity_turn[part.flight], len(found)
+                frame, part, predicted[a:b], moments[a:b], shapes[a:b], local, gravity_turn[part.flight], len(found),
+                knots_of(columns),
             )
         )
     return tuple(found)
 
 
 def roll_angle(reconstruction: Reconstruction) -> FloatArray:
-    """Integral of the measured roll rate (n,), rad, from the first sample."""
+    """Integral of the smoothed roll rate (n,), rad, from the first sample."""
     flight = reconstruction.flight
-    return running_integral(flight.time, flight.p)
+    return running_integral(flight.time, smoothed(flight.p))
 
 
 def gravity_axes(reconstruction: Reconstruction) -> FloatArray:
@@ -148,7 +157,7 @@ def gravity_axes(reconstruction: Reconstruction) -> FloatArray:
 
 def _node_record(
     frame: RateFrame, part: WeakSegment, predicted: ComplexArray, moments: ComplexArray, shapes: ComplexArray,
-    local: IntArray, gravity_turn: FloatArray, number: int,
+    local: IntArray, gravity_turn: FloatArray, number: int, knots: Sequence[float],
 ) -> NodeRecord:
     reconstruction = frame.reconstructions[part.flight]
     flight, motion = reconstruction.flight, frame.motions[part.flight]
@@ -156,7 +165,8 @@ def _node_record(
     kept = slice(0, local.size)
     roll = roll_angle(reconstruction)[samples]
     turn = np.exp(1j * roll)
-    omega = (predicted + np.mean(part.observed - predicted))[kept] * np.exp(1j * flight.vehicle.inertia_ratio * roll)
+    spin = np.exp(-1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p)[samples])
+    omega = (predicted + np.mean(part.observed - predicted))[kept] * spin * turn
     xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
     expected = np.stack([omega, _expected_force(reconstruction, samples, omega / turn, moments[kept], xi) * turn])
     measured = np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])[:, samples] * turn
@@ -175,7 +185,11 @@ def _node_record(
         part.flight, flight.vehicle, float(nodes[0]), float(motion.windward_meridian_rate[samples][middle[0]]),
         flight.step * local.shape[1],
     )
-    segment = Segment(nodes, at_nodes, _pairs(list(mean * np.conj(turn[middle]))), _pairs(list(state)), u_mid=halfway)
+    outputs = _pairs(list(mean * np.conj(turn[middle])))
+    if local.shape[1] > 1:
+        for knot in knots:
+            outputs[:, np.abs(nodes - knot) < context.block] = np.nan
+    segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=halfway)
     return NodeRecord(context, segment, flight.time[samples], turn, measured, expected, middle)
 
 
@@ -203,9 +217,10 @@ def _inputs(
     nodes = flight.time[rows][middle]
     halfway = 0.5 * (nodes[1:] + nodes[:-1])
     mean = {
-        name: CubicSpline(nodes, np.nan_to_num(values[rows])[local].mean(axis=1))
+        name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
         for name, values in (
-            ("p", flight.p), ("speed", flight.velocity), ("pressure", flight.dynamic_pressure), ("axial", flight.ax),
+            ("p", smoothed(flight.p)), ("speed", smoothed(flight.velocity)),
+            ("pressure", smoothed(flight.dynamic_pressure)), ("axial", flight.ax),
             ("mach", motion.mach), ("reynolds", motion.reynolds),
         )
     }

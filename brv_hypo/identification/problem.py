@@ -12,18 +12,19 @@ from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.inputs import NOISE_DEGREE, NOISY_INPUTS, noise_name, noise_size
 from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
 from brv_hypo.identification.model import VehicleModel
-from brv_hypo.identification.moments import MomentModel
+from brv_hypo.identification.moments import MomentModel, uses_rates
 from brv_hypo.identification.nodes import NodeRecord, block_size, gravity_axes, node_records
 from brv_hypo.identification.structure import Structure, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
-from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import gravity_magnitude
 
 _UNKNOWN_GRAVITY = 30.0
-_TOLERANCE = 5e-3
+_TOLERANCE = 0.03
+_ROUNDING = 1e-9
 
 Instrument = tuple[InstrumentError, int]
 """An instrument error and the flight whose instrument it is."""
@@ -117,22 +118,38 @@ def build_problem(
     span = (float(time.min()), float(time.max()))
     structure = structure_of(columns, frame.mechanisms, *span, config.refine)
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
-    model = VehicleModel(MomentModel(structure, frame.mechanisms), tuple(r.context for r in records), forces, span)
+    model = VehicleModel(
+        MomentModel(structure, frame.mechanisms, uses_rates(columns, frame.mechanisms, frame.motions[0])),
+        tuple(record.context for record in records), forces, span,
+    )
     theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
     theta |= {mover.name: mover.value for mover in structure.movers}
     theta |= dict(zip(forces, _force_start(frame, span, config.force_degree).tolist(), strict=True))
-    priors = {}
-    for flight in dict.fromkeys(record.context.flight for record in records):
-        start, sigma = _gravity_start(frame.reconstructions[flight])
-        for axis, value in zip("xyz", start, strict=True):
-            theta[of_flight(f"gravity {axis}", flight)] = float(value)
-            priors[of_flight(f"gravity {axis}", flight)] = (float(value) if axis == "x" else 0.0, sigma)
+    nuisances = _nuisances(frame, tuple(dict.fromkeys(record.context.flight for record in records)))
+    theta |= {name: start for name, (start, _, _) in nuisances.items()}
+    priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
     problem = Problem(
         frame, records, model, theta, priors, {m.name: m.bounds for m in structure.movers}, (), size, config
     )
     return problem.with_instruments(
         [(e, flight) for e in INSTRUMENT_ERRORS if e.group in config.instruments for flight in problem.flights]
     )
+
+
+def _nuisances(frame: RateFrame, flights: Sequence[int]) -> dict[str, tuple[float, float, float]]:
+    """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by name."""
+    found: dict[str, tuple[float, float, float]] = {}
+    for index in flights:
+        reconstruction = frame.reconstructions[index]
+        flight = reconstruction.flight
+        size = gravity_magnitude(flight) or _UNKNOWN_GRAVITY
+        for axis, value in zip("xyz", reconstruction.gravity_body.tolist(), strict=True):
+            found[of_flight(f"gravity {axis}", index)] = (value, value if axis == "x" else 0.0, size)
+        for channel, values in zip(NOISY_INPUTS, (flight.p, flight.dynamic_pressure), strict=True):
+            for degree in range(NOISE_DEGREE + 1):
+                sigma = max(noise_size(values, degree), 1e-12 * float(np.max(np.abs(values), initial=1.0)))
+                found[of_flight(noise_name(channel, degree), index)] = (0.0, 0.0, sigma)
+    return found
 
 
 def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> FloatArray:
@@ -143,10 +160,5 @@ def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> Fl
     if not known.any():
         return np.eye(degree + 1)[0]
     scaled = (2.0 * time[known] - span[0] - span[1]) / (span[1] - span[0])
-    return np.asarray(np.polynomial.legendre.legfit(scaled, slope[known], degree))
-
-
-def _gravity_start(reconstruction: Reconstruction) -> tuple[FloatArray, float]:
-    """Gravity in the axes of the first sample (3,), and how large it may be, m/s^2."""
-    size = gravity_magnitude(reconstruction.flight)
-    return reconstruction.gravity_body, _UNKNOWN_GRAVITY if size is None else size
+    found = np.polynomial.legendre.legfit(scaled, slope[known], degree)
+    return np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)

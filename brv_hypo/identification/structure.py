@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -41,7 +42,7 @@ class Structure:
     names: tuple[str, ...]
     movers: tuple[Mover, ...]
 
-    @property
+    @cached_property
     def delays(self) -> tuple[str, ...]:
         """Names of the parameters that are delays."""
         return tuple(mover.name for mover in self.movers if mover.is_delay)

@@ -22,8 +22,11 @@ from brv_hypo.likelihood import FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.search import Progress
 
-_STALE = 0.05
-"""Change of a block mean's correction, in standard deviations of its noise, from which the fit is repeated."""
+_STALE = 0.1
+"""Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which bounds
+the change of any estimate in standard errors), from which the fit is repeated."""
+_KNOTS_MOVED = 0.5
+"""The same for the knots, in blocks."""
 
 
 def identify(
@@ -89,11 +92,14 @@ def _refreshed(problem: Problem, found: FitResult) -> Problem:
 
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     """Whether the corrections of the block means have changed by more than a trifle."""
+    moved = max((abs(found.theta[m.name] - m.value) for m in old.structure.movers if m.kind != "theta"), default=0.0)
+    block = min(record.context.block for record in old.records)
     sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
-    changes = [
-        np.max(np.abs(a.segment.y - b.segment.y) / sigma) for a, b in zip(old.records, new.records, strict=True)
-    ]
-    return bool(max(changes) > _STALE)
+    change = sum(
+        float(np.nansum(((a.segment.y - b.segment.y) / sigma) ** 2))
+        for a, b in zip(old.records, new.records, strict=True)
+    )
+    return moved > _KNOTS_MOVED * block or change > _STALE**2
 
 
 def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...]) -> Identification:

@@ -1,0 +1,214 @@
+"""Study of the estimates on simulated flights: `python -m brv_hypo.identification.study --help`.
+
+For each mechanism: how often the 95 % intervals hold the truth, scatter of the estimates over their standard errors, error of
+maximum likelihood over that of the regression, and seconds of a fit. Options plant instrument errors or colour the noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.design.baseline import PitchDamping, StaticMoment
+from brv_hypo.design.columns import Column
+from brv_hypo.design.frame import RateFrame, build_frame, remove_levels, whiten
+from brv_hypo.design.timebasis import TimeFunction
+from brv_hypo.design.whitening import difference, fit_noise
+from brv_hypo.flight.record import Flight
+from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.estimate import identify
+from brv_hypo.identification.result import Estimate, Identification
+from brv_hypo.mechanisms import find
+from brv_hypo.motion import reconstruct
+from brv_hypo.simulate import SimulatedFlight, SimulationConfig, simulate_batch
+
+CASES = ("none", "inplane", "bodyfixed", "damping", "lag", "sticking")
+NORMAL_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One flight's model: frame, columns with delays and knots, regression values, and the truth by estimate name."""
+
+    frame: RateFrame
+    columns: tuple[Column, ...]
+    values: FloatArray
+    truth: dict[str, float]
+    coefficients: FloatArray
+
+
+def flights(
+    case: str, count: int, seed: int = 0, *, colour: float = 0.0, instruments: Mapping[str, float] | None = None
+) -> Iterator[tuple[SimulatedFlight, Flight]]:
+    """Flights of the research cone with one mechanism, of random start and knots; `colour` is the noise's AR(1) coefficient.
+
+    `instruments` are dotted paths below `instruments` of the simulation's configuration.
+    """
+    draws = np.random.default_rng(seed)
+    plant = () if case == "none" else (case,)
+    variations: dict[str, FloatArray] = {
+        "start.alpha": draws.uniform(0.03, 0.055, count),
+        "start.windward_meridian": draws.uniform(-np.pi, np.pi, count),
+        "start.roll_rate": draws.uniform(5.0, 10.0, count),
+        "start.coning_rate": draws.uniform(3.5, 6.0, count),
+    }
+    if plant:
+        shift = draws.uniform(-0.2, 0.2, count)
+        variations |= {"mechanisms.0.start": 2.0 + shift, "mechanisms.0.stop": _stop(case) + shift}
+    variations |= {f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()}
+    seeds = [seed + 1 + i for i in range(count)]
+    for simulated in simulate_batch("research_cone", seeds=seeds, variations=variations, plant=plant):
+        yield simulated, simulated.flight if colour == 0.0 else coloured(simulated, colour)
+
+
+def _stop(case: str) -> float:
+    return 3.2 if case == "lag" else 4.0
+
+
+def coloured(simulated: SimulatedFlight, coefficient: float) -> Flight:
+    """The flight with first-order Markov noise of the same size instead of white noise on gyros and accelerometers."""
+    quiet = simulated.config.instruments
+    gyro, accel = quiet.gyro.noise, quiet.accelerometer.noise
+    silent = quiet.model_copy(update={
+        "gyro": quiet.gyro.model_copy(update={"noise": 0.0}),
+        "accelerometer": quiet.accelerometer.model_copy(update={"noise": 0.0}),
+    })
+    (clean,) = simulate_batch(simulated.config.model_copy(update={"instruments": silent}), seeds=[simulated.seed])
+    draws = np.random.default_rng(simulated.seed)
+    flight = clean.flight
+
+    def noisy(channel: FloatArray, sigma: float) -> FloatArray:
+        white = draws.standard_normal(channel.size)
+        white[1:] *= np.sqrt(1.0 - coefficient**2)
+        return np.asarray(channel + sigma * lfilter([1.0], [1.0, -coefficient], white))
+
+    sigmas = dict.fromkeys(("p", "q", "r"), gyro) | dict.fromkeys(("ax", "ay", "az"), accel)
+    return replace(flight, **{name: noisy(getattr(flight, name), sigma) for name, sigma in sigmas.items()})
+
+
+def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) -> Trial:
+    """The true model's columns, regressed; delays start `delay_error` s off."""
+    config = simulated.config
+    reconstruction = reconstruct(flight)
+    static = StaticMoment(
+        start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=1
+    )
+    mechanisms = {item.mechanism: find(item.mechanism, item.options) for item in config.mechanisms}
+    frame = build_frame([reconstruction], [static, PitchDamping(), *mechanisms.values()])
+    always = TimeFunction("constant")
+    aerodynamics = config.aerodynamics
+    columns = [Column(static.name, term.name, (), always, term.units) for term in static.terms(frame.motions[0], {})]
+    columns.append(Column(PitchDamping.name, "C_mq", (), always, "1/rad"))
+    coefficients = [aerodynamics.C_N0, aerodynamics.C_Nalpha, 0.0, aerodynamics.C_mq]
+    moved: dict[str, float] = {}
+    for item in config.mechanisms:
+        assert item.start is not None and item.stop is not None
+        theta = tuple((name, value + delay_error) for name, value in item.theta.items())
+        course = TimeFunction(item.kind, item.start, item.stop)
+        columns += [Column(item.mechanism, name, theta, course, "1", len(item.terms) > 1) for name in item.terms]
+        coefficients += list(item.terms.values())
+        moved |= {"start": item.start, "stop": item.stop, **item.theta}
+    values = regress(frame, columns)
+    if mechanisms:
+        frame = frame.with_in_plane_moment(columns, values)
+        values = regress(frame, columns)
+    moved["C_Nalpha_force"] = aerodynamics.C_Nalpha_force
+    return Trial(frame, tuple(columns), values, moved, np.array(coefficients))
+
+
+def regress(frame: RateFrame, columns: Sequence[Column], passes: int = 4) -> FloatArray:
+    """Generalised least squares in the rate frame, its noise model fitted to the residuals; coefficients (columns,)."""
+    rates: ComplexArray = frame.columns(columns)
+    noise = difference()
+    values = np.zeros(len(columns))
+    for _ in range(passes):
+        design = whiten(rates, frame.pieces, noise)
+        response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
+        scale = np.linalg.norm(design, axis=0)
+        values = np.linalg.lstsq(design / scale, response, rcond=1e-12)[0] / scale
+        noise = fit_noise(remove_levels(frame.observed - rates @ values, frame.pieces, noise))
+    return np.asarray(values)
+
+
+def errors(work: Trial, found: Identification) -> dict[str, tuple[float, Estimate]]:
+    """Estimate less truth, by a name that is the same in every flight."""
+    out = {
+        f"{column.mechanism} {column.term}": (estimate.value - true, estimate)
+        for column, estimate, true in zip(found.columns, found.terms, work.coefficients, strict=True)
+    }
+    for estimate in (*found.nonlinear, *found.forces):
+        key = next((key for key in work.truth if key in estimate.name), None)
+        true = 0.0 if "drift" in estimate.name else work.truth.get(key or "")
+        if true is not None:
+            name = estimate.name if key is None or key.startswith("C_") else key
+            out[name] = (estimate.value - true, estimate)
+    return out
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the study and print its table."""
+    parser = argparse.ArgumentParser(prog="python -m brv_hypo.identification.study", description=__doc__)
+    parser.add_argument("--flights", type=int, default=40)
+    parser.add_argument("--case", choices=CASES, action="append", help="mechanism; all by default")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--colour", type=float, default=0.0, help="AR(1) coefficient of the instruments' noise")
+    parser.add_argument("--delay-error", type=float, default=0.0, help="how far off delays start, s")
+    parser.add_argument("--no-evidence", action="store_true", help="do not look for instrument errors")
+    parser.add_argument(
+        "--plant", action="append", default=[], metavar="PATH=VALUE",
+        help="an instrument error, such as gyro.bias.1=0.001",
+    )
+    chosen = parser.parse_args(arguments)
+    planted = {path: float(value) for path, value in (item.split("=") for item in chosen.plant)}
+    options = IdentificationConfig(candidates=() if chosen.no_evidence else None)
+    for case in chosen.case or CASES:
+        _report(case, chosen.flights, chosen.seed, chosen.colour, chosen.delay_error, planted, options)
+
+
+def _report(
+    case: str, count: int, seed: int, colour: float, delay_error: float, planted: Mapping[str, float],
+    options: IdentificationConfig,
+) -> None:
+    scaled: dict[str, list[float]] = {}
+    plain: dict[str, list[float]] = {}
+    regression: dict[str, list[float]] = {}
+    added: dict[str, int] = {}
+    seconds, converged = [], 0
+    for simulated, flight in flights(case, count, seed, colour=colour, instruments=planted):
+        work = trial(simulated, flight, delay_error)
+        found = identify(work.frame, work.columns, work.values, options)
+        seconds.append(found.seconds)
+        if not found.converged:
+            print(f"{case} seed {simulated.seed}: {found.status}: {found.message}")
+            continue
+        converged += 1
+        for name, (error, estimate) in errors(work, found).items():
+            scaled.setdefault(name, []).append(error / estimate.std_error)
+            plain.setdefault(name, []).append(error)
+        for column, value, true in zip(work.columns, work.values, work.coefficients, strict=True):
+            regression.setdefault(f"{column.mechanism} {column.term}", []).append(float(value - true))
+        for item in found.evidence:
+            added[item.group] = added.get(item.group, 0) + item.added
+    print(f"{case}: {converged} of {count} converged, median {np.median(seconds):.2f} s a fit")
+    print("  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing"))
+    print(f"  {'parameter':32}{'coverage %':>11}{'scatter':>9}{'mean z':>8}{'rms error':>12}{'regression':>12}")
+    for name, values in scaled.items():
+        z = np.array(values)
+        other = f"{_rms(regression[name]):12.3g}" if name in regression else ""
+        print(
+            f"  {name:32}{100.0 * np.mean(np.abs(z) < NORMAL_95):11.1f}{np.std(z):9.2f}{np.mean(z):8.2f}"
+            f"{_rms(plain[name]):12.3g}{other}"
+        )
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+if __name__ == "__main__":
+    main()
