@@ -3,8 +3,13 @@
     C = D [sum_i sum_j S_i' B^-1 R(i - j) B^-1 S_j] D
 
 with D the covariance for white residuals, S the sensitivities of the outputs and R the autocorrelation of
-the residuals. R is taken up to the lag where it sinks into its own noise, and tapered from there on
-(flat-top window; Politis, J. Nonparametric Statistics 15, 2003): a white residual is left nearly as it is.
+the residuals. Sampled autocorrelations at long lags are mostly noise, and the sum needs them all; R is
+therefore that of an autoregressive model of each output's residuals, its order chosen by Akaike's
+criterion. The double sum is done over frequencies: with G the spectrum of the residuals,
+
+    sum_i sum_j S_i' R(i - j) S_j = mean over f of conj(S_f)' G_f S_f,
+
+which cannot turn negative.
 """
 
 from __future__ import annotations
@@ -15,10 +20,11 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 
-_LONGEST = 200
-"""Longest lag looked at, samples."""
-_QUIET = 5
-"""Lags in a row that must be insignificant for the autocorrelation to have ended."""
+_HIGHEST_ORDER = 20
+_LEAST_SAMPLES_PER_ORDER = 10
+_LEAST_POLYNOMIAL = 1e-6
+_LARGEST_REFLECTION = 0.999
+"""Keeps an autoregression stable where gaps make its autocorrelations inconsistent."""
 
 
 def coloured_covariance(
@@ -35,65 +41,73 @@ def coloured_covariance(
         sensitivity: by segment, whitened, the states following, (n, n_outputs, p).
         residual: by segment, whitened, zero in gaps, (n, n_outputs).
     """
-    correlation = autocorrelation(residual, min(_LONGEST, max(len(v) for v in residual) // 4))
-    end = _last_significant_lag(correlation, sum(len(v) for v in residual))
-    flat = np.clip(2.0 - np.arange(2 * end + 1) / max(end, 1), 0.0, 1.0)
-    triangular = 1.0 - np.arange(2 * end + 1) / (2.0 * end + 1.0)
-    corrected = np.full_like(white, np.nan)
-    for taper in (flat, triangular):  # the second is positive whatever the residuals
-        middle = _middle(sensitivity, correlation, taper) + np.diag(prior_information)
-        corrected = white @ middle @ white
-        if np.all(np.linalg.eigvalsh(middle) > 0):
-            break
-    return np.asarray(corrected)
+    correlation = autocorrelation(residual)
+    samples = sum(len(v) for v in residual)
+    models = [autoregression(correlation[:, a, a], samples) for a in range(correlation.shape[1])]
+    middle = np.diag(prior_information)
+    for s in sensitivity:
+        length = 1 << (2 * len(s) - 1).bit_length()
+        gain = np.stack([_gain(model, length) for model in models], axis=1)
+        shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
+        turned = correlation[0] @ shaped
+        both_sides = np.full(len(gain), 2.0)
+        both_sides[[0, -1]] = 1.0
+        middle = (
+            middle
+            + np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turned, optimize=True).real / length
+        )
+    return np.asarray(white @ middle @ white)
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:
     """Factor for what the fit took out of the residuals' variance.
 
     In white noise that is one sample per unknown, in coloured noise as many more as the variance of the
-    unknowns is
-    larger: N / (N - unknowns tr(D^-1 C) / p).
+    unknowns is larger: N / (N - unknowns tr(D^-1 C) / p).
     """
     ratio = float(np.trace(np.linalg.solve(white, corrected))) / len(white)
     return samples / max(samples - unknowns * max(ratio, 1.0), 0.5 * samples)
 
 
-def autocorrelation(residual: Sequence[FloatArray], longest: int) -> FloatArray:
-    """R(lag), (longest + 1, n_outputs, n_outputs): mean of v(i) v(i + lag)' over all segments."""
+def autocorrelation(residual: Sequence[FloatArray]) -> FloatArray:
+    """R(lag), (orders + 1, n_outputs, n_outputs): mean of v(i) v(i + lag)' over what was measured."""
     n_outputs = residual[0].shape[1]
+    longest = min(_HIGHEST_ORDER, sum(len(v) for v in residual) // _LEAST_SAMPLES_PER_ORDER)
     total = np.zeros((longest + 1, n_outputs, n_outputs))
-    seen = np.zeros((n_outputs, n_outputs))
+    pairs = np.zeros_like(total)
     for v in residual:
+        seen = (v != 0).astype(float)
         for lag in range(min(longest, len(v) - 1) + 1):
             total[lag] += v[: len(v) - lag].T @ v[lag:]
-        measured = np.count_nonzero(v, axis=0)
-        seen += np.sqrt(np.outer(measured, measured))
-    return total / np.maximum(seen, 1.0)
+            pairs[lag] += seen[: len(v) - lag].T @ seen[lag:]
+    return total / np.maximum(pairs, 1.0)
 
 
-def _last_significant_lag(correlation: FloatArray, samples: int) -> int:
-    """The lag after which no output's autocorrelation is significant for several lags in a row; at most half
-    of all.
+def autoregression(correlation: FloatArray, samples: int) -> FloatArray:
+    """Coefficients of v(i) = sum a_k v(i - k) + white noise, (order,).
+
+    By Levinson's recursion, the order by Akaike's criterion. `correlation` (orders + 1,) is the
+    autocorrelation, lag 0 first.
     """
-    power = np.maximum(np.einsum("kaa->ka", correlation)[0], np.finfo(float).tiny)
-    loud = np.abs(np.einsum("kaa->ka", correlation) / power).max(axis=1) > 2 * np.sqrt(
-        np.log10(samples) / samples
-    )
-    most = (len(loud) - 1) // 2
-    for lag in range(most):
-        if not loud[lag + 1 : lag + 1 + _QUIET].any():
-            return lag
-    return most
+    coefficients = chosen = np.zeros(0)
+    variance = float(correlation[0])
+    if variance <= 0:
+        return chosen
+    least = samples * np.log(variance)
+    for order in range(1, len(correlation)):
+        reflection = (correlation[order] - coefficients @ correlation[order - 1 : 0 : -1]) / variance
+        reflection = float(np.clip(reflection, -_LARGEST_REFLECTION, _LARGEST_REFLECTION))
+        coefficients = np.append(coefficients - reflection * coefficients[::-1], reflection)
+        variance *= 1.0 - reflection**2
+        criterion = samples * np.log(variance) + 2 * order
+        if criterion < least:
+            least, chosen = criterion, coefficients
+    return chosen
 
 
-def _middle(sensitivity: Sequence[FloatArray], correlation: FloatArray, taper: FloatArray) -> FloatArray:
-    p = sensitivity[0].shape[2]
-    total = np.zeros((p, p))
-    for s in sensitivity:
-        for lag in range(min(len(taper), len(s))):
-            n = len(s) - lag
-            turned = (correlation[lag] @ s[lag:]).reshape(-1, p)
-            block = s[:n].reshape(-1, p).T @ turned
-            total += taper[lag] * (block if lag == 0 else block + block.T)
-    return total
+def _gain(coefficients: FloatArray, length: int) -> FloatArray:
+    """Square root of the model's spectrum, of unit variance, at the frequencies of a real transform."""
+    polynomial = np.abs(np.fft.rfft(np.concatenate([[1.0], -coefficients]), length))
+    response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
+    power = np.concatenate([response**2, response[-2:0:-1] ** 2])
+    return np.asarray(response / np.sqrt(power.mean()))

@@ -149,7 +149,8 @@ class _Shooter:
             )
             trial = self._residual(unknown + step)
             if np.all(np.isfinite(trial)):
-                moved = float(np.sum((whitener @ trial.T[:, :, None]) ** 2))
+                with np.errstate(over="ignore"):
+                    moved = float(np.sum((whitener @ trial.T[:, :, None]) ** 2))
                 if moved <= cost * (1 + 1e-12):
                     return step, information, True
         return np.zeros_like(unknown), information, False

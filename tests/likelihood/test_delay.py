@@ -30,8 +30,9 @@ def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
     free = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), delays=("delay",), tolerance=1e-8)
     spread = free.std_error["delay"]
     for side in (-1.0, 1.0):
+        aside = free.theta | {"delay": free.theta["delay"] + side * spread}
         held = fit(
-            BODY.dynamics, BODY.outputs, [segment], free.theta | {"delay": free.theta["delay"] + side * spread},
+            BODY.dynamics, BODY.outputs, [segment], aside,
             delays=("delay",), fixed=("delay",), noise_covariance=free.noise_covariance,
         )  # fmt: skip
         assert held.nllf - free.nllf == pytest.approx(0.5, rel=0.15)

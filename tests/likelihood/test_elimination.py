@@ -48,7 +48,9 @@ def random_problem(seed: int, n: int, n_states: int, reach: int, variance: float
 
 
 def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, FloatArray]:
-    """K of the module's docstring and the right-hand side, states before multipliers, initial state free or held."""
+    """K of the module's docstring and the right-hand side, states before multipliers, initial state free or
+    held.
+    """
     n, n_states = problem.defect.shape
     j = dense(problem.by_state, n)
     d = dense(problem.defect_by_state, n)

@@ -1,4 +1,4 @@
-"""`fit` on output-error problems: against single shooting, exact statistics, gaps, bounds, priors and refusals."""
+"""`fit` on output-error problems: against single shooting and exact statistics; gaps, bounds, refusals."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_unstable_motion_converges_from_half_off(seed: int) -> None:
 
 
 def test_covariance_and_likelihood_against_their_formulas() -> None:
-    """x' = -a x + b u, y = x + c: sensitivities by their own differential equations, initial state included."""
+    """x' = -a x + b u, y = x + c, whose solution and sensitivities are known."""
     rng = np.random.default_rng(2)
     t = np.arange(800) / 50
     u = np.sin(1.1 * t) + np.sin(2.9 * t)
@@ -279,6 +279,27 @@ def test_refusals_say_what_was_got_and_expected(changes: dict[str, Any], message
 
 def test_the_import_is_cheap() -> None:
     """Neither SciPy nor anything else beyond NumPy is loaded before the first fit."""
-    code = "import sys, brv_hypo.likelihood; print([m for m in ('scipy', 'pydantic', 'pandas') if m in sys.modules])"
+    code = (
+        "import sys, brv_hypo.likelihood; print([m for m in ('scipy', 'pandas', 'rich') if m in sys.modules])"
+    )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"
+
+
+def test_the_units_of_the_states_do_not_matter() -> None:
+    """Angles of attack as lateral velocities, three hundred times larger numbers."""
+    body = spinning_body()
+    segment = body.simulate(300, seed=8)
+    units = np.array([[1.0], [1.0], [300.0], [300.0]])
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return units * body.dynamics(x / units, u, theta, t)
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return body.outputs(x / units, u, theta, t)
+
+    one = fit(body.dynamics, body.outputs, [segment], scaled(body, 0.7), tolerance=1e-7)
+    other = fit(dynamics, outputs, [segment], scaled(body, 0.7), tolerance=1e-7)
+    for name in body.truth:
+        assert other.theta[name] == pytest.approx(one.theta[name], abs=1e-5 * one.std_error[name])
+        assert other.std_error[name] == pytest.approx(one.std_error[name], rel=1e-5)
