@@ -6,6 +6,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.motion.answerable import require_answerable
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
 from brv_hypo.motion.history import recorded
@@ -23,6 +24,7 @@ def reconstruct(flight: Flight, config: ReconstructionConfig | None = None) -> R
     Raises UnanswerableError where the record is too short, or the vehicle is not in the air.
     """
     config = config or ReconstructionConfig()
+    require_answerable(flight)
     record = inertial_record(flight, config)
     wind = METHODS[config.method](record, config)
     moments = moment_estimate(record)

@@ -18,6 +18,8 @@ from brv_hypo.ranking.task import Task
 
 # Sizes that may go by without a gain before the search over sizes ends.
 PATIENCE = 2
+# How often the search on a model's own knots and thetas is repeated while it gains.
+NARROWINGS = 3
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> 
     worse = 0
     exact = [best_by_size(task, frame, family) for family in (offered.single, offered.joint)]
     for size in range(1, task.max_terms + 1):
-        starts = [settle(columns) for columns in dict.fromkeys(f[size] for f in exact if size in f)]
+        distinct = dict.fromkeys(columns for family in exact for columns in family.get(size, []))
+        starts = [settle(columns) for columns in distinct]
         if best is not None:
             further = extended(task, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])
@@ -113,8 +116,12 @@ def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> 
         if worse == PATIENCE:
             break
     assert best is not None
-    plainer = [settle(chosen, chosen) for chosen in narrowed(task, best.frame, best.columns)]
-    return _least([best, *plainer])
+    for _ in range(NARROWINGS if task.refine else 0):
+        narrower = _least([settle(chosen, chosen) for chosen in narrowed(task, best.frame, best.columns)])
+        if narrower.information >= best.information:
+            break
+        best = narrower
+    return best
 
 
 def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:

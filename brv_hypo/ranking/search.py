@@ -70,16 +70,19 @@ def _columns_of(
 
 
 def best_by_size(
-    task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]]
-) -> dict[int, tuple[Column, ...]]:
-    """The subset of least RSS for each number of columns, over all offers; without the empty one."""
-    best: dict[int, tuple[float, tuple[Column, ...]]] = {}
+    task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]], n_best: int = 2
+) -> dict[int, list[tuple[Column, ...]]]:
+    """The `n_best` subsets of least RSS for each number of columns, over all offers; the empty one left out."""
+    found: dict[int, list[tuple[float, tuple[Column, ...]]]] = {}
     forced = task.design(frame, task.baseline)
     for columns in offered:
-        for rss, chosen in _subsets(task, frame, forced, columns, task.exact_terms):
-            if chosen and (len(chosen) not in best or rss < best[len(chosen)][0]):
-                best[len(chosen)] = (rss, chosen)
-    return {size: columns for size, (_, columns) in best.items()}
+        for rss, chosen in _subsets(task, frame, forced, columns, task.exact_terms, n_best):
+            found.setdefault(len(chosen), []).append((rss, chosen))
+    return {
+        size: [chosen for _, chosen in sorted(ranked, key=lambda pair: pair[0])[:n_best]]
+        for size, ranked in found.items()
+        if size > 0
+    }
 
 
 def extended(
@@ -105,7 +108,7 @@ def extended(
 
 
 def narrowed(task: Task, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
-    """The best subset of each size among all courses at a model's own knots and thetas.
+    """The two best subsets of each size among all courses at a model's own knots and thetas.
 
     It finds the plainer model where refinement has moved several terms to one place.
     """
@@ -120,7 +123,7 @@ def narrowed(task: Task, frame: RateFrame, columns: tuple[Column, ...]) -> list[
         terms = [(t.name, t.units) for t in mechanism.terms(frame.motions[0], dict(thetas[0]))]
         own.update(dict.fromkeys(candidates(mechanism, terms, knots, thetas)))
     smaller = max(len(selected), 1)
-    return [chosen for _, chosen in _subsets(task, frame, forced, tuple(own), smaller) if chosen]
+    return [chosen for _, chosen in _subsets(task, frame, forced, tuple(own), smaller, n_best=2) if chosen]
 
 
 def _spacing(task: Task) -> float:
@@ -157,9 +160,14 @@ def _compatible(
 
 
 def _subsets(
-    task: Task, frame: RateFrame, forced: FloatArray, offered: tuple[Column, ...], max_terms: int
+    task: Task,
+    frame: RateFrame,
+    forced: FloatArray,
+    offered: tuple[Column, ...],
+    max_terms: int,
+    n_best: int = 1,
 ) -> list[tuple[float, tuple[Column, ...]]]:
-    """(RSS, columns) of the best subset of each size beside the forced columns."""
+    """(RSS, columns) of the best subsets of each size beside the forced columns."""
     size = forced.shape[1]
     vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
     for j, column in enumerate(offered):
@@ -173,6 +181,7 @@ def _subsets(
         triangle[:, -1],
         max_terms=min(max_terms, len(offered)),
         forced=tuple(range(size)),
+        n_best=n_best,
         groups=tuple(tuple(members) for members in vectors.values()) or None,
     )
     return [(s.rss, tuple(offered[j - size] for j in s.columns)) for s in result.subsets]
