@@ -10,7 +10,7 @@ summary.py   gathers the result; result.py is its shape
 """
 
 from brv_hypo.ranking.compare import compare
-from brv_hypo.ranking.config import CompareConfig, read_compare_config
+from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.result import Comparison
 
-__all__ = ["CompareConfig", "Comparison", "compare", "read_compare_config"]
+__all__ = ["CompareConfig", "Comparison", "compare"]

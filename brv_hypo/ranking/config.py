@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.errors import UsageError
 from brv_hypo.motion.reconstruction import Method
 
 
@@ -36,29 +33,3 @@ class CompareConfig(BaseModel):
     refine: bool = True
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: bool = True
-
-
-def read_compare_config(path: str | Path | None, **overrides: Any) -> CompareConfig:
-    """The configuration of a YAML file with `overrides` set over it; raises UsageError where it is wrong."""
-    content: Any = {}
-    if path is not None:
-        try:
-            content = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
-        except OSError as error:
-            raise UsageError(
-                f"cannot read the configuration {path}: {error.strerror}; check the path"
-            ) from None
-        except yaml.YAMLError as error:
-            raise UsageError(f"the configuration {path} is not YAML: {error}") from None
-    if not isinstance(content, dict):
-        raise UsageError(
-            f"the configuration {path} holds a {type(content).__name__}, expected a mapping of settings"
-        )
-    try:
-        return CompareConfig.model_validate({**content, **overrides})
-    except ValidationError as error:
-        lines = "; ".join(
-            f"{'.'.join(map(str, e['loc']))}: {e['msg']} (got {e['input']!r})" for e in error.errors()
-        )
-        known = ", ".join(CompareConfig.model_fields)
-        raise UsageError(f"bad configuration {path or ''}: {lines}. Known settings: {known}.") from None

@@ -72,7 +72,7 @@ def _columns_of(
 def best_by_size(
     task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]], n_best: int = 2
 ) -> dict[int, list[tuple[Column, ...]]]:
-    """The `n_best` subsets of least RSS for each number of columns, over all offers; the empty one left out."""
+    """The `n_best` subsets of least RSS for each number of columns above 0, over all offers."""
     found: dict[int, list[tuple[float, tuple[Column, ...]]]] = {}
     forced = task.design(frame, task.baseline)
     for columns in offered:

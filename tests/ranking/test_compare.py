@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.mechanisms import Mechanism, Term
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking import CompareConfig, compare, read_compare_config
+from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.simulate import simulate
 from tests.shared_data import shared_file
 
@@ -106,8 +106,6 @@ class NeedsMach(Mechanism):
 
 
 def test_a_mechanism_without_its_channel_is_left_out_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    import importlib
-
     module = importlib.import_module("brv_hypo.ranking.compare")
     known = module.parse_hypothesis
 
@@ -128,19 +126,3 @@ def test_gaps_cost_samples_but_not_the_verdict() -> None:
     comparison = compare([cut], CompareConfig(mechanisms=("sticking", "bodyfixed")))
     assert comparison.ranking[0].mechanism == "sticking"
     assert comparison.ranking[0].n_effective < 2 * n
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("knot_cuont: 3", "knot_count"),
-        ("max_terms: 0", "max_terms"),
-        ("- a list", "mapping"),
-        ("{", "not YAML"),
-    ],
-)
-def test_bad_configurations_are_usage_errors(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "bad.yaml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(UsageError, match=message):
-        read_compare_config(path)

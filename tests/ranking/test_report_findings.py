@@ -10,7 +10,7 @@ from brv_hypo.ranking.result import RankedHypothesis
 from brv_hypo.simulate import simulate
 from brv_hypo.subset import stepwise
 
-# Table 4.1: the 27 terms beside the constant, as powers of (alpha, Re, Mach), in the table's order.
+# Table 4.1: the 27 terms beside the constant, as powers of (alpha, Re, Mach).
 TERMS = {
     "alpha": (1, 0, 0), "Re": (0, 1, 0), "mu": (0, 0, 1), "alpha^2": (2, 0, 0), "alpha^3": (3, 0, 0),
     "alpha^4": (4, 0, 0), "Re^2": (0, 2, 0), "Re^3": (0, 3, 0), "alpha mu^3": (1, 0, 3), "alpha Re": (1, 1, 0),
