@@ -9,7 +9,7 @@ from functools import cmp_to_key
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame, triangle
+from brv_hypo.subset.frame import EPS, Frame, dependency, triangle
 
 # Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
 TIE = 1e-11
@@ -100,7 +100,7 @@ def residual(frame: Frame, subset: Sequence[int]) -> float | None:
     """Residual sum of squares by QR of the columns themselves; None where they are dependent."""
     k = len(subset)
     factor = triangle(np.column_stack([frame.R[:, list(subset)], frame.z]))
-    if np.abs(factor.diagonal()[:k]).min(initial=np.inf) <= RANK_TOLERANCE:
+    if dependency(factor[:k, :k], frame.noise[list(subset)]):
         return None
     tail = factor[k:, k]
     return frame.rss_full + float(tail @ tail)

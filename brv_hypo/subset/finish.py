@@ -12,7 +12,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.subset.board import Board
 from brv_hypo.subset.criteria import Reference, contiguous_blocks, evaluate, point_values
 from brv_hypo.subset.fit import LeastSquares, least_squares
-from brv_hypo.subset.frame import RANK_TOLERANCE, Frame
+from brv_hypo.subset.frame import Frame, independent_columns
 from brv_hypo.subset.result import Certificate, Subset, SubsetResult
 
 
@@ -83,7 +83,9 @@ class Finisher:
     @cached_property
     def _reference(self) -> Reference:
         frame = self._frame
-        every = frame.forced + tuple(int(c) for c in frame.candidates[_independent(frame)])
+        every = frame.forced + tuple(
+            int(c) for c in frame.candidates[independent_columns(frame.R, frame.noise)]
+        )
         complete = self._fit(every, variances=False)
         at_point = (
             (None, None) if self._point is None else point_values(every, complete, frame.X, self._point)
@@ -91,19 +93,3 @@ class Finisher:
         return Reference(
             self._fit(frame.forced).rss, len(frame.forced), complete, len(every), self._blocks, *at_point
         )
-
-
-def _independent(frame: Frame) -> list[int]:
-    """Candidates that span all of them, the first of each dependency kept."""
-    if frame.rank == frame.n_candidates:
-        return list(range(frame.n_candidates))
-    kept: list[int] = []
-    basis = np.empty((frame.R.shape[0], 0))
-    for j in range(frame.n_candidates):
-        rest = frame.R[:, j] - basis @ (basis.T @ frame.R[:, j])
-        rest -= basis @ (basis.T @ rest)
-        norm = np.linalg.norm(rest)
-        if norm > 10.0 * RANK_TOLERANCE:
-            kept.append(j)
-            basis = np.column_stack([basis, rest / norm])
-    return kept

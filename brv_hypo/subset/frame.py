@@ -24,8 +24,10 @@ EPS = float(np.finfo(np.float64).eps)
 SPAN_TOLERANCE = 1e-12
 # Distance of two unit columns below which they are one column under two names.
 ALIAS_TOLERANCE = 1e-11
-# Smallest diagonal of the triangular factor of unit columns that counts as full rank.
-RANK_TOLERANCE = 4e-12
+# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence, and the
+# multiple of its rounding error below which what is left of it counts as nothing.
+WEAK_DIAGONAL = 1e-6
+ROUNDING_MULTIPLE = 64.0
 
 
 class Alias(NamedTuple):
@@ -52,6 +54,7 @@ class Frame:
     candidates: IntArray
     R: FloatArray
     z: FloatArray
+    noise: FloatArray
     rss_forced: float
     rss_full: float
     rank: int
@@ -101,11 +104,12 @@ def build_frame(
     free, units = free[keep], units[:, keep]
 
     R, z, rss_full = _triangular_factor(units, rest)
+    noise = (original[~inside] / norms[~inside])[keep]
+    rank = len(independent_columns(R, noise))
     singular = np.linalg.svd(R, compute_uv=False) if free.size else np.ones(1)
-    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if free.size else 0
     condition = float(singular[0] / singular[-1]) if rank == free.size else float("inf")
     return Frame(
-        X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z,
+        X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
         rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=condition,
         aliases=tuple(aliases),
         constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
@@ -115,6 +119,29 @@ def build_frame(
 def triangle(columns: FloatArray) -> FloatArray:
     """The triangular factor R of the columns, by Householder reflections."""
     return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
+
+
+def dependency(R: FloatArray, noise: FloatArray) -> list[int]:
+    """Positions of the columns in the first linear dependency of a triangular factor; empty for full rank.
+
+    What is left of a column after those before it, R_kk, is nothing where it is no more than the rounding
+    error of the combination that represents it.
+    """
+    for k in np.flatnonzero(np.abs(R.diagonal()) <= WEAK_DIAGONAL).tolist():
+        weights = np.append(np.linalg.solve(R[:k, :k], R[:k, k]), 1.0)
+        if abs(R[k, k]) <= ROUNDING_MULTIPLE * EPS * float(np.abs(weights) @ noise[: k + 1]):
+            return np.flatnonzero(np.abs(weights) > 1e-10 * np.abs(weights).max()).tolist()
+    return []
+
+
+def independent_columns(R: FloatArray, noise: FloatArray) -> list[int]:
+    """Columns that span all of them, the last of each dependency left out."""
+    kept = list(range(R.shape[1]))
+    factor = R
+    while involved := dependency(factor, noise[kept]):
+        del kept[involved[-1]]
+        factor = triangle(R[:, kept])
+    return kept
 
 
 def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -7,12 +7,11 @@ S is the Schur complement of the undecided columns given the included ones, H = 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.frame import triangle
 from brv_hypo.subset.pieces import Piece
 
@@ -57,13 +56,13 @@ class Node(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class SchurNode:
-    """Rank-one steps on full-length arrays: including leaves H alone, dropping S; ``alive``: undecided."""
+    """Rank-one steps on full-length arrays: including leaves H alone, dropping S; ``at``: the undecided."""
 
     piece: Piece
     included: tuple[int, ...]
-    alive: BoolArray
+    at: IntArray
     S: FloatArray
     c: FloatArray
     rss: float
@@ -76,47 +75,43 @@ class SchurNode:
         """S from R'R and H from the inverse of R, never from the inverse of S."""
         inverse = piece.inverse
         return cls(
-            piece, piece.included, np.ones(piece.z.size, dtype=np.bool_), piece.R.T @ piece.R,
-            piece.R.T @ piece.z, piece.rss, inverse @ inverse.T, inverse @ piece.z, piece.bound,
+            piece, piece.included, np.arange(piece.z.size), piece.R.T @ piece.R, piece.R.T @ piece.z,
+            piece.rss, inverse @ inverse.T, inverse @ piece.z, piece.bound,
         )  # fmt: skip
 
-    @cached_property
-    def _at(self) -> IntArray:
-        return np.flatnonzero(self.alive)
-
-    @cached_property
+    @property
     def labels(self) -> IntArray:
         """Undecided candidates."""
-        return np.asarray(self.piece.labels[self._at])
+        return np.asarray(self.piece.labels[self.at])
 
     def rises(self) -> FloatArray:
         """Rise of the bound on dropping each undecided candidate."""
-        return np.asarray(self.beta[self._at] ** 2 / self.H.diagonal()[self._at])
+        return np.asarray(self.beta[self.at] ** 2 / self.H.diagonal()[self.at])
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
         """S and c over the undecided candidates."""
-        return self.S[self._at[:, None], self._at], self.c[self._at]
+        return self.S[self.at[:, None], self.at], self.c[self.at]
 
     def include(self, label: int) -> SchurNode:
         """Rank-one step on S."""
         j = self.piece.position[label]
-        row, pivot, alive = self.S[j], self.S[j, j], self.alive.copy()
-        alive[j] = False
+        row, pivot = self.S[j], self.S[j, j]
         scaled = row / pivot
-        return replace(
-            self, included=(*self.included, label), alive=alive, S=self.S - scaled[:, None] * row,
-            c=self.c - scaled * self.c[j], rss=self.rss - float(self.c[j] ** 2 / pivot),
+        return SchurNode(
+            self.piece, (*self.included, label), self.at[self.at != j],
+            self.S - scaled[:, None] * row, self.c - scaled * self.c[j],
+            self.rss - float(self.c[j] ** 2 / pivot), self.H, self.beta, self.bound,
         )  # fmt: skip
 
     def drop(self, label: int) -> SchurNode:
         """Rank-one step on H."""
         j = self.piece.position[label]
-        row, pivot, alive = self.H[j], self.H[j, j], self.alive.copy()
-        alive[j] = False
+        row, pivot = self.H[j], self.H[j, j]
         scaled = row / pivot
-        return replace(
-            self, alive=alive, H=self.H - scaled[:, None] * row, beta=self.beta - scaled * self.beta[j],
-            bound=self.bound + float(self.beta[j] ** 2 / pivot),
+        return SchurNode(
+            self.piece, self.included, self.at[self.at != j], self.S, self.c, self.rss,
+            self.H - scaled[:, None] * row, self.beta - scaled * self.beta[j],
+            self.bound + float(self.beta[j] ** 2 / pivot),
         )  # fmt: skip
 
 

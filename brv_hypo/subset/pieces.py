@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.constraints import Constraints
-from brv_hypo.subset.frame import EPS, RANK_TOLERANCE, Frame, triangle
+from brv_hypo.subset.frame import EPS, Frame, dependency, triangle
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,12 @@ class Piece:
     R: FloatArray
     z: FloatArray
     bound: float
+    dependency: tuple[int, ...]
+
+    @property
+    def singular(self) -> bool:
+        """Whether the undecided columns are dependent."""
+        return bool(self.dependency)
 
     @cached_property
     def labels(self) -> IntArray:
@@ -66,11 +72,6 @@ class Piece:
             return 0.0
         growth = float(np.abs(self.inverse @ self.z).sum()) / float(np.sqrt(self.bound))
         return 16.0 * EPS * growth if triangular else 64.0 * EPS * max(growth, growth**2)
-
-    @property
-    def singular(self) -> bool:
-        """Whether the undecided columns are dependent."""
-        return bool(np.abs(self.R.diagonal()).min(initial=np.inf) <= RANK_TOLERANCE)
 
 
 @dataclass(frozen=True)
@@ -110,19 +111,18 @@ def propagate(
 def make_piece(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...]) -> Piece | None:
     """Factorise one piece from the root factor; None where the included columns are dependent."""
     s, u = len(included), len(undecided)
-    if undecided == tuple(range(frame.n_candidates)):
-        return Piece(included, undecided, frame.R, frame.z, frame.rss_full)
     columns = [*included, *undecided]
     factor = triangle(np.column_stack([frame.R[:, columns], frame.z]))
     padded = np.zeros((s + u + 1, s + u + 1))
     padded[: factor.shape[0]] = factor
-    if np.abs(padded.diagonal()[:s]).min(initial=np.inf) <= RANK_TOLERANCE:
+    if dependency(padded[:s, :s], frame.noise[list(included)]):
         return None
+    R = padded[s : s + u, s : s + u]
     tail = padded[s + u :, s + u]
+    dependent = tuple(undecided[i] for i in dependency(R, frame.noise[list(undecided)]))
     return Piece(
-        included, undecided, padded[s : s + u, s : s + u], padded[s : s + u, s + u],
-        frame.rss_full + float(tail @ tail),
-    )  # fmt: skip
+        included, undecided, R, padded[s : s + u, s + u], frame.rss_full + float(tail @ tail), dependent
+    )
 
 
 def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece]:
@@ -138,22 +138,11 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece]:
         piece = make_piece(frame, *allowed)
         if piece is None:
             continue
-        dependent = _dependency(piece.R)
-        if not dependent or max_size - len(piece.included) <= 2:
+        if not piece.singular or max_size - len(piece.included) <= 2:
             yield piece
             continue
-        involved = [piece.undecided[i] for i in dependent]
+        involved = piece.dependency
         for i in range(len(involved)):
-            kept = piece.included + tuple(involved[:i])
+            kept = piece.included + involved[:i]
             rest = tuple(j for j in piece.undecided if j not in involved[: i + 1])
             stack.append((kept, rest))
-
-
-def _dependency(R: FloatArray) -> list[int]:
-    """Positions of the columns in the first linear dependency; empty where the factor has full rank."""
-    weak = np.flatnonzero(np.abs(R.diagonal()) <= RANK_TOLERANCE)
-    if not weak.size:
-        return []
-    j = int(weak[0])
-    weights = np.linalg.solve(R[:j, :j], R[:j, j])
-    return [*np.flatnonzero(np.abs(weights) > 1e-10 * np.abs(weights).max(initial=0.0)).tolist(), j]

@@ -8,12 +8,11 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.board import Board
-from brv_hypo.subset.frame import RANK_TOLERANCE
 from brv_hypo.subset.nodes import Node, SchurNode, TriangularNode
 from brv_hypo.subset.pieces import OpenSubtree, Piece, propagate
 
-# A pair whose 2x2 determinant is smaller than this share of its diagonal is scored by QR, not in closed form.
-WEAK_PAIR = 1e-7
+# Relative allowance for rounding in the 2x2 determinant of a pair.
+DETERMINANT_SLACK = 1e-12
 
 
 class StopSearchError(Exception):
@@ -42,6 +41,7 @@ class NumpyTree:
             self._visit(self._kind.start(piece))
 
     def _visit(self, node: Node | None) -> None:
+        limits = self._board.limits
         while node is not None and node.labels.size:
             try:
                 self._spend()
@@ -57,16 +57,23 @@ class NumpyTree:
             label = int(node.labels[branch])
             child = self._include(node, label)
             if child is not None:
-                if child.rss <= self._board.limits[len(child.included)]:
+                if child.rss <= limits[len(child.included)]:
                     self._board.offer(child.included)
                 try:
-                    self._visit(child)
+                    self._descend(child, quota - 1)
                 except StopSearchError:
                     self._leave_open(node, label)
                     raise
-            if node.bound + rises[branch] > self._board.limits[len(node.included) + 1 :].max():
+            if node.bound + rises[branch] > limits[len(node.included) + 1 :].max():
                 return
             node = self._drop(node, label)
+
+    def _descend(self, child: Node, quota: int) -> None:
+        """Search below an inclusion: bound and rises are the parent's, so the quota is known."""
+        if quota == 2 and not self._constraints.active:
+            self._score(child, quota)
+        else:
+            self._visit(child)
 
     def _leave_open(self, node: Node, searched: int | None) -> None:
         undecided = tuple(u for u in node.labels.tolist() if u != searched)
@@ -78,11 +85,11 @@ class NumpyTree:
         A subset with t of them leaves out at least one of the t + 1 columns of the largest rise.
         """
         size = len(node.included)
-        room = min(self._board.max_size - size, rises.size)
-        ranked = np.append(np.sort(rises)[::-1], 0.0)
-        least = node.bound + ranked[1 : room + 1]
-        open_sizes = np.flatnonzero(least <= self._board.limits[size + 1 : size + 1 + room])
-        return int(open_sizes[-1]) + 1 if open_sizes.size else 0
+        for t in range(min(self._board.max_size - size, rises.size), 0, -1):
+            allowance = self._board.limits[size + t] - node.bound
+            if allowance >= 0.0 and np.count_nonzero(rises > allowance) <= t:
+                return t
+        return 0
 
     def _include(self, node: Node, label: int) -> Node | None:
         if not self._constraints.active:
@@ -105,27 +112,32 @@ class NumpyTree:
         return None if allowed is None else _drop_all(dropped, set(undecided) - set(allowed[1]))
 
     def _score(self, node: Node, quota: int) -> None:
-        """Score all singles, and all pairs where the quota is two, in closed form without division."""
+        """Score all singles, and all pairs where the quota is two, in closed form without division.
+
+        A pair gains what is needed, D, where d_k (c_i^2 - D d_i) + c_k^2 d_i + S_ik (D S_ik - 2 c_i c_k)
+        is not negative.
+        """
         if quota <= 0:
             return
         size = len(node.included)
         limits = self._board.limits
         S, c = node.normal()
-        d = S.diagonal()
-        solid = d > RANK_TOLERANCE**2
-        single = solid & (c**2 >= (node.rss - limits[size + 1]) * d)
-        self._offer(node, np.flatnonzero(single)[:, None])
+        d, squares = S.diagonal(), c * c
+        single = squares >= (node.rss - limits[size + 1]) * d
+        if single.any():
+            self._offer(node, np.flatnonzero(single)[:, None])
         if quota < 2 or d.size < 2:
             return
         needed = node.rss - limits[size + 2]
-        squares = d[:, None] * d
-        det = squares - S * S
-        half = (c * c)[:, None] * d - c[:, None] * c * S
-        surplus = half + half.T - needed * det
-        surplus[det < WEAK_PAIR * squares] = 1.0
-        rows, cols = np.nonzero(surplus >= 0.0)
-        usable = (rows < cols) & solid[rows] & solid[cols]
-        self._offer(node, np.column_stack([rows, cols])[usable])
+        eased = needed - abs(needed) * (self._board.margin + DETERMINANT_SLACK)
+        surplus = needed * S
+        surplus -= (2.0 * c)[:, None] * c
+        surplus *= S
+        surplus += np.column_stack([squares - eased * d, d]) @ np.vstack([d, squares])
+        surplus.flat[:: d.size + 1] = -1.0
+        if surplus.max() >= 0.0:
+            pairs = np.argwhere(surplus >= 0.0)
+            self._offer(node, pairs[pairs[:, 0] < pairs[:, 1]])
 
     def _offer(self, node: Node, extra: IntArray) -> None:
         for labels in node.labels[extra].tolist():

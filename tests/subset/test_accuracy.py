@@ -83,7 +83,10 @@ def _rss_in_60_digits(X: Any, y: Any) -> Decimal:
     getcontext().prec = 60
     columns = [[Decimal(float(v)) for v in column] for column in (*X.T, y)]
     k = len(columns)
-    gram = [[sum((a * b for a, b in zip(columns[i], columns[j], strict=True)), Decimal(0)) for j in range(k)] for i in range(k)]
+    gram = [
+        [sum((a * b for a, b in zip(columns[i], columns[j], strict=True)), Decimal(0)) for j in range(k)]
+        for i in range(k)
+    ]
     for i in range(k - 1):
         for r in range(i + 1, k):
             factor = gram[r][i] / gram[i][i]

@@ -82,10 +82,13 @@ def test_every_size_agrees_with_r_leaps(name: str, kernel: str) -> None:
 
 @pytest.mark.shared
 @pytest.mark.parametrize(
-    ("key", "name"), [("hald_cement", "hald_cement"), ("detroit", "detroit"), ("prostate", "prostate_standardised")]
+    ("key", "name"),
+    [("hald_cement", "hald_cement"), ("detroit", "detroit"), ("prostate", "prostate_standardised")],
 )
 def test_five_best_agree_with_complete_enumeration(key: str, name: str) -> None:
-    reference: dict[str, Any] = json.loads(shared_file("data/best_subset/exhaustive_results.json").read_text())
+    reference: dict[str, Any] = json.loads(
+        shared_file("data/best_subset/exhaustive_results.json").read_text()
+    )
     entry = next(v for k, v in reference.items() if k.startswith(key))
     data = load(name)
     result = best_subsets(data.X, data.y, max_terms=len(data.names), n_best=4)
