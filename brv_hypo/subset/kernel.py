@@ -15,6 +15,7 @@ from brv_hypo.subset.kernel_parts import (
     LEVEL,
     NEW,
     NODES,
+    NONE,
     Work,
     compiled,
     implied,
@@ -107,5 +108,5 @@ def search(w: Work, limits: Any, loosest: Any, budget: int, orthogonal: Any) -> 
         if constrained:
             w.status[w.ids[level, j]] = INCLUDED
         if w.rss[level + 1] <= limits[size + 1]:
-            record(w, size + 1, -1, -1)
+            record(w, size + 1, NONE, NONE)
         w.state[LEVEL] = level + 1

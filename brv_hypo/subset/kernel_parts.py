@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar, cast
 
+import numpy as np
 from numba import njit
 
 # What a path has decided about a column.
@@ -16,6 +17,9 @@ UNDECIDED, INCLUDED, DROPPED = 0, 1, 2
 NEW, BRANCHED, FORCED = 0, 1, 2
 # Scalars of the search, by position in ``Work.state``.
 LEVEL, NODES, HITS, TRAIL = 0, 1, 2, 3
+# Arguments as numpy scalars: numba would compile a function anew for every literal.
+NONE = np.int64(-1)
+PAIRS = np.bool_(True)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -82,7 +86,7 @@ def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
 
 
 @compiled
-def record(w: Work, size: int, a: int, b: int) -> None:
+def record(w: Work, size: int, a: Any, b: Any) -> None:
     """Note the chosen columns, with up to two more, as a subset to be looked at."""
     row = w.hits[w.state[HITS]]
     for i in range(size):
@@ -115,7 +119,7 @@ def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
 
 @compiled
 def score(
-    w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: bool, rss: float, limits: Any
+    w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any
 ) -> None:
     """Record every column, and every pair, whose gain reaches what its size needs, without a division.
 
@@ -126,7 +130,7 @@ def score(
     needed = rss - limits[size + 1]
     for i in range(m):
         if c[i] * c[i] >= needed * d[i]:
-            record(w, size, ids[i], -1)
+            record(w, size, ids[i], NONE)
     if not pairs:
         return
     needed = rss - limits[size + 2]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from brv_hypo.subset.kernel_parts import Work, compiled, record, score
+from brv_hypo.subset.kernel_parts import NONE, PAIRS, Work, compiled, record, score
 
 
 @compiled
@@ -88,8 +88,8 @@ def score_child(w: Work, level: int, last: int, limits: Any) -> None:
     rss = w.rss[level] - shift * shift
     w.chosen[size] = ids[last]
     if rss <= limits[size + 1]:
-        record(w, size + 1, -1, -1)
-    score(w, S, p, d, e, ids, last, size + 1, True, rss, limits)
+        record(w, size + 1, NONE, NONE)
+    score(w, S, p, d, e, ids, last, size + 1, PAIRS, rss, limits)
 
 
 @compiled
