@@ -17,6 +17,7 @@ from brv_hypo.design.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.ranking.linear import lengths, solve_scaled
+from brv_hypo.ranking.refine import nonlinear_parameters, refine
 from brv_hypo.trace.task import TraceTask, given_column
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
@@ -24,6 +25,8 @@ Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 # Information that a look-alike may lack against the leader, and the correlation that makes a look-alike.
 NEAR = 10.0
 _ALIKE = 0.95
+# Error on left-out stretches that a fit may have, over that of the best fit of its mechanism.
+_SOUND = 1.05
 # Largest plausible value of a record effect, in its typical sizes.
 _LARGEST = 30.0
 
@@ -33,7 +36,8 @@ class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
     `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
-    `contribution` (rows,) what it adds to the prediction beyond what the model could take over.
+    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the
+    fall of the whitened rates' squares.
     """
 
     name: str
@@ -43,23 +47,68 @@ class Candidate:
     f_ratio: float
     p_value: float
     contribution: FloatArray
+    in_rates: float
     effect: RecordEffect | None = None
     explains: float | None = None
 
 
-def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
-    """A mechanism's best columns beside the model, its knots and delays on their grids."""
-    frame = task.frame.with_mechanisms([mechanism])
-    offered = _offers(task, frame, mechanism)
-    searched = len({column for offer in offered for column in offer})
-    fits = [fit for offer in offered for fit in forward(task, mechanism, frame, groups_of(offer), searched)]
-    return candidate_of(task, null, _least(fits), mechanism.name, "mechanism")
+def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
+    """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds none."""
+    fits = _on_grid(task, mechanism)
+    return candidate_of(task, null, _least(fits), mechanism.name, "mechanism") if fits else None
 
 
 def refine_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
-    """The same by exact search, knots and delays refined."""
-    fit = fit_hypothesis(task, mechanism.name, (mechanism,))
-    return candidate_of(task, null, fit, mechanism.name, "mechanism")
+    """The same with knots and delays refined: the best fit of each number of columns.
+
+    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow chance.
+    """
+    refined = [_refined(task, _least(fits), mechanism) for fits in _by_size(_on_grid(task, mechanism))]
+    errors = [_left_out(task, fit) for fit in refined]
+    sound = [fit for fit, error in zip(refined, errors, strict=True) if error <= _SOUND * min(errors)]
+    return candidate_of(task, null, _least(sound), mechanism.name, "mechanism")
+
+
+def refine_again(task: TraceTask, null: HypothesisFit, candidate: Candidate) -> Candidate:
+    """The candidate with knots and delays refined once more, or as the exact search finds it, if that is better."""
+    mechanism = candidate.fit.mechanisms[0]
+    rivals = [candidate.fit, _refined(task, candidate.fit, mechanism), fit_hypothesis(task, candidate.name, (mechanism,))]
+    errors = [_left_out(task, fit) for fit in rivals]
+    sound = [fit for fit, error in zip(rivals, errors, strict=True) if error <= _SOUND * min(errors)]
+    return candidate_of(task, null, _least(sound), candidate.name, candidate.kind)
+
+
+def _on_grid(task: TraceTask, mechanism: Mechanism) -> list[HypothesisFit]:
+    frame = task.frame.with_mechanisms([mechanism])
+    offered = _offers(task, frame, mechanism)
+    searched = len({column for offer in offered for column in offer})
+    return [fit for offer in offered for fit in forward(task, mechanism, frame, groups_of(offer), searched)]
+
+
+def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:
+    """The fits by their number of columns, the fewest first."""
+    sizes = sorted({len(fit.selected) for fit in fits})
+    return [[fit for fit in fits if len(fit.selected) == size] for size in sizes]
+
+
+def _refined(task: TraceTask, fit: HypothesisFit, mechanism: Mechanism) -> HypothesisFit:
+    """Delays and knots moved to their best values, C_mw of Eq. 5.1 brought up to date where it is delayed."""
+    frame = fit.frame
+    if mechanism.parameters():
+        frame = frame.with_in_plane_moment(fit.columns, fit.values)
+    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, task.knots)
+    fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
+    found = refine(
+        fit.columns, nonlinear, fresh, lambda columns: task.design(frame, columns), task.response, task.samples
+    )
+    return replace(
+        fit,
+        frame=frame,
+        columns=found.columns,
+        values=found.values,
+        residual=found.residual,
+        nonlinear=found.nonlinear,
+    )
 
 
 def try_record_effect(
@@ -202,7 +251,15 @@ def candidate_of(
         f_ratio=f_ratio,
         p_value=min(chance * choices, 1.0),
         contribution=null.residual - fit.residual,
+        in_rates=_fall(task, null, fit),
     )
+
+
+def _fall(task: TraceTask, null: HypothesisFit, fit: HypothesisFit) -> float:
+    """Fall of the squared residual of the rates, at the noise that the fit leaves."""
+    rates = slice(0, 2 * task.part.thinned_pieces(task.both)[-1][1])
+    before, after = null.residual[rates], fit.residual[rates]
+    return float((before @ before - after @ after) / (fit.rss / fit.samples))
 
 
 def explained(task: TraceTask, null: HypothesisFit, fit: HypothesisFit) -> float:

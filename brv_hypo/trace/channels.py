@@ -25,6 +25,8 @@ class Noise:
 
     rates: NoiseModel
     force: NoiseModel
+    size: tuple[float, float]
+    """Mean squares of the residuals that the models are of: rates, (rad/s)^2, and force, (m/s^2)^2."""
     thinning: int = 1
     """Whitened rows that are averaged into one: the columns are slow, the noise is white."""
 

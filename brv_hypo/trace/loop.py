@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.design.whitening import NoiseModel
+from brv_hypo.design.whitening import NoiseModel, difference
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
@@ -28,9 +28,10 @@ Progress = Callable[[str], None]
 SMALLEST_RECORD = 120
 _TOLD = 8
 _GENERIC = 4
-# The held-out error has to fall by this many of its standard errors, and the moments' may not rise by more than this.
-_SIGMAS = 2.0
-_RISE = 1.02
+# The held-out error has to fall by this many of its standard errors.
+_SIGMAS = 2.5
+# Fall of the squared whitened rates above which an effect shows in the moments.
+_SHOWN = 12.0
 
 
 def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progress | None = None) -> Trace:
@@ -167,19 +168,26 @@ class _Course:
             and adjusted(ranked)[here.discovery.candidate.name] < self.config.significance
         )
         reason: Stop = "nothing improves held-out error" if tried is not None else nothing
+        if leader is not None and tried is None:
+            reason = "nothing improves held-out error"
         return step, after, reason, here.discovery if counts else None
 
     def _judged(
         self, here: Look, state: State, ranked: Sequence[Candidate]
     ) -> tuple[Candidate | None, State | None, Tried | None]:
-        """The leader where one counts, the model with it where the held-out part agrees, and what came of trying."""
-        leader = ranked[0] if ranked else None
-        if leader is None or leader.gain <= 0.0 or adjusted(ranked)[leader.name] > self.config.significance:
-            return None, None, None
+        """The leader where one counts, the model with it where the held-out part agrees, and what came of trying.
+
+        An effect that the specific force shows and the moments do not is named, but it cannot lower their error.
+        """
+        chances = adjusted(ranked)
+        counting = [c for c in ranked if c.gain > 0.0 and chances[c.name] <= self.config.significance]
+        leader = next((c for c in counting if c.in_rates > _SHOWN), None)
+        if leader is None:
+            return (counting[0] if counting else None), None, None
         after = self._with(here, state, leader)
         fallen = score(here.task, state.seen.held_out, here.null, leader.fit)
         tried = Tried(after, fallen, *ratio(state.held_out, after.held_out))
-        taken = fallen >= _SIGMAS and tried.ratio <= _RISE
+        taken = fallen >= _SIGMAS and tried.ratio < 1.0
         return leader, after if taken else None, tried
 
     def _with(self, here: Look, state: State, leader: Candidate) -> State:
@@ -203,11 +211,18 @@ class _Course:
         return self._state(model, seen, here.task.noise)
 
     def _state(self, model: Model, seen: Seen, noise: NoiseModel) -> State:
-        """The model's coefficients on the fitted part, and its errors."""
-        values = seen.values(seen.fitted, model.columns, noise)
-        left = residual_moments(seen.frame, seen.record, model.columns, values)
-        errors = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
-        return State(model, seen, values, noise, *errors)
+        """The model's coefficients on the fitted part, and its errors.
+
+        A model that lacks something fits the moments badly under the noise of one that does not; plain least squares of
+        the moments are tried too, and the smaller error of the fitted part decides.
+        """
+        found = []
+        for weight in (noise, difference()):
+            values = seen.values(seen.fitted, model.columns, weight)
+            left = residual_moments(seen.frame, seen.record, model.columns, values)
+            errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
+            found.append(State(model, seen, values, noise, errors, held_out))
+        return min(found, key=lambda state: state.errors.mean_square)
 
 
 def _applicable(mechanism: Mechanism, seen: Seen) -> bool:
@@ -251,13 +266,14 @@ def _words(candidate: Candidate, here: Look) -> str:
     if candidate.kind == "discovered" and here.discovery is not None:
         return here.discovery.words
     values = candidate.fit.values[candidate.fit.baseline_size :]
+    where = "" if candidate.in_rates > _SHOWN else " (in the specific force only)"
     if candidate.effect is not None:
         when = getattr(candidate.effect, "time", None)
         sizes = ", ".join(
             f"{here.components[column.term]} {value:.3g} {column.units}"
             for column, value in zip(candidate.fit.selected, values, strict=True)
         )
-        return sizes if when is None else f"{sizes} at {when:.3f} s"
+        return (sizes if when is None else f"{sizes} at {when:.3f} s") + where
     return ", ".join(
         f"{column.label} {value:.3g}"
         + ("" if column.course.kind == "constant" else f" at {column.course.start:.2f} s")

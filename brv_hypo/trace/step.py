@@ -25,6 +25,7 @@ from brv_hypo.trace.candidates import (
     Candidate,
     candidate_of,
     explained,
+    refine_again,
     refine_mechanism,
     solved,
     try_mechanism,
@@ -34,7 +35,7 @@ from brv_hypo.trace.channels import Noise, Part, Rows, part, split
 from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.discover import Discovery, discover
 from brv_hypo.trace.response import ForceModel, Situation, start_of
-from brv_hypo.trace.task import TraceTask, build_task, unknowns, with_efficiency, with_noise
+from brv_hypo.trace.task import TraceTask, build_task, unknowns, with_efficiency, with_less_noise
 
 _OUTLIER = 6.0
 _WORTH_REFINING = 0.4
@@ -94,7 +95,7 @@ class Seen:
         self, part: Part, columns: tuple[Column, ...], noise: NoiseModel
     ) -> tuple[FloatArray, FloatArray]:
         """Whitened columns (rows, columns) and rates (rows,) of a part."""
-        both = Noise(noise, noise)
+        both = Noise(noise, noise, (0.0, 0.0))
         design = part.white_rates(self.frame.columns(columns)[part.rows], both)
         return design, part.white_rates(self.frame.observed[part.rows], both)[:, 0]
 
@@ -196,6 +197,12 @@ def look(
         task = _settled(task, _leader(found).fit)
         null = fit_hypothesis(task, "none", ())
         found = [_again(task, null, candidate) for candidate in found]
+        leader = _leader(found)
+        if _has_nonlinear(leader):
+            closer = refine_again(task, null, leader)
+            task = _settled(task, closer.fit)
+            null = fit_hypothesis(task, "none", ())
+            found = [_again(task, null, closer if c is leader else c) for c in found]
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     discovery = (
         discover(task, null, f"discovered_{len(model.added) + 1}", most_generic) if most_generic else None
@@ -215,8 +222,8 @@ def _leader(found: Sequence[Candidate]) -> Candidate:
 
 
 def _settled(task: TraceTask, fit: HypothesisFit) -> TraceTask:
-    """The task with the noise and the effective share of samples that a fit leaves."""
-    task = with_noise(task, fit.frame, fit.columns)
+    """The task with the effective share of samples that a fit leaves, and its noise where that is less."""
+    task = with_less_noise(task, fit.frame, fit.columns)
     again = solved(task, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched)
     return with_efficiency(replace(task, efficiency=1.0), again)
 
@@ -280,9 +287,9 @@ def _try_all(
     mechanisms: Sequence[Mechanism],
     catalogue: Catalogue,
 ) -> list[Candidate]:
-    found = [try_mechanism(task, null, mechanism) for mechanism in mechanisms]
-    tried = [try_record_effect(task, null, variants) for variants in catalogue.values()]
-    return found + [candidate for candidate in tried if candidate is not None]
+    tried = [try_mechanism(task, null, mechanism) for mechanism in mechanisms]
+    tried += [try_record_effect(task, null, variants) for variants in catalogue.values()]
+    return [candidate for candidate in tried if candidate is not None]
 
 
 def _histories(situation: Situation, effects: Sequence[RecordEffect]) -> tuple[Catalogue, dict[str, Rows]]:

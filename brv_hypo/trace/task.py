@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.design.columns import Column, candidates, default_knots, theta_grid
 from brv_hypo.design.frame import RateFrame, remove_levels
 from brv_hypo.design.timebasis import TimeFunction
@@ -29,7 +29,7 @@ GIVEN = "given"
 _OBSERVED = "observed"
 _WALK_MODES = 10
 _NOISE_ORDER = 12
-_PER_CYCLE = 16
+_PER_CYCLE = 10
 _FORCE = tuple(f"force {k}" for k in range(5))
 
 
@@ -170,6 +170,7 @@ def build_task(
     noise = Noise(
         white(situation.record.gyro_sigma),
         white(float(np.median(situation.record.force_sigma))),
+        (np.inf, np.inf),
         _thinning(situation),
     )
     task = TraceTask(
@@ -197,9 +198,31 @@ def with_noise(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> 
     """The task with the noise of what these columns leave, in each channel."""
     left = residual(task, frame, columns)
     pieces = task.part.pieces
-    rates = fit_noise(remove_levels(left.rates, pieces, task.noise), _NOISE_ORDER)
-    force = fit_noise([left.force[a:b][task.part.seen[a:b]] for a, b in pieces], _NOISE_ORDER)
-    return replace(task, noise=rates, both=Noise(rates, force, task.both.thinning))
+    rates = remove_levels(left.rates, pieces, white())
+    force = [left.force[a:b][task.part.seen[a:b]] for a, b in pieces]
+    noise = Noise(
+        fit_noise(remove_levels(left.rates, pieces, task.noise), _NOISE_ORDER),
+        fit_noise(force, _NOISE_ORDER),
+        (_mean_square(rates), _mean_square(force)),
+        task.both.thinning,
+    )
+    return replace(task, noise=noise.rates, both=noise)
+
+
+def with_less_noise(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> TraceTask:
+    """The task with the noise of these columns in each channel where they leave less than the task's own model did.
+
+    Noise of a model that lacks something would hide what is lacking.
+    """
+    new, old = with_noise(task, frame, columns).both, task.both
+    rates = (new.rates, new.size[0]) if new.size[0] < old.size[0] else (old.rates, old.size[0])
+    force = (new.force, new.size[1]) if new.size[1] < old.size[1] else (old.force, old.size[1])
+    noise = Noise(rates[0], force[0], (rates[1], force[1]), old.thinning)
+    return replace(task, noise=noise.rates, both=noise)
+
+
+def _mean_square(parts: Sequence[ComplexArray]) -> float:
+    return float(np.mean(np.abs(np.concatenate(list(parts))) ** 2))
 
 
 def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> Rows:
