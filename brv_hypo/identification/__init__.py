@@ -1,6 +1,10 @@
 """Maximum likelihood for entry vehicles: a regression model refined on the original measurements.
 
     identify(frame, columns, values, options)   -> Identification       estimate.py, config.py, result.py
+    coefficient_histories(identification)       -> values over time with 2-sigma bands     histories.py
+    coefficients_without(identification, rows)  -> held-out prediction                     heldout.py
+
+        inputs.py        measured inputs freed of noise
         nodes.py         flight records to block means, smooth inputs and start states
         structure.py     names: coefficients, delays, knots
         moments.py       the columns at the estimated motion; courses.py: knots between nodes
@@ -8,10 +12,25 @@
         instruments.py   instrument errors (Appendix B)
         problem.py       start values, priors, bounds, and the call of the likelihood
         selection.py     which instrument errors the evidence asks for
+
+Command: `python -m brv_hypo.identification.study` (coverage, comparison with the regression, speed).
 """
 
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.estimate import identify
+from brv_hypo.identification.heldout import coefficients_without, predicted_moments
+from brv_hypo.identification.histories import CoefficientHistory, coefficient_histories
 from brv_hypo.identification.result import OUTPUTS, Estimate, Evidence, Identification
 
-__all__ = ["OUTPUTS", "Estimate", "Evidence", "Identification", "IdentificationConfig", "identify"]
+__all__ = [
+    "OUTPUTS",
+    "CoefficientHistory",
+    "Estimate",
+    "Evidence",
+    "Identification",
+    "IdentificationConfig",
+    "coefficient_histories",
+    "coefficients_without",
+    "identify",
+    "predicted_moments",
+]

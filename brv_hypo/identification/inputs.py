@@ -11,7 +11,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import BSpline
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.attitude import running_integral
 
 _INTERVALS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 _PATIENCE = 3
@@ -27,10 +29,9 @@ def noise_name(channel: str, degree: int) -> str:
     return f"{channel} noise {degree}"
 
 
-def noise_size(values: FloatArray, degree: int) -> float:
+def noise_size(values: FloatArray, smooth: FloatArray, degree: int) -> float:
     """Standard deviation of that coefficient, in the units of the input."""
-    residual = values - smoothed(values)
-    return float(np.sqrt((2 * degree + 1) * np.mean(residual**2) / values.size))
+    return float(np.sqrt((2 * degree + 1) * np.mean((values - smooth) ** 2) / values.size))
 
 
 def smoothed(values: FloatArray) -> FloatArray:
@@ -54,6 +55,22 @@ def smoothed(values: FloatArray) -> FloatArray:
         if worse == _PATIENCE:
             break
     return np.asarray(best)
+
+
+def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
+    """Speed (n,), m/s: the integral of the force along the velocity, at the crossflow `xi`, plus what varies slowly.
+
+    Drag follows the angle of attack, so that the speed itself is not slow; what the accelerometers leave over is.
+    """
+    forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
+    along = flight.ax * forward + ((flight.ay + 1j * flight.az) * np.conj(xi)).real
+    impulse = running_integral(flight.time, along)
+    return smoothed(flight.velocity - impulse) + impulse
+
+
+def smooth_pressure(flight: Flight, speed: FloatArray) -> FloatArray:
+    """Dynamic pressure (n,), Pa: a slow density times the square of the speed."""
+    return smoothed(flight.dynamic_pressure / speed**2) * speed**2
 
 
 @lru_cache(maxsize=32)

@@ -202,17 +202,17 @@ class VehicleModel:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
         xi = at.zeta / at.input("speed")
         scale = self._pressure(at, context, theta) * (context.vehicle.reference_area / context.vehicle.mass)
-        slope = legval(self._scaled(at.time), [theta[name] for name in self.force_names])
+        slope = legval(self.scaled(at.time), [theta[name] for name in self.force_names])
         return np.asarray(-scale * slope * alpha_over_sine(xi) * xi)
 
-    def _scaled(self, time: FloatArray) -> FloatArray:
+    def scaled(self, time: FloatArray) -> FloatArray:
         """Time from -1 to 1 over the span."""
         return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
 
     def _noise(self, channel: str, at: Point, context: Context, theta: Values) -> FloatArray:
         """Error that smoothing leaves in an input (n,), in its units."""
         names = (of_flight(noise_name(channel, degree), context.flight) for degree in range(NOISE_DEGREE + 1))
-        return legval(self._scaled(at.time), [theta[name] for name in names])
+        return legval(self.scaled(at.time), [theta[name] for name in names])
 
     def _roll_rate_error(self, at: Point, context: Context, theta: Values) -> FloatArray:
         """Measured less true roll rate (n,), rad/s."""

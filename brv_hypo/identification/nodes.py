@@ -20,7 +20,7 @@ from brv_hypo.design.frame import RateFrame
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.design.weakform import WeakSegment
 from brv_hypo.flight.record import Vehicle
-from brv_hypo.identification.inputs import smoothed
+from brv_hypo.identification.inputs import smooth_pressure, smooth_speed, smoothed
 from brv_hypo.identification.instruments import lever_force
 from brv_hypo.likelihood import Segment
 from brv_hypo.motion.attitude import derolled_attitude, running_integral
@@ -216,11 +216,11 @@ def _inputs(
     middle = local[:, local.shape[1] // 2]
     nodes = flight.time[rows][middle]
     halfway = 0.5 * (nodes[1:] + nodes[:-1])
+    speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
     mean = {
         name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
         for name, values in (
-            ("p", smoothed(flight.p)), ("speed", smoothed(flight.velocity)),
-            ("pressure", smoothed(flight.dynamic_pressure)), ("axial", flight.ax),
+            ("p", smoothed(flight.p)), ("speed", speed), ("pressure", smooth_pressure(flight, speed)), ("axial", flight.ax),
             ("mach", motion.mach), ("reynolds", motion.reynolds),
         )
     }

@@ -12,7 +12,15 @@ from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.inputs import NOISE_DEGREE, NOISY_INPUTS, noise_name, noise_size
+from brv_hypo.identification.inputs import (
+    NOISE_DEGREE,
+    NOISY_INPUTS,
+    noise_name,
+    noise_size,
+    smooth_pressure,
+    smooth_speed,
+    smoothed,
+)
 from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
 from brv_hypo.identification.model import VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
@@ -20,6 +28,7 @@ from brv_hypo.identification.nodes import NodeRecord, block_size, gravity_axes, 
 from brv_hypo.identification.structure import Structure, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.wind import gravity_magnitude
 
 _UNKNOWN_GRAVITY = 30.0
@@ -145,9 +154,12 @@ def _nuisances(frame: RateFrame, flights: Sequence[int]) -> dict[str, tuple[floa
         size = gravity_magnitude(flight) or _UNKNOWN_GRAVITY
         for axis, value in zip("xyz", reconstruction.gravity_body.tolist(), strict=True):
             found[of_flight(f"gravity {axis}", index)] = (value, value if axis == "x" else 0.0, size)
-        for channel, values in zip(NOISY_INPUTS, (flight.p, flight.dynamic_pressure), strict=True):
+        motion = reconstruction.motion
+        speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
+        inputs = (flight.p, smoothed(flight.p)), (flight.dynamic_pressure, smooth_pressure(flight, speed))
+        for channel, (values, smooth) in zip(NOISY_INPUTS, inputs, strict=True):
             for degree in range(NOISE_DEGREE + 1):
-                sigma = max(noise_size(values, degree), 1e-12 * float(np.max(np.abs(values), initial=1.0)))
+                sigma = max(noise_size(values, smooth, degree), 1e-12 * float(np.max(np.abs(values), initial=1.0)))
                 found[of_flight(noise_name(channel, degree), index)] = (0.0, 0.0, sigma)
     return found
 
