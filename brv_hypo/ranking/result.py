@@ -38,12 +38,13 @@ class DerivedEstimate(_Result):
 
 
 class MaximumLikelihood(_Result):
-    """The likelihood fit of one hypothesis; `instrument` holds the instrument errors that it needed."""
+    """The likelihood fit of one hypothesis; `derived` holds delays and knots, `instrument` the instrument errors."""
 
     status: str
     iterations: int
     log_likelihood: float | None
     terms: tuple[TermEstimate, ...] = ()
+    derived: tuple[DerivedEstimate, ...] = ()
     instrument: tuple[TermEstimate, ...] = ()
     seconds: float = 0.0
     message: str = ""

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from brv_hypo.design.columns import BASELINE, Column, Theta
 from brv_hypo.design.timebasis import TimeFunction
+from brv_hypo.identification import Identification
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.heldout import HeldOut, measured_moments
+from brv_hypo.ranking.likelihood import informations
 from brv_hypo.ranking.result import (
     BaselineSummary,
     Comparison,
     DerivedEstimate,
     FlightSummary,
+    MaximumLikelihood,
     RankedHypothesis,
     ReconstructionSummary,
     Seconds,
@@ -27,9 +30,6 @@ from brv_hypo.ranking.task import Task
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.subset.criteria import Criteria
 
-# Set by the calibration study (see the README): widens the posterior for errors of the reconstruction.
-TEMPERATURE = 2.0
-
 
 def summarise(
     task: Task,
@@ -37,20 +37,27 @@ def summarise(
     errors: Sequence[HeldOut],
     criteria: Sequence[Criteria],
     seconds: Seconds,
+    identified: Mapping[str, Identification],
     warnings: Sequence[str] = (),
 ) -> Comparison:
     """Rank the fits, judge them, and gather all that the result holds."""
+    information, by_likelihood = informations(fits, identified)
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
     verdict = judge(
         [
-            Score(fit.name, fit.information, error.mean_square, tuple(error.by_block))
+            Score(fit.name, information[fit.name], error.mean_square, tuple(error.by_block))
             for fit, error in zip(fits, errors, strict=True)
-        ],
-        TEMPERATURE,
+        ]
     )
     order = sorted(range(len(fits)), key=lambda i: -verdict.probability[fits[i].name])
     ranking = tuple(
-        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], task)
+        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], task).model_copy(
+            update={
+                "bic": information[fits[i].name],
+                "ranked_by": "maximum likelihood" if fits[i].name in by_likelihood else "regression",
+                "ml": _likelihood(fits[i], identified.get(fits[i].name)),
+            }
+        )
         for rank, i in enumerate(order, start=1)
     )
     reconstructions = task.frame.reconstructions
@@ -129,6 +136,42 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
             )
         )
     return tuple(found)
+
+
+def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:
+    """The contract's block; None where the hypothesis was out of reach."""
+    if identification is None:
+        return None
+    refined = replace(
+        fit,
+        columns=identification.columns,
+        values=identification.values,
+        covariance=identification.covariance,
+    )
+    return MaximumLikelihood(
+        status=identification.status,
+        message=identification.message,
+        iterations=identification.iterations,
+        log_likelihood=identification.log_likelihood,
+        terms=_terms(refined, range(fit.baseline_size, len(fit.columns))),
+        derived=tuple(
+            DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units)
+            for e in identification.nonlinear
+        ),
+        instrument=tuple(
+            TermEstimate(
+                name=e.name,
+                mechanism="instrument",
+                channel="record",
+                value=e.value,
+                std_error=e.std_error,
+                f_ratio=e.f_ratio,
+                units=e.units,
+            )
+            for e in identification.instruments
+        ),
+        seconds=identification.seconds,
+    )
 
 
 def _channel(fit: HypothesisFit, column: Column) -> str:

@@ -11,6 +11,8 @@ from brv_hypo.ranking.result import Verdict
 
 WINNING_PROBABILITY = 0.9
 STANDING_PROBABILITY = 0.02
+# Set by the calibration study (see the README): widens the posterior for errors of the reconstruction.
+TEMPERATURE = 1.5
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Score:
     by_block: Sequence[float]
 
 
-def probabilities(information: Mapping[str, float], temperature: float) -> dict[str, float]:
+def probabilities(information: Mapping[str, float], temperature: float = TEMPERATURE) -> dict[str, float]:
     """Posterior probabilities under equal priors, exp(-criterion / 2 temperature) normalised.
 
     Kass and Raftery (1995). The temperature widens them for what the criterion does not know, such as errors
@@ -40,7 +42,7 @@ def probabilities(information: Mapping[str, float], temperature: float) -> dict[
     return {name: weight / total for name, weight in weights.items()}
 
 
-def judge(scores: Sequence[Score], temperature: float) -> Verdict:
+def judge(scores: Sequence[Score], temperature: float = TEMPERATURE) -> Verdict:
     """A winner leads on the information criterion and is not beaten on held-out error; else nobody wins."""
     chances = probabilities({score.name: score.information for score in scores}, temperature)
     leader = max(scores, key=lambda score: chances[score.name])
