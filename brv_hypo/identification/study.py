@@ -43,11 +43,12 @@ class Trial:
 
 
 def flights(
-    case: str, count: int, seed: int = 0, *, colour: float = 0.0, instruments: Mapping[str, float] | None = None
+    case: str, count: int, seed: int = 0, *, colour: float = 0.0, instruments: Mapping[str, float] | None = None,
+    delay: float | None = None,
 ) -> Iterator[tuple[SimulatedFlight, Flight]]:
     """Flights of the research cone with one mechanism, of random start and knots; `colour` is the noise's AR(1) coefficient.
 
-    `instruments` are dotted paths below `instruments` of the simulation's configuration.
+    `instruments` are dotted paths below `instruments` of the simulation's configuration; `delay` s that of the mechanism.
     """
     draws = np.random.default_rng(seed)
     plant = () if case == "none" else (case,)
@@ -60,6 +61,8 @@ def flights(
     if plant:
         shift = draws.uniform(-0.2, 0.2, count)
         variations |= {"mechanisms.0.start": 2.0 + shift, "mechanisms.0.stop": _stop(case) + shift}
+    if delay is not None:
+        variations["mechanisms.0.theta.delay"] = np.full(count, delay)
     variations |= {f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()}
     seeds = [seed + 1 + i for i in range(count)]
     for simulated in simulate_batch("research_cone", seeds=seeds, variations=variations, plant=plant):
