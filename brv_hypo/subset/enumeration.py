@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.board import CLOSED, Board
 from brv_hypo.subset.finish import Finisher
 from brv_hypo.subset.frame import Frame
@@ -19,6 +20,7 @@ class _Below:
 
     board: Board
     complete: tuple[bool, ...]
+    finished: bool
 
 
 def near_ties(frame: Frame, best: Board, window: float, limit: int, effort: Effort) -> tuple[NearTies, ...]:
@@ -49,10 +51,11 @@ def best_press(
     h_0)^2 with h_0 the least of these. So only subsets with RSS <= (1 - h_0)^2 times the best PRESS known can
     beat it.
     """
-    shrink = finisher.least_forced_leverage
-    factor = (1.0 - shrink) ** 2
+    factor = (1.0 - finisher.least_forced_leverage) ** 2
     known = {
-        size: min(finisher.press(_columns(frame, key)) for _, key in best.rows(size))
+        size: float(
+            np.nanmin([*(finisher.press(_columns(frame, key)) for _, key in best.rows(size)), np.inf])
+        )
         for size in range(1, best.max_size + 1)
         if best.rows(size)
     }
@@ -65,8 +68,9 @@ def best_press(
         rows = below.board.rows(size) or best.rows(size)
         values = [finisher.press(_columns(frame, key)) for _, key in rows]
         least = int(np.nanargmin(values)) if np.isfinite(values).any() else 0
-        others = rows[-1][0] / factor
-        exact = below.complete[size] or bool(others >= values[least])
+        # Subsets not looked at have no less than the last RSS listed, or nothing is known if time ran out.
+        others = rows[-1][0] / factor if below.finished else 0.0
+        exact = bool(np.isfinite(values[least]) and (below.complete[size] or others >= values[least]))
         gap = 0.0 if exact else 1.0 - others / values[least]
         answers.append(PressBest(size, _columns(frame, rows[least][1]), values[least], exact, gap, len(rows)))
     return tuple(answers)
@@ -75,7 +79,7 @@ def best_press(
 def _enumerate(
     frame: Frame,
     best: Board,
-    ceiling: np.ndarray[tuple[int], np.dtype[np.float64]],
+    ceiling: FloatArray,
     limit: int,
     effort: Effort,
 ) -> _Below:
@@ -84,7 +88,7 @@ def _enumerate(
         board.offer_all(key for _, key in best.rows(size))
     certificate = search(board, effort)
     complete = tuple(certificate.exact and not board.full(size) for size in range(best.max_size + 1))
-    return _Below(board, complete)
+    return _Below(board, complete, certificate.exact)
 
 
 def _columns(frame: Frame, key: tuple[int, ...]) -> tuple[int, ...]:
