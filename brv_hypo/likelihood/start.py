@@ -16,6 +16,8 @@ from brv_hypo.likelihood.step import Iterate, Problem, gauss_newton_step, moved,
 
 _SMOOTHING_STEPS = 2
 _TIGHTENING = (1.0, 0.3, 0.1)
+_WAITING = 1e-9
+"""Reach of a delay while it waits, s."""
 _LEAST_LOOSENESS = 1e-2
 """Least change of a state between samples that smoothing grants it, as a fraction of its size."""
 
@@ -89,10 +91,12 @@ def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
     """A few steps in theta and the states while the dynamics are tightened, from equation to output error.
 
     With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no
-    harm.
+    harm. Delays wait: with loose dynamics the data hardly know them, and a wrong one is hard to leave again.
     """
+    reach = np.where(np.isfinite(problem.reach), _WAITING, problem.reach)
     for fraction in _TIGHTENING:
-        loosened = replace(problem, process_noise=np.hypot(problem.process_noise, fraction * loose))
+        noise = np.hypot(problem.process_noise, fraction * loose)
+        loosened = replace(problem, process_noise=noise, reach=reach)
         step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate, anchored=True))
         iterate, _ = line_search(loosened, iterate, step, penalty=0.0)
     return iterate
