@@ -12,11 +12,11 @@ from brv_hypo.identification.instruments import GROUPS
 class IdentificationConfig(BaseModel):
     """Options of `identify`; the defaults suit an unknown flight.
 
-    `force_degree`: Legendre degree of the normal-force slope in time. `instruments`: groups of instrument errors that
-    are always estimated; `candidates`: groups that evidence may add, None for all. `evidence`: how far twice the
-    log-likelihood must rise, beyond k ln n for k parameters and n measured values, for a group to be added.
-    `refine`: delays and knots are estimated too. `quadrature`: how much of the gyros' noise the
-    spacing of nodes may cost.
+    `force_degree`: Legendre degree of the normal-force slope in time. `instruments`: groups of instrument
+    errors that are always estimated; `candidates`: groups that evidence may add, None for all. `evidence`:
+    how far twice the log-likelihood must rise, beyond k ln n for k parameters and n measured values, for a
+    group to be added. `refine`: delays and knots are estimated too. `quadrature`: how much of the gyros'
+    noise the spacing of nodes may cost.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,9 +1,10 @@
 """Courses in time on a collocation grid: a knot between two nodes is integrated as if it stood on a node.
 
-Hermite-Simpson weighs the ends of an interval by 1/6 and its middle by 4/6, and takes all to be smooth. Where a moment
-g(t) jumps in within the interval, the middle is given what makes the rule exact for a quadratic g. With a and b of `kink`,
-the rate of the angular rate there is (`on_grid`) g - a g' + b g'', and the angular rate itself gains a g - 2 b g'. The states at the
-nodes are then those of the sharp course, and smooth in the time of the knot.
+Hermite-Simpson weighs the ends of an interval by 1/6 and its middle by 4/6, and takes all to be smooth. Where
+a moment g(t) jumps in within the interval, the middle is given what makes the rule exact for a quadratic g.
+With a and b of `kink`, the rate of the angular rate there is (`on_grid`) g - a g' + b g'', and the angular
+rate itself gains a g - 2 b g'. The states at the nodes are then those of the sharp course, and smooth in the
+time of the knot.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4 and 4.4)."""
+"""`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4
+and 4.4).
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,8 @@ from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likeliho
 from brv_hypo.likelihood.search import Progress
 
 _STALE = 0.1
-"""Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which bounds
-the change of any estimate in standard errors), from which the fit is repeated."""
+"""Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which
+bounds the change of any estimate in standard errors), from which the fit is repeated."""
 _KNOTS_MOVED = 0.5
 """The same for the knots, in blocks."""
 
@@ -39,9 +41,9 @@ def identify(
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
-    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; instrument errors
-    (Appendix B) join where the evidence asks for them. Flights of the frame share the coefficients; each has its own initial
-    states, gravity direction and instrument errors.
+    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter;
+    instrument errors (Appendix B) join where the evidence asks for them. Flights of the frame share the
+    coefficients; each has its own initial states, gravity direction and instrument errors.
 
     Args:
         frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
@@ -59,7 +61,9 @@ def identify(
         problem, found, iterations, evidence = _search(problem, progress)
     except (UnanswerableError, UsageError, UnknownDelayError) as error:
         return _failed(frame, columns, values, str(error), clock.perf_counter() - begun)
-    return replace(_summary(problem, found, evidence), iterations=iterations, seconds=clock.perf_counter() - begun)
+    return replace(
+        _summary(problem, found, evidence), iterations=iterations, seconds=clock.perf_counter() - begun
+    )
 
 
 def _search(
@@ -92,7 +96,9 @@ def _refreshed(problem: Problem, found: FitResult) -> Problem:
 
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     """Whether the corrections of the block means have changed by more than a trifle."""
-    moved = max((abs(found.theta[m.name] - m.value) for m in old.structure.movers if m.kind != "theta"), default=0.0)
+    moved = max(
+        (abs(found.theta[m.name] - m.value) for m in old.structure.movers if m.kind != "theta"), default=0.0
+    )
     block = min(record.context.block for record in old.records)
     sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
     change = sum(
@@ -117,7 +123,8 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
         return name if single else of_flight(name, flight)
 
     innovations = tuple(
-        record.innovations(record.segment.y - v) for record, v in zip(problem.records, found.innovations, strict=True)
+        record.innovations(record.segment.y - v)
+        for record, v in zip(problem.records, found.innovations, strict=True)
     )
     columns, values = structure.at(theta), structure.values(theta)
     terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))
@@ -131,11 +138,13 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
         nonlinear=tuple(estimate(mover.name, mover.units) for mover in structure.movers),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
         instruments=tuple(
-            estimate(of_flight(e.name, flight), e.units, shown(e.name, flight)) for e, flight in problem.instruments
+            estimate(of_flight(e.name, flight), e.units, shown(e.name, flight))
+            for e, flight in problem.instruments
         ),
         environment=tuple(
             estimate(of_flight(f"gravity {axis}", flight), "m/s^2", shown(f"gravity {axis}", flight))
-            for flight in problem.flights for axis in "xyz"
+            for flight in problem.flights
+            for axis in "xyz"
         ),
         log_likelihood=_log_likelihood(innovations, problem.config.noise),
         iterations=found.iterations,
@@ -176,6 +185,27 @@ def _failed(
 ) -> Identification:
     count = len(columns)
     return Identification(
-        "failed", message, tuple(columns), np.asarray(values), np.full((count, count), np.nan), (), (), (), (), (),
-        float("nan"), 0, (), None, (), (), (), (), 0, seconds, frame, None, None,
+        "failed",
+        message,
+        tuple(columns),
+        np.asarray(values),
+        np.full((count, count), np.nan),
+        (),
+        (),
+        (),
+        (),
+        (),
+        float("nan"),
+        0,
+        (),
+        None,
+        (),
+        (),
+        (),
+        (),
+        0,
+        seconds,
+        frame,
+        None,
+        None,
     )

@@ -18,8 +18,8 @@ _ITERATIONS = 4
 def coefficients_without(found: Identification, rows: Sequence[Piece]) -> FloatArray:
     """Coefficients (columns,) from the measurements outside of some rows [a, b) of the frame.
 
-    The model is that of `found`, with its delays, knots and instrument errors estimated anew too; the states go on through
-    the rows left out by the equations of motion.
+    The model is that of `found`, with its delays, knots and instrument errors estimated anew too; the states
+    go on through the rows left out by the equations of motion.
 
     Raises:
         UnanswerableError: the identification has not converged.
@@ -44,7 +44,9 @@ def coefficients_without(found: Identification, rows: Sequence[Piece]) -> FloatA
 
 
 def predicted_moments(found: Identification, values: FloatArray | None = None) -> ComplexArray:
-    """C_m + i C_n (rows,) of the frame's motion by the identified columns; `values` (columns,) instead of the estimates."""
+    """C_m + i C_n (rows,) of the frame's motion by the identified columns; `values` (columns,) instead of the
+    estimates.
+    """
     return np.asarray(found.frame.moments(found.columns) @ (found.values if values is None else values))
 
 

@@ -1,6 +1,7 @@
 """Coefficients over time with their uncertainty: Section 3.4, Figures 4.10 to 4.14 of the report.
 
-A coefficient is f(x)' theta and its variance f' M^-1 f, at the estimated motion; the motion's own error is not in it.
+A coefficient is f(x)' theta and its variance f' M^-1 f, at the estimated motion; the motion's own error is
+not in it.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.identification.model import Shapes, point
@@ -20,7 +22,9 @@ from brv_hypo.likelihood.interpolation import Interpolator
 
 @dataclass(frozen=True)
 class CoefficientHistory:
-    """A coefficient over time (n,) s of one segment of one flight: `value` and `std_error`, (n,); the band is 2 sigma."""
+    """A coefficient over time (n,) s of one segment of one flight: `value` and `std_error`, (n,); the band is
+    2 sigma.
+    """
 
     name: str
     flight: int
@@ -35,10 +39,12 @@ class CoefficientHistory:
 
 
 def coefficient_histories(found: Identification) -> tuple[CoefficientHistory, ...]:
-    """In-plane and out-of-plane moment and their derivatives by alpha, and the normal-force slope, of every segment.
+    """In-plane and out-of-plane moment and their derivatives by alpha, and the normal-force slope, of every
+    segment.
 
-    "C_N'", "C_Z'", "C_N' by alpha" (1/rad), "C_Z' by alpha" (1/rad), "C_Nalpha_force" (1/rad). The derivative by alpha is that
-    at the motion as flown, meridian and rates held; knots stand where they were estimated. Empty where the fit was not begun.
+    "C_N'", "C_Z'", "C_N' by alpha" (1/rad), "C_Z' by alpha" (1/rad), "C_Nalpha_force" (1/rad). The derivative
+    by alpha is that at the motion as flown, meridian and rates held; knots stand where they were estimated.
+    Empty where the fit was not begun.
     """
     if found.problem is None or found.fit is None:
         return ()
@@ -54,18 +60,23 @@ def _of_segment(found: Identification, problem: Problem, segment: int) -> list[C
     theta, flight, time = found.fit.theta, record.context.flight, record.segment.t
     step = 1e-4
     here, low, high = (
-        _planes(problem, record.segment.u, states * np.array([[1.0], [1.0], [scale], [scale]]), theta, segment)
+        _planes(
+            problem, record.segment.u, states * np.array([[1.0], [1.0], [scale], [scale]]), theta, segment
+        )
         for scale in (1.0, 1.0 - step, 1.0 + step)
     )
     courses = np.array([column.course(time) for column in found.columns])
     planes = here.in_plane * courses
     slopes = (high.in_plane - low.in_plane) * courses / (high.motion.alpha - low.motion.alpha)
     rows = {
-        "C_N'": planes.real, "C_Z'": planes.imag, "C_N' by alpha": slopes.real, "C_Z' by alpha": slopes.imag,
+        "C_N'": planes.real,
+        "C_Z'": planes.imag,
+        "C_N' by alpha": slopes.real,
+        "C_Z' by alpha": slopes.imag,
     }
     out = [_history(name, flight, time, f, found.values, found.covariance) for name, f in rows.items()]
     index = [found.fit.names.index(name) for name in problem.model.force_names]
-    force = np.polynomial.legendre.legvander(problem.model.scaled(time), len(index) - 1).T
+    force = np.asarray(legvander(problem.model.scaled(time), len(index) - 1).T, dtype=float)
     values = np.array([theta[name] for name in problem.model.force_names])
     covariance = found.fit.covariance[np.ix_(index, index)]
     return [*out, _history("C_Nalpha_force", flight, time, force, values, covariance)]

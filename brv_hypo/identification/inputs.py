@@ -1,7 +1,9 @@
-"""Measured inputs freed of noise: roll rate, speed and pressure enter the equations of motion, and their noise accumulates.
+"""Measured inputs freed of noise: roll rate, speed and pressure enter the equations of motion, and their
+noise accumulates.
 
-What is left of it is slow: a polynomial in time per input, whose coefficients are known beforehand to the noise over the
-root of the number of samples. They are parameters with just that prior (`NOISY_INPUTS`), so that standard errors know of them.
+What is left of it is slow: a polynomial in time per input, whose coefficients are known beforehand to the
+noise over the root of the number of samples. They are parameters with just that prior (`NOISY_INPUTS`), so
+that standard errors know of them.
 """
 
 from __future__ import annotations
@@ -58,9 +60,11 @@ def smoothed(values: FloatArray) -> FloatArray:
 
 
 def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
-    """Speed (n,), m/s: the integral of the force along the velocity, at the crossflow `xi`, plus what varies slowly.
+    """Speed (n,), m/s: the integral of the force along the velocity, at the crossflow `xi`, plus what varies
+    slowly.
 
-    Drag follows the angle of attack, so that the speed itself is not slow; what the accelerometers leave over is.
+    Drag follows the angle of attack, so that the speed itself is not slow; what the accelerometers leave over
+    is.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     along = flight.ax * forward + ((flight.ay + 1j * flight.az) * np.conj(xi)).real

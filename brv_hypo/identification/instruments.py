@@ -1,7 +1,7 @@
 """Instrument errors of Appendix B (errata E10, E11) as parameters: what each does to a reading.
 
-Misalignment (m1, m2, m3) is the small rotation from the body's axes to the instrument's: a reading gains v x m.
-`time_skew` is how late the accelerometers are against the gyros.
+Misalignment (m1, m2, m3) is the small rotation from the body's axes to the instrument's: a reading gains v x
+m. `time_skew` is how late the accelerometers are against the gyros.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ Theta = Mapping[str, float]
 
 @dataclass(frozen=True)
 class InstrumentError:
-    """One parameter: `group` is chosen or left out as a whole; `size` is its prior standard deviation, in `units`."""
+    """One parameter: `group` is chosen or left out as a whole; `size` is its prior standard deviation, in
+    `units`.
+    """
 
     name: str
     group: str
@@ -60,7 +62,9 @@ def of_flight(name: str, flight: int) -> str:
 
 @dataclass(frozen=True)
 class InstrumentReadings:
-    """What one flight's instruments make of the truth, at the values in `theta`; errors not in it are zero."""
+    """What one flight's instruments make of the truth, at the values in `theta`; errors not in it are
+    zero.
+    """
 
     theta: Theta
     flight: int
@@ -97,9 +101,15 @@ class InstrumentReadings:
 
 
 def lever_force(
-    arm: tuple[float, float, float], omega: ComplexArray, omega_rate: ComplexArray, p: FloatArray, p_rate: FloatArray
+    arm: tuple[float, float, float],
+    omega: ComplexArray,
+    omega_rate: ComplexArray,
+    p: FloatArray,
+    p_rate: FloatArray,
 ) -> ComplexArray:
-    """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10, E11)."""
+    """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10,
+    E11).
+    """
     x, transverse = arm[0], complex(arm[1], arm[2])
     crossed = (omega * np.conj(transverse)).imag
     return np.asarray(

@@ -1,13 +1,13 @@
 """Equations of motion and measurement equations of Section 4.4, as the likelihood takes them.
 
-With k = Ix / I, Q = q_inf S d / I, Phi the integral of the measured roll rate and transverse pairs y + i z times
-exp(i Phi) ("de-rolled"), the states omega = q + i r and zeta = v + i w follow
+With k = Ix / I, Q = q_inf S d / I, Phi the integral of the measured roll rate and transverse pairs y + i z
+times exp(i Phi) ("de-rolled"), the states omega = q + i r and zeta = v + i w follow
 
     omega' = i (k p + (1 - k) e) omega + Q (C_m + i C_n) exp(i Phi)
     zeta'  = i u omega + i e zeta - (q_inf S / m) C_N (alpha / sin alpha) zeta / V + g
 
-with p measured, e its error. De-rolled states turn as slowly as the nose does, whatever the roll rate. Outputs are
-q, r, a_y, a_z in body axes.
+with p measured, e its error. De-rolled states turn as slowly as the nose does, whatever the roll rate.
+Outputs are q, r, a_y, a_z in body axes.
 """
 
 from __future__ import annotations
@@ -52,16 +52,18 @@ class Point:
 
     def input(self, name: str) -> FloatArray:
         """One input (n,)."""
-        return self.u[ROW[name]]
+        return np.asarray(self.u[ROW[name]])
 
     @property
     def to_body(self) -> ComplexArray:
         """exp(-i Phi): turns de-rolled pairs into body axes."""
-        return np.exp(-1j * self.input("roll"))
+        return np.asarray(np.exp(-1j * self.input("roll")))
 
 
 class Memory(Generic[T]):
-    """The last few results by key: most parameters leave the columns as they are, and a moved state only one motion."""
+    """The last few results by key: most parameters leave the columns as they are, and a moved state only one
+    motion.
+    """
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
@@ -77,7 +79,9 @@ class Memory(Generic[T]):
 
 @dataclass(frozen=True)
 class Shapes:
-    """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n) rad/s^2."""
+    """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n)
+    rad/s^2.
+    """
 
     columns: tuple[Column, ...]
     acceleration: ComplexArray
@@ -101,7 +105,12 @@ class VehicleModel:
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 
     def dynamics(
-        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: Mapping[str, Delayed] | None = None
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
     ) -> FloatArray:
         """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
         here, context = point(x, u, t), self._context(u)
@@ -117,16 +126,25 @@ class VehicleModel:
                 continue
             first, second = kink(column.course, t, half)
             slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
-            acceleration += weight * (on_grid(column.course, t, half) * shape - first * slope + second * curvature)
+            acceleration += weight * (
+                on_grid(column.course, t, half) * shape - first * slope + second * curvature
+            )
             lacking += weight * (first * shape - 2.0 * second * slope)
             row += 4
         density = self._pressure(here, context, theta) / here.input("pressure")
         acceleration, lacking = acceleration * density, lacking * density
         moving = replace(here, omega=here.omega + lacking)
-        return _rows(self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta))
+        return _rows(
+            self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta)
+        )
 
     def outputs(
-        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: Mapping[str, Delayed] | None = None
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
     ) -> FloatArray:
         """q, r (rad/s), a_y, a_z (m/s^2) as the instruments read them, (4, n)."""
         here, context = point(x, u, t), self._context(u)
@@ -140,11 +158,14 @@ class VehicleModel:
         if any(arm):
             shapes = self.shapes(here, theta, delayed)
             courses = [
-                averaged(column.course, t, context.block) if has_knot(column) else 1.0 for column in shapes.columns
+                averaged(column.course, t, context.block) if has_knot(column) else 1.0
+                for column in shapes.columns
             ]
             acceleration = sum(
                 weight * course * shape
-                for weight, course, shape in zip(self._coefficients(theta), courses, shapes.acceleration, strict=True)
+                for weight, course, shape in zip(
+                    self._coefficients(theta), courses, shapes.acceleration, strict=True
+                )
             )
             density = self._pressure(here, context, theta) / here.input("pressure")
             omega_rate = self._omega_rate(here, context, theta, acceleration * density)
@@ -172,7 +193,9 @@ class VehicleModel:
         return Shapes(columns, planes * turn, planes, now, tuple(past.values()))
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
-        """The motion of a point; it depends on the parameters of forces and gravity through its rates only."""
+        """The motion of a point; it depends on the parameters of forces and gravity through its rates
+        only.
+        """
         rates = self._rate_values(context, theta) if self.moments.uses_rates else ()
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, rates)
         return self._motions(key, lambda: self._moving(at, context, theta))
@@ -183,7 +206,9 @@ class VehicleModel:
     def _context(self, u: FloatArray) -> Context:
         return self.contexts[round(float(u[ROW["segment"], 0]))]
 
-    def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
+    def _omega_rate(
+        self, here: Point, context: Context, theta: Values, acceleration: ComplexArray
+    ) -> ComplexArray:
         k = context.vehicle.inertia_ratio
         p = here.input("p")
         error = self._roll_rate_error(here, context, theta)
@@ -212,7 +237,7 @@ class VehicleModel:
     def _noise(self, channel: str, at: Point, context: Context, theta: Values) -> FloatArray:
         """Error that smoothing leaves in an input (n,), in its units."""
         names = (of_flight(noise_name(channel, degree), context.flight) for degree in range(NOISE_DEGREE + 1))
-        return legval(self.scaled(at.time), [theta[name] for name in names])
+        return np.asarray(legval(self.scaled(at.time), [theta[name] for name in names]), dtype=float)
 
     def _roll_rate_error(self, at: Point, context: Context, theta: Values) -> FloatArray:
         """Measured less true roll rate (n,), rad/s."""
@@ -232,9 +257,14 @@ class VehicleModel:
 
     def _rate_values(self, context: Context, theta: Values) -> tuple[float | None, ...]:
         """Parameters that change the rates of alpha and of the meridian at given states."""
-        noise = [noise_name(channel, degree) for channel in NOISY_INPUTS for degree in range(NOISE_DEGREE + 1)]
+        noise = [
+            noise_name(channel, degree) for channel in NOISY_INPUTS for degree in range(NOISE_DEGREE + 1)
+        ]
         own = (*ROLL_RATE_ERRORS, *noise, *(f"gravity {axis}" for axis in "xyz"))
-        return (*(theta[n] for n in self.force_names), *(theta.get(of_flight(n, context.flight)) for n in own))
+        return (
+            *(theta[n] for n in self.force_names),
+            *(theta.get(of_flight(n, context.flight)) for n in own),
+        )
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
@@ -246,10 +276,19 @@ class VehicleModel:
         turns = np.round((at.input("meridian") - meridian) / (2.0 * np.pi))
         before = np.minimum(at.time - context.start, 0.0) * context.meridian_rate
         return Motion(
-            time=at.time, alpha=angle_of_attack(xi), alpha_rate=alpha_rate,
-            windward_meridian=meridian + 2.0 * np.pi * turns + before, windward_meridian_rate=meridian_rate,
-            p=p, q=omega.real, r=omega.imag, velocity=speed, dynamic_pressure=at.input("pressure"),
-            mach=at.input("mach"), reynolds=at.input("reynolds"), in_plane_moment=np.zeros_like(speed),
+            time=at.time,
+            alpha=angle_of_attack(xi),
+            alpha_rate=alpha_rate,
+            windward_meridian=meridian + 2.0 * np.pi * turns + before,
+            windward_meridian_rate=meridian_rate,
+            p=p,
+            q=omega.real,
+            r=omega.imag,
+            velocity=speed,
+            dynamic_pressure=at.input("pressure"),
+            mach=at.input("mach"),
+            reynolds=at.input("reynolds"),
+            in_plane_moment=np.zeros_like(speed),
             reference_length=context.vehicle.reference_length,
         )
 

@@ -38,14 +38,16 @@ class UnknownDelayError(ValueError):
 
     def __init__(self, delay: float, known: list[float]) -> None:
         super().__init__(
-            f"a mechanism asked for the motion {delay:g} s earlier, but the delays that are parameters are {known}. The "
-            "likelihood differentiates delays that are parameters with is_delay set: declare it as one"
+            f"a mechanism asked for the motion {delay:g} s earlier, but the delays that are parameters are {known}. "
+            "The likelihood differentiates delays that are parameters with is_delay set: declare it as one"
         )
 
 
 @dataclass(frozen=True)
 class MomentModel:
-    """What the columns of a structure are at any motion; `uses_rates`: whether rates of alpha or meridian matter to them."""
+    """What the columns of a structure are at any motion; `uses_rates`: whether rates of alpha or meridian
+    matter to them.
+    """
 
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
@@ -69,7 +71,10 @@ class MomentModel:
         """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
         columns = self.structure.at(theta)
         known: Known = {}
-        earlier = {delay: self._with_in_plane_moment(motion, theta, columns, half, {}) for delay, motion in past.items()}
+        earlier = {
+            delay: self._with_in_plane_moment(motion, theta, columns, half, {})
+            for delay, motion in past.items()
+        }
         motion = self._with_in_plane_moment(now, theta, columns, half, known)
         if earlier:
             motion = replace(motion, history=Past(earlier))
@@ -104,7 +109,9 @@ class MomentModel:
 
 def uses_rates(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism], motion: Motion) -> bool:
     """Whether any column changes with the rates of alpha or of the meridian, tried on a recorded motion."""
-    other = replace(motion, alpha_rate=motion.alpha_rate + 1.0, windward_meridian_rate=motion.windward_meridian_rate + 1.0)
+    other = replace(
+        motion, alpha_rate=motion.alpha_rate + 1.0, windward_meridian_rate=motion.windward_meridian_rate + 1.0
+    )
     for mechanism, theta in {(column.mechanism, column.theta) for column in columns}:
         both = (mechanisms[mechanism].terms(m, dict(theta)) for m in (motion, other))
         for term, changed in zip(*both, strict=True):

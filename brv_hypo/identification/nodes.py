@@ -1,9 +1,9 @@
 """From flight records to the segments of the likelihood: block means as measurements, smooth inputs.
 
-States are wanted at nodes only as far apart as the motion allows. The measurement at a node is the mean of the samples
-around it, taken in de-rolled axes, less what the mean of the predicted motion differs from its value at the node.
-That difference is of second order in the block and comes from the regression, which knows it to far below the noise
-but where a knot lies in the block: such blocks are left out.
+States are wanted at nodes only as far apart as the motion allows. The measurement at a node is the mean of
+the samples around it, taken in de-rolled axes, less what the mean of the predicted motion differs from its
+value at the node. That difference is of second order in the block and comes from the regression, which knows
+it to far below the noise but where a knot lies in the block: such blocks are left out.
 """
 
 from __future__ import annotations
@@ -29,20 +29,39 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 
 INPUTS = (
-    "segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "axial", "mach", "reynolds", "meridian",
-    "gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz",
+    "segment",
+    "half",
+    "p",
+    "p_rate",
+    "roll",
+    "speed",
+    "speed_rate",
+    "pressure",
+    "axial",
+    "mach",
+    "reynolds",
+    "meridian",
+    "gravity_xy",
+    "gravity_yy",
+    "gravity_zy",
+    "gravity_xz",
+    "gravity_yz",
+    "gravity_zz",
 )
 ROW = {name: row for row, name in enumerate(INPUTS)}
 SLOPES = len(INPUTS)
-"""First of the rows that hold, for each column with a knot, first and second derivative by time of the angular acceleration
-that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
+"""First of the rows that hold, for each column with a knot, first and second derivative by time of the
+angular acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and
+rad/s^4."""
 FEWEST_NODES = 12
 LARGEST_BLOCK = 5
 
 
 @dataclass(frozen=True)
 class Context:
-    """What is constant over a segment: its flight, vehicle, first instant (s), meridian rate there (rad/s), a block's length (s)."""
+    """What is constant over a segment: its flight, vehicle, first instant (s), meridian rate there (rad/s), a
+    block's length (s).
+    """
 
     flight: int
     vehicle: Vehicle
@@ -55,8 +74,9 @@ class Context:
 class NodeRecord:
     """One segment of one flight at its nodes and at its samples.
 
-    `measured` and `expected` (2, samples) are omega and transverse specific force in de-rolled axes, as read and as the
-    regression has them; `turn` (samples,) is exp(i Phi), `time` s; `middle` (nodes,) the samples at the nodes.
+    `measured` and `expected` (2, samples) are omega and transverse specific force in de-rolled axes, as read
+    and as the regression has them; `turn` (samples,) is exp(i Phi), `time` s; `middle` (nodes,) the samples
+    at the nodes.
     """
 
     context: Context
@@ -83,10 +103,11 @@ class NodeRecord:
 
 
 def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, tolerance: float) -> int:
-    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples do.
+    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples
+    do.
 
-    The largest difference between the two angular rates may be `tolerance` times the gyros' white noise. The number is odd, so
-    that a sample stands in the middle.
+    The largest difference between the two angular rates may be `tolerance` times the gyros' white noise. The
+    number is odd, so that a sample stands in the middle.
     """
     moments, knots = frame.moments(columns) @ values, knots_of(columns)
     longest = max(segment.time.size for segment in frame.segments)
@@ -106,7 +127,9 @@ def knots_of(columns: Sequence[Column]) -> list[float]:
 
 
 def _quadrature_error(part: WeakSegment, moments: ComplexArray, size: int, knots: Sequence[float]) -> float:
-    """Largest error of the angular rate, rad/s, by Simpson's rule on every `size`-th sample; intervals with knots left out."""
+    """Largest error of the angular rate, rad/s, by Simpson's rule on every `size`-th sample; intervals with
+    knots left out.
+    """
     acceleration = CubicSpline(part.time, part.factor * moments)
     nodes = part.time[size // 2 :: size]
     if nodes.size < 2:
@@ -121,11 +144,19 @@ def _quadrature_error(part: WeakSegment, moments: ComplexArray, size: int, knots
 
 
 def node_records(
-    frame: RateFrame, columns: Sequence[Column], values: FloatArray, gravity_turn: Sequence[FloatArray], size: int
+    frame: RateFrame,
+    columns: Sequence[Column],
+    values: FloatArray,
+    gravity_turn: Sequence[FloatArray],
+    size: int,
 ) -> tuple[NodeRecord, ...]:
-    """Every segment long enough; `gravity_turn` are each flight's axes of the first sample in its de-rolled axes."""
+    """Every segment long enough; `gravity_turn` are each flight's axes of the first sample in its de-rolled
+    axes.
+    """
     predicted, moments = frame.columns(columns) @ values, frame.moments(columns) @ values
-    shapes = frame.moments([replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)])
+    shapes = frame.moments(
+        [replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)]
+    )
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         count = (b - a) // size
@@ -134,7 +165,14 @@ def node_records(
         local = np.arange(count * size).reshape(count, size)
         found.append(
             _node_record(
-                frame, part, predicted[a:b], moments[a:b], shapes[a:b], local, gravity_turn[part.flight], len(found),
+                frame,
+                part,
+                predicted[a:b],
+                moments[a:b],
+                shapes[a:b],
+                local,
+                gravity_turn[part.flight],
+                len(found),
                 knots_of(columns),
             )
         )
@@ -156,8 +194,15 @@ def gravity_axes(reconstruction: Reconstruction) -> FloatArray:
 
 
 def _node_record(
-    frame: RateFrame, part: WeakSegment, predicted: ComplexArray, moments: ComplexArray, shapes: ComplexArray,
-    local: IntArray, gravity_turn: FloatArray, number: int, knots: Sequence[float],
+    frame: RateFrame,
+    part: WeakSegment,
+    predicted: ComplexArray,
+    moments: ComplexArray,
+    shapes: ComplexArray,
+    local: IntArray,
+    gravity_turn: FloatArray,
+    number: int,
+    knots: Sequence[float],
 ) -> NodeRecord:
     reconstruction = frame.reconstructions[part.flight]
     flight, motion = reconstruction.flight, frame.motions[part.flight]
@@ -165,10 +210,14 @@ def _node_record(
     kept = slice(0, local.size)
     roll = roll_angle(reconstruction)[samples]
     turn = np.exp(1j * roll)
-    spin = np.exp(-1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p)[samples])
+    spin = np.exp(
+        -1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p)[samples]
+    )
     omega = (predicted + np.mean(part.observed - predicted))[kept] * spin * turn
     xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
-    expected = np.stack([omega, _expected_force(reconstruction, samples, omega / turn, moments[kept], xi) * turn])
+    expected = np.stack(
+        [omega, _expected_force(reconstruction, samples, omega / turn, moments[kept], xi) * turn]
+    )
     measured = np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])[:, samples] * turn
     middle = local[:, local.shape[1] // 2]
     mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
@@ -182,7 +231,10 @@ def _node_record(
     )
     state = np.stack([omega, xi * flight.velocity[samples] * turn])[:, middle]
     context = Context(
-        part.flight, flight.vehicle, float(nodes[0]), float(motion.windward_meridian_rate[samples][middle[0]]),
+        part.flight,
+        flight.vehicle,
+        float(nodes[0]),
+        float(motion.windward_meridian_rate[samples][middle[0]]),
         flight.step * local.shape[1],
     )
     outputs = _pairs(list(mean * np.conj(turn[middle])))
@@ -194,22 +246,36 @@ def _node_record(
 
 
 def _expected_force(
-    reconstruction: Reconstruction, samples: slice, omega: ComplexArray, moments: ComplexArray, xi: ComplexArray
+    reconstruction: Reconstruction,
+    samples: slice,
+    omega: ComplexArray,
+    moments: ComplexArray,
+    xi: ComplexArray,
 ) -> ComplexArray:
     """What the accelerometers should read across the body at the samples, m/s^2."""
     flight = reconstruction.flight
     pressure, p = flight.dynamic_pressure[samples], flight.p[samples]
     slope = np.nan_to_num(reconstruction.normal_force_slope[samples])
-    force = -pressure * (flight.vehicle.reference_area / flight.vehicle.mass) * slope * alpha_over_sine(xi) * xi
-    omega_rate = pressure * flight.vehicle.moment_scale * moments - 1j * (1.0 - flight.vehicle.inertia_ratio) * p * omega
+    force = (
+        -pressure * (flight.vehicle.reference_area / flight.vehicle.mass) * slope * alpha_over_sine(xi) * xi
+    )
+    omega_rate = (
+        pressure * flight.vehicle.moment_scale * moments
+        - 1j * (1.0 - flight.vehicle.inertia_ratio) * p * omega
+    )
     return np.asarray(
         force + lever_force(flight.vehicle.accelerometer_position, omega, omega_rate, p, np.zeros_like(p))
     )
 
 
 def _inputs(
-    reconstruction: Reconstruction, motion: Motion, rows: slice, local: IntArray, gravity_turn: FloatArray,
-    roll: FloatArray, number: int,
+    reconstruction: Reconstruction,
+    motion: Motion,
+    rows: slice,
+    local: IntArray,
+    gravity_turn: FloatArray,
+    roll: FloatArray,
+    number: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Inputs at the nodes (inputs, n) and halfway between them (inputs, n - 1)."""
     flight = reconstruction.flight
@@ -220,8 +286,12 @@ def _inputs(
     mean = {
         name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
         for name, values in (
-            ("p", smoothed(flight.p)), ("speed", speed), ("pressure", smooth_pressure(flight, speed)), ("axial", flight.ax),
-            ("mach", motion.mach), ("reynolds", motion.reynolds),
+            ("p", smoothed(flight.p)),
+            ("speed", speed),
+            ("pressure", smooth_pressure(flight, speed)),
+            ("axial", flight.ax),
+            ("mach", motion.mach),
+            ("reynolds", motion.reynolds),
         )
     }
     exact = {

@@ -1,4 +1,6 @@
-"""The estimation problem: node records, equations, start values, priors, bounds; and its solution by the likelihood."""
+"""The estimation problem: node records, equations, start values, priors, bounds; and its solution by the
+likelihood.
+"""
 
 from __future__ import annotations
 
@@ -96,15 +98,30 @@ class Problem:
         return tuple(replace(r.segment, x0=x) for r, x in zip(self.records, self.states, strict=True))
 
     def solve(
-        self, *, noise: FloatArray | None = None, max_iterations: int | None = None, near_start: bool = True,
-        segments: Sequence[Segment] | None = None, progress: Callable[[Progress], None] | None = None,
+        self,
+        *,
+        noise: FloatArray | None = None,
+        max_iterations: int | None = None,
+        near_start: bool = True,
+        segments: Sequence[Segment] | None = None,
+        progress: Callable[[Progress], None] | None = None,
     ) -> FitResult:
         """Maximum likelihood; `noise` (4, 4) is B where it is to be held."""
         return fit(
-            self.model.dynamics, self.model.outputs, segments or self.segments(), self.theta,
-            bounds=self.bounds, priors=self.priors, delays=self.delays, noise=self.config.noise, noise_covariance=noise,
-            derivatives="central", max_iterations=max_iterations or self.config.max_iterations, tolerance=_TOLERANCE,
-            near_start=near_start, progress=progress,
+            self.model.dynamics,
+            self.model.outputs,
+            segments or self.segments(),
+            self.theta,
+            bounds=self.bounds,
+            priors=self.priors,
+            delays=self.delays,
+            noise=self.config.noise,
+            noise_covariance=noise,
+            derivatives="central",
+            max_iterations=max_iterations or self.config.max_iterations,
+            tolerance=_TOLERANCE,
+            near_start=near_start,
+            progress=progress,
         )
 
 
@@ -120,8 +137,8 @@ def build_problem(
     records = node_records(frame, columns, values, axes, size)
     if not records:
         raise UnanswerableError(
-            f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. Likely cause: gaps "
-            "or a short window. Remedy: widen the window, or rank by regression."
+            f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
+            "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
     time = frame.time
     span = (float(time.min()), float(time.max()))
@@ -129,7 +146,9 @@ def build_problem(
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
     model = VehicleModel(
         MomentModel(structure, frame.mechanisms, uses_rates(columns, frame.mechanisms, frame.motions[0])),
-        tuple(record.context for record in records), forces, span,
+        tuple(record.context for record in records),
+        forces,
+        span,
     )
     theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
     theta |= {mover.name: mover.value for mover in structure.movers}
@@ -141,12 +160,19 @@ def build_problem(
         frame, records, model, theta, priors, {m.name: m.bounds for m in structure.movers}, (), size, config
     )
     return problem.with_instruments(
-        [(e, flight) for e in INSTRUMENT_ERRORS if e.group in config.instruments for flight in problem.flights]
+        [
+            (e, flight)
+            for e in INSTRUMENT_ERRORS
+            if e.group in config.instruments
+            for flight in problem.flights
+        ]
     )
 
 
 def _nuisances(frame: RateFrame, flights: Sequence[int]) -> dict[str, tuple[float, float, float]]:
-    """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by name."""
+    """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by
+    name.
+    """
     found: dict[str, tuple[float, float, float]] = {}
     for index in flights:
         reconstruction = frame.reconstructions[index]
@@ -159,7 +185,9 @@ def _nuisances(frame: RateFrame, flights: Sequence[int]) -> dict[str, tuple[floa
         inputs = (flight.p, smoothed(flight.p)), (flight.dynamic_pressure, smooth_pressure(flight, speed))
         for channel, (values, smooth) in zip(NOISY_INPUTS, inputs, strict=True):
             for degree in range(NOISE_DEGREE + 1):
-                sigma = max(noise_size(values, smooth, degree), 1e-12 * float(np.max(np.abs(values), initial=1.0)))
+                sigma = max(
+                    noise_size(values, smooth, degree), 1e-12 * float(np.max(np.abs(values), initial=1.0))
+                )
                 found[of_flight(noise_name(channel, degree), index)] = (0.0, 0.0, sigma)
     return found
 
@@ -170,7 +198,7 @@ def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> Fl
     slope = np.concatenate([r.normal_force_slope for r in frame.reconstructions])
     known = np.isfinite(slope)
     if not known.any():
-        return np.eye(degree + 1)[0]
+        return np.asarray(np.eye(degree + 1)[0])
     scaled = (2.0 * time[known] - span[0] - span[1]) / (span[1] - span[0])
     found = np.polynomial.legendre.legfit(scaled, slope[known], degree)
-    return np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)
+    return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0))

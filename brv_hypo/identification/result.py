@@ -39,8 +39,8 @@ class Estimate:
 class Evidence:
     """A group of instrument errors that was tried.
 
-    `gain` is the rise of twice the log-likelihood that adding it promised, beside those added before; `needed` what it had to
-    exceed.
+    `gain` is the rise of twice the log-likelihood that adding it promised, beside those added before;
+    `needed` what it had to exceed.
     """
 
     group: str
@@ -55,17 +55,21 @@ class Identification:
     """A regression model refined by maximum likelihood on the original measurements.
 
     Attributes:
-        status: that of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or "diverged"; "failed"
-            where it could not be begun. `message` is cause and remedy.
+        status: that of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or
+            "diverged"; "failed" where it could not be begun. `message` is cause and remedy.
         columns: the regression's columns with delays and knots at their estimates.
         values: coefficients (columns,), in the units of the columns.
         covariance: (columns, columns), all other parameters accounted for; at the reported standard errors.
-        terms: the coefficients. nonlinear: delays and knots. forces: normal-force slope (1/rad) and its drift.
-        instruments: the instrument errors in the model. environment: gravity (m/s^2) in de-rolled axes of the first sample.
+        terms: the coefficients. nonlinear: delays and knots. forces: normal-force slope (1/rad) and its
+            drift.
+        instruments: the instrument errors in the model. environment: gravity (m/s^2) in de-rolled axes of the
+            first sample.
         log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample.
-        iterations: of all searches together. cost_history: NLLF at the nodes after each iteration of the last search.
+        iterations: of all searches together. cost_history: NLLF at the nodes after each iteration of the last
+            search.
         identifiability: near-null directions by name.
-        innovations: by segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at `times` (s).
+        innovations: by segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at
+            `times` (s).
         whiteness: test of each output's innovations, in the order of OUTPUTS.
         evidence: what was tried of the instrument errors.
         block: samples to a node. seconds: wall clock.

@@ -1,4 +1,6 @@
-"""Which instrument errors the data ask for: a score test on one Gauss-Newton step of the model with all of them."""
+"""Which instrument errors the data ask for: a score test on one Gauss-Newton step of the model with all of
+them.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,15 @@ from brv_hypo.likelihood import FitResult
 Group = tuple[str, int]
 
 
-def wanted_instruments(problem: Problem, base: FitResult) -> tuple[tuple[Instrument, ...], tuple[Evidence, ...]]:
+def wanted_instruments(
+    problem: Problem, base: FitResult
+) -> tuple[tuple[Instrument, ...], tuple[Evidence, ...]]:
     """The instrument errors to add to a converged model, and what was found out about each group.
 
-    Forward selection: the group that raises twice the log-likelihood most beyond k ln n is added, until none rises by
-    `evidence` more (Bayesian information criterion with a margin for the number of groups tried). Coloured residuals count
-    for as many fewer samples as they inflate the variances of the model's parameters.
+    Forward selection: the group that raises twice the log-likelihood most beyond k ln n is added, until none
+    rises by `evidence` more (Bayesian information criterion with a margin for the number of groups tried).
+    Coloured residuals count for as many fewer samples as they inflate the variances of the model's
+    parameters.
     """
     groups = _groups(problem)
     if not groups:
@@ -29,7 +34,10 @@ def wanted_instruments(problem: Problem, base: FitResult) -> tuple[tuple[Instrum
     step = everything.warm(base).solve(noise=base.innovation_covariance, max_iterations=1)
     if not step.history or not np.all(np.isfinite(step.covariance)):
         return (), ()
-    names = {group: [of_flight(error.name, flight) for error, flight in members] for group, members in groups.items()}
+    names = {
+        group: [of_flight(error.name, flight) for error, flight in members]
+        for group, members in groups.items()
+    }
     inflation = variance_inflation(base)
     gain = _Gain(step, {**everything.theta, **base.theta}, base.names)
     each = np.log(base.samples / inflation)
@@ -39,7 +47,9 @@ def wanted_instruments(problem: Problem, base: FitResult) -> tuple[tuple[Instrum
         tried = {}
         for group in groups:
             if group not in added:
-                rise = gain([n for g in (*added, group) for n in names[g]]) - gain([n for g in added for n in names[g]])
+                rise = gain([n for g in (*added, group) for n in names[g]]) - gain(
+                    [n for g in added for n in names[g]]
+                )
                 needed = len(names[group]) * each + problem.config.evidence
                 tried[group] = Evidence(*group, rise / inflation, needed, False)
         evidence |= tried
@@ -52,10 +62,16 @@ def wanted_instruments(problem: Problem, base: FitResult) -> tuple[tuple[Instrum
 
 
 def variance_inflation(fit: FitResult) -> float:
-    """How much coloured residuals inflate variances: median over the parameters, at least 1; 1 where they are white."""
+    """How much coloured residuals inflate variances: median over the parameters, at least 1; 1 where they are
+    white.
+    """
     if all(test.white for test in fit.whiteness):
         return 1.0
-    ratio = [(fit.std_error_coloured[name] / fit.std_error[name]) ** 2 for name in fit.names if fit.std_error[name] > 0.0]
+    ratio = [
+        (fit.std_error_coloured[name] / fit.std_error[name]) ** 2
+        for name in fit.names
+        if fit.std_error[name] > 0.0
+    ]
     return max(1.0, float(np.nanmedian(ratio))) if ratio else 1.0
 
 

@@ -97,7 +97,8 @@ def _movers(
     for j, column in enumerate(columns):
         for name, value in column.theta:
             groups.setdefault(("theta", column.mechanism, name, value), []).append(j)
-        for kind, knot in (("start", column.course.start), ("stop", column.course.stop)):
+        knots: tuple[tuple[Kind, float], ...] = (("start", column.course.start), ("stop", column.course.stop))
+        for kind, knot in knots:
             if start < knot < stop:
                 groups.setdefault((kind, column.mechanism, "", knot), []).append(j)
     found = [
@@ -109,7 +110,12 @@ def _movers(
 
 
 def _mover(
-    kind: Kind, mechanism: Mechanism, theta: str, value: float, span: tuple[float, float], columns: tuple[int, ...]
+    kind: Kind,
+    mechanism: Mechanism,
+    theta: str,
+    value: float,
+    span: tuple[float, float],
+    columns: tuple[int, ...],
 ) -> Mover:
     if kind != "theta":
         name = f"{mechanism.name} {kind} {value:.6g} s"
@@ -117,7 +123,9 @@ def _mover(
     parameter = next(p for p in mechanism.parameters() if p.name == theta)
     low, high = min(parameter.bounds[0], value), max(parameter.bounds[1], value)
     name = f"{mechanism.name} {theta} {value:.6g}"
-    return Mover(name, kind, theta, mechanism.name, value, (low, high), parameter.units, parameter.is_delay, columns)
+    return Mover(
+        name, kind, theta, mechanism.name, value, (low, high), parameter.units, parameter.is_delay, columns
+    )
 
 
 def _moved(column: Column, mover: Mover, value: float) -> Column:

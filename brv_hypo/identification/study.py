@@ -1,7 +1,8 @@
 """Study of the estimates on simulated flights: `python -m brv_hypo.identification.study --help`.
 
-For each mechanism: how often the 95 % intervals hold the truth, scatter of the estimates over their standard errors, error of
-maximum likelihood over that of the regression, and seconds of a fit. Options plant instrument errors or colour the noise.
+For each mechanism: how often the 95 % intervals hold the truth, scatter of the estimates over their standard
+errors, error of maximum likelihood over that of the regression, and seconds of a fit. Options plant
+instrument errors or colour the noise.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -25,7 +27,7 @@ from brv_hypo.identification.estimate import identify
 from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.mechanisms import find
 from brv_hypo.motion import reconstruct
-from brv_hypo.simulate import SimulatedFlight, SimulationConfig, simulate_batch
+from brv_hypo.simulate import SimulatedFlight, simulate_batch
 
 CASES = ("none", "inplane", "bodyfixed", "damping", "lag", "sticking")
 NORMAL_95 = 1.96
@@ -33,7 +35,9 @@ NORMAL_95 = 1.96
 
 @dataclass(frozen=True)
 class Trial:
-    """One flight's model: frame, columns with delays and knots, regression values, and the truth by estimate name."""
+    """One flight's model: frame, columns with delays and knots, regression values, and the truth by estimate
+    name.
+    """
 
     frame: RateFrame
     columns: tuple[Column, ...]
@@ -43,12 +47,19 @@ class Trial:
 
 
 def flights(
-    case: str, count: int, seed: int = 0, *, colour: float = 0.0, instruments: Mapping[str, float] | None = None,
+    case: str,
+    count: int,
+    seed: int = 0,
+    *,
+    colour: float = 0.0,
+    instruments: Mapping[str, float] | None = None,
     delay: float | None = None,
 ) -> Iterator[tuple[SimulatedFlight, Flight]]:
-    """Flights of the research cone with one mechanism, of random start and knots; `colour` is the noise's AR(1) coefficient.
+    """Flights of the research cone with one mechanism, of random start and knots; `colour` is the noise's
+    AR(1) coefficient.
 
-    `instruments` are dotted paths below `instruments` of the simulation's configuration; `delay` s that of the mechanism.
+    `instruments` are dotted paths below `instruments` of the simulation's configuration; `delay` s that of
+    the mechanism.
     """
     draws = np.random.default_rng(seed)
     plant = () if case == "none" else (case,)
@@ -63,7 +74,9 @@ def flights(
         variations |= {"mechanisms.0.start": 2.0 + shift, "mechanisms.0.stop": _stop(case) + shift}
     if delay is not None:
         variations["mechanisms.0.theta.delay"] = np.full(count, delay)
-    variations |= {f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()}
+    variations |= {
+        f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()
+    }
     seeds = [seed + 1 + i for i in range(count)]
     for simulated in simulate_batch("research_cone", seeds=seeds, variations=variations, plant=plant):
         yield simulated, simulated.flight if colour == 0.0 else coloured(simulated, colour)
@@ -74,14 +87,20 @@ def _stop(case: str) -> float:
 
 
 def coloured(simulated: SimulatedFlight, coefficient: float) -> Flight:
-    """The flight with first-order Markov noise of the same size instead of white noise on gyros and accelerometers."""
+    """The flight with first-order Markov noise of the same size instead of white noise on gyros and
+    accelerometers.
+    """
     quiet = simulated.config.instruments
     gyro, accel = quiet.gyro.noise, quiet.accelerometer.noise
-    silent = quiet.model_copy(update={
-        "gyro": quiet.gyro.model_copy(update={"noise": 0.0}),
-        "accelerometer": quiet.accelerometer.model_copy(update={"noise": 0.0}),
-    })
-    (clean,) = simulate_batch(simulated.config.model_copy(update={"instruments": silent}), seeds=[simulated.seed])
+    silent = quiet.model_copy(
+        update={
+            "gyro": quiet.gyro.model_copy(update={"noise": 0.0}),
+            "accelerometer": quiet.accelerometer.model_copy(update={"noise": 0.0}),
+        }
+    )
+    (clean,) = simulate_batch(
+        simulated.config.model_copy(update={"instruments": silent}), seeds=[simulated.seed]
+    )
     draws = np.random.default_rng(simulated.seed)
     flight = clean.flight
 
@@ -91,7 +110,8 @@ def coloured(simulated: SimulatedFlight, coefficient: float) -> Flight:
         return np.asarray(channel + sigma * lfilter([1.0], [1.0, -coefficient], white))
 
     sigmas = dict.fromkeys(("p", "q", "r"), gyro) | dict.fromkeys(("ax", "ay", "az"), accel)
-    return replace(flight, **{name: noisy(getattr(flight, name), sigma) for name, sigma in sigmas.items()})
+    channels: dict[str, Any] = {name: noisy(getattr(flight, name), sigma) for name, sigma in sigmas.items()}
+    return replace(flight, **channels)
 
 
 def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) -> Trial:
@@ -105,15 +125,20 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
     frame = build_frame([reconstruction], [static, PitchDamping(), *mechanisms.values()])
     always = TimeFunction("constant")
     aerodynamics = config.aerodynamics
-    columns = [Column(static.name, term.name, (), always, term.units) for term in static.terms(frame.motions[0], {})]
+    columns = [
+        Column(static.name, term.name, (), always, term.units) for term in static.terms(frame.motions[0], {})
+    ]
     columns.append(Column(PitchDamping.name, "C_mq", (), always, "1/rad"))
     coefficients = [aerodynamics.C_N0, aerodynamics.C_Nalpha, 0.0, aerodynamics.C_mq]
     moved: dict[str, float] = {}
     for item in config.mechanisms:
-        assert item.start is not None and item.stop is not None
+        assert item.start is not None
+        assert item.stop is not None
         theta = tuple((name, value + delay_error) for name, value in item.theta.items())
         course = TimeFunction(item.kind, item.start, item.stop)
-        columns += [Column(item.mechanism, name, theta, course, "1", len(item.terms) > 1) for name in item.terms]
+        columns += [
+            Column(item.mechanism, name, theta, course, "1", len(item.terms) > 1) for name in item.terms
+        ]
         coefficients += list(item.terms.values())
         moved |= {"start": item.start, "stop": item.stop, **item.theta}
     values = regress(frame, columns)
@@ -125,7 +150,9 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
 
 
 def regress(frame: RateFrame, columns: Sequence[Column], passes: int = 4) -> FloatArray:
-    """Generalised least squares in the rate frame, its noise model fitted to the residuals; coefficients (columns,)."""
+    """Generalised least squares in the rate frame, its noise model fitted to the residuals; coefficients
+    (columns,).
+    """
     rates: ComplexArray = frame.columns(columns)
     noise = difference()
     values = np.zeros(len(columns))
@@ -159,11 +186,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=40)
     parser.add_argument("--case", choices=CASES, action="append", help="mechanism; all by default")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--colour", type=float, default=0.0, help="AR(1) coefficient of the instruments' noise")
+    parser.add_argument(
+        "--colour", type=float, default=0.0, help="AR(1) coefficient of the instruments' noise"
+    )
     parser.add_argument("--delay-error", type=float, default=0.0, help="how far off delays start, s")
     parser.add_argument("--no-evidence", action="store_true", help="do not look for instrument errors")
     parser.add_argument(
-        "--plant", action="append", default=[], metavar="PATH=VALUE",
+        "--plant",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
         help="an instrument error, such as gyro.bias.1=0.001",
     )
     chosen = parser.parse_args(arguments)
@@ -174,7 +206,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _report(
-    case: str, count: int, seed: int, colour: float, delay_error: float, planted: Mapping[str, float],
+    case: str,
+    count: int,
+    seed: int,
+    colour: float,
+    delay_error: float,
+    planted: Mapping[str, float],
     options: IdentificationConfig,
 ) -> None:
     scaled: dict[str, list[float]] = {}
@@ -198,8 +235,12 @@ def _report(
         for item in found.evidence:
             added[item.group] = added.get(item.group, 0) + item.added
     print(f"{case}: {converged} of {count} converged, median {np.median(seconds):.2f} s a fit")
-    print("  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing"))
-    print(f"  {'parameter':32}{'coverage %':>11}{'scatter':>9}{'mean z':>8}{'rms error':>12}{'regression':>12}")
+    print(
+        "  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing")
+    )
+    print(
+        f"  {'parameter':32}{'coverage %':>11}{'scatter':>9}{'mean z':>8}{'rms error':>12}{'regression':>12}"
+    )
     for name, values in scaled.items():
         z = np.array(values)
         other = f"{_rms(regression[name]):12.3g}" if name in regression else ""

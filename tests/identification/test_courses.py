@@ -27,7 +27,9 @@ def derivatives(t):
 def collocated(course: TimeFunction, corrected: bool = True) -> tuple[float, float]:
     """Rate and position at the end, by Hermite-Simpson, of rate' = course x moment, position' = rate."""
     half = np.full_like(MIDDLES, STEP / 2)
-    first, second = kink(course, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
+    first, second = (
+        kink(course, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
+    )
     slope, curvature = derivatives(MIDDLES)
     if corrected:
         ends, middle = on_grid(course, NODES, np.zeros_like(NODES)), on_grid(course, MIDDLES, half)

@@ -129,8 +129,13 @@ def test_held_out_coefficients_predict_what_they_did_not_see(bodyfixed):
 def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):
     _, work, _ = bodyfixed
     short = tuple(
-        replace(segment, time=segment.time[:8], observed=segment.observed[:8], factor=segment.factor[:8],
-                rows=slice(0, 8))
+        replace(
+            segment,
+            time=segment.time[:8],
+            observed=segment.observed[:8],
+            factor=segment.factor[:8],
+            rows=slice(0, 8),
+        )
         for segment in work.frame.segments
     )
     frame = replace(work.frame, segments=short, _shapes={})
