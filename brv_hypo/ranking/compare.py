@@ -129,15 +129,16 @@ def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, c
 
 
 def searched_again(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[HypothesisFit]]:
-    """The leader and its rivals within reach searched again under the task's noise; all fitted under what it leaves.
+    """The two leading mechanisms searched again under the task's noise; all fitted under what it leaves.
 
     A noise model that took up part of a mechanism hides the mechanism's best knots and delays.
     """
     known = [refit(task, fit) for fit in fits]
-    reach = min(fit.information for fit in known) + WITHIN_REACH
+    ordered = sorted((fit.information, fit.name) for fit in known if fit.mechanisms)[:2]
+    close = {name for information, name in ordered if information <= ordered[0][0] + WITHIN_REACH}
     found = [
         min(fit, fit_hypothesis(task, fit.name, fit.mechanisms), key=lambda each: each.information)
-        if fit.mechanisms and fit.information <= reach
+        if fit.name in close
         else fit
         for fit in known
     ]

@@ -7,22 +7,26 @@ from collections.abc import Callable, Mapping, Sequence
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.fit import HypothesisFit, extended_bic
-from brv_hypo.ranking.verdict import STANDING_PROBABILITY, TEMPERATURE, probabilities
+from brv_hypo.ranking.verdict import STANDING_PROBABILITY, probabilities
 
 CONVERGED = "converged"
+# Starting from a good regression the likelihood converges in a few iterations or not at all.
+MOST_ITERATIONS = 10
+MOST_HYPOTHESES = 2
 
 
 def identify_standing(
     fits: Sequence[HypothesisFit], config: CompareConfig, say: Callable[[str], None]
 ) -> dict[str, Identification]:
-    """Maximum likelihood for the leader and the hypotheses that stand beside it; the others are out of reach."""
-    chances = probabilities({fit.name: fit.information for fit in fits}, TEMPERATURE)
-    options = IdentificationConfig(candidates=config.instrument_errors)
+    """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach."""
+    chances = probabilities({fit.name: fit.information for fit in fits})
+    standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
+    standing.sort(key=lambda fit: -chances[fit.name])
+    options = IdentificationConfig(candidates=config.instrument_errors, max_iterations=MOST_ITERATIONS)
     found = {}
-    for fit in fits:
-        if chances[fit.name] >= STANDING_PROBABILITY:
-            say(f"maximum likelihood of {fit.name}")
-            found[fit.name] = identify(fit.frame, fit.columns, fit.values, options)
+    for fit in standing[:MOST_HYPOTHESES]:
+        say(f"maximum likelihood of {fit.name}")
+        found[fit.name] = identify(fit.frame, fit.columns, fit.values, options)
     return found
 
 
