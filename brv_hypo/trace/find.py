@@ -7,11 +7,10 @@ from scipy import stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import remove_levels
 from brv_hypo.design.whitening import effective_samples, white
 from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.trace.judge import residual_moments
+from brv_hypo.trace.judge import ResidualMoments
 from brv_hypo.trace.result import Correlation, Residual
 from brv_hypo.trace.step import Look
 from brv_hypo.trace.task import residual
@@ -22,11 +21,9 @@ _WHITE = 0.05
 _TELLING = 0.01
 
 
-def find(look: Look, values: FloatArray) -> Residual:
-    """Test what the model of `look` leaves, its coefficients at `values`."""
+def find(look: Look, left: ResidualMoments) -> Residual:
+    """Test what the model of `look` leaves; `left` are its residual moments."""
     reconstruction = look.seen.reconstruction
-    columns: tuple[Column, ...] = look.null.columns
-    left = residual_moments(look.null.frame, look.seen.record, columns, values)
     usable = left.usable
     time = reconstruction.motion.time
     sigma = reconstruction.moments.sigma

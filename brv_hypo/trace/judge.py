@@ -74,14 +74,15 @@ class ResidualMoments:
 
 
 def residual_moments(
-    frame: RateFrame, record: InertialRecord, columns: tuple[Column, ...], values: FloatArray
+    frame: RateFrame, record: InertialRecord, columns: tuple[Column, ...], values: FloatArray, others: ComplexArray
 ) -> ResidualMoments:
-    """Moments from what the columns leave of the rates.
+    """Moments from what the columns, and `others` (n,) rad/s, leave of the rates.
 
     The filter that differentiates the rates acts on measurement and model alike, so that it rounds no corner of the
     one that the other keeps.
     """
     left = frame.observed - frame.columns(columns) @ values
+    left = left - np.concatenate([others[segment.rows] for segment in frame.segments])
     spin = record.spin_rate
     body = np.zeros(record.time.size, dtype=complex)
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):

@@ -19,10 +19,28 @@ from brv_hypo.trace.candidates import NEAR, Candidate, adjusted, look_alikes
 from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.discover import Discovery, discover
 from brv_hypo.trace.find import find
-from brv_hypo.trace.judge import Prediction, moment_errors, ratio, residual_moments, score
-from brv_hypo.trace.result import Errors, Step, Stop, Trace, TriedCandidate
-from brv_hypo.trace.step import Applied, Look, Model, Seen, look, see, start_columns, start_model
+from brv_hypo.trace.judge import (
+    Prediction,
+    ResidualMoments,
+    moment_errors,
+    ratio,
+    residual_moments,
+    score,
+)
+from brv_hypo.trace.result import Errors, Residual, Step, Stop, Trace, TriedCandidate
+from brv_hypo.trace.step import (
+    Applied,
+    Look,
+    Model,
+    Seen,
+    bare_task,
+    look,
+    see,
+    start_columns,
+    start_model,
+)
 from brv_hypo.trace.summary import Ending, summary
+from brv_hypo.trace.task import TraceTask, solution
 
 Progress = Callable[[str], None]
 SMALLEST_RECORD = 120
@@ -52,19 +70,21 @@ def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progre
     stopped: Stop = "limit"
     say("reconstructing the motion")
     state = course.begin()
-    first = state
+    first: State | None = None
     discovery: Discovery | None = None
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        step, after, reason, found = course.turn(number, state)
-        steps.append(step)
-        discovery = found or discovery
-        if after is None:
-            stopped = reason
+        turn = course.turn(number, state)
+        first = first or turn.before
+        steps.append(turn.step)
+        discovery = turn.discovery or discovery
+        state = turn.after or turn.before
+        if turn.after is None:
+            stopped = turn.reason
             break
-        state = after
-    end = Ending(state.seen, state.model, state.noise, tuple(steps), stopped, discovery)
-    return summary(flight, first.seen, first.model, end, clock.perf_counter() - begun)
+    assert first is not None
+    end = Ending(state.seen, state.model, state.values, state.noise, state.left, tuple(steps), stopped, discovery)
+    return summary(flight, first.left, end, clock.perf_counter() - begun)
 
 
 def _candidates(
@@ -81,12 +101,13 @@ def _candidates(
 
 @dataclass(frozen=True)
 class State:
-    """A model with its coefficients, and the flight as it is seen with it."""
+    """A model with its coefficients, the flight as it is seen with it, and the moments that it leaves."""
 
     model: Model
     seen: Seen
     values: FloatArray
     noise: NoiseModel
+    left: ResidualMoments
     errors: Prediction
     held_out: Prediction
 
@@ -99,6 +120,28 @@ class Tried:
     score: float
     ratio: float
     ratio_error: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The effect that counts, if any; what came of trying it; the model with it, where the held-out part agrees."""
+
+    ranked: tuple[Candidate, ...]
+    discovery: Discovery | None
+    leader: Candidate | None = None
+    tried: Tried | None = None
+    taken: bool = False
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One step with the state that it started from, the one that it led to, and why the loop may end here."""
+
+    step: Step
+    before: State
+    after: State | None
+    reason: Stop
+    discovery: Discovery | None
 
 
 @dataclass(frozen=True)
@@ -120,14 +163,14 @@ class _Course:
         if start:
             columns = start_columns(seen, columns, noise, start, self.config)
             noise = seen.first_noise(columns)
-        return self._state(replace(model, columns=columns, added=tuple(m.name for m in start)), seen, noise)
+        model = replace(model, columns=columns, added=tuple(m.name for m in start))
+        return self._state(model, seen, noise, None)
 
-    def turn(self, number: int, state: State) -> tuple[Step, State | None, Stop, Discovery | None]:
+    def turn(self, number: int, state: State) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed."""
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
         untried = [m for m in usable if m.name not in state.model.added]
         effects = [e for e in self.effects if e.name not in state.model.added]
-        most = _GENERIC if self.config.discover else 0
         here = look(
             state.seen,
             state.model,
@@ -136,59 +179,41 @@ class _Course:
             effects,
             usable,
             self.config,
-            most_generic=min(most, 1),
+            most_generic=min(self._generic, 1),
         )
-        state = self._state(state.model, state.seen, here.task.noise)
-        residual = find(here, state.values)
-        ranked = _ranked(here.candidates, here.discovery)
-        leader, after, tried = self._judged(here, state, ranked)
-        if after is None and most and not residual.white:
-            discovery = discover(here.task, here.null, _generic_name(state.model), most)
-            if discovery is not None:
-                ranked = [discovery.candidate, *here.candidates]
-                here = replace(here, discovery=discovery)
-                leader, after, tried = self._judged(here, state, ranked)
-        chances = adjusted(ranked)
-        step = Step(
-            step=number,
-            residual=residual,
-            candidates=tuple(_told(c, chances, here) for c in ranked[:_TOLD]),
-            look_alikes=look_alikes(leader, ranked) if leader else (),
-            added=leader.name if leader and after else None,
-            description=_words(leader, here) if leader else "",
-            error_before=_errors(state),
-            error_after=None if tried is None else _errors(tried.state),
-            error_ratio_held_out=None if tried is None else tried.ratio,
-            error_ratio_std_error=None if tried is None else tried.ratio_error,
-            held_out_score=None if tried is None else tried.score,
-        )
-        nothing: Stop = "white" if residual.white else "nothing significant"
-        counts = (
-            here.discovery is not None
-            and adjusted(ranked)[here.discovery.candidate.name] < self.config.significance
-        )
-        reason: Stop = "nothing improves held-out error" if tried is not None else nothing
-        if leader is not None and tried is None:
+        state = self._state(state.model, state.seen, here.task.noise, here.task)
+        residual = find(here, state.left)
+        choice = self._choice(here, state, here.discovery)
+        if not choice.taken and self._generic and not residual.white:
+            more = discover(here.task, here.null, _generic_name(state.model), self._generic)
+            described = self._choice(here, state, more)
+            choice = described if described.taken else choice
+        step = _step(number, residual, here, state, choice, self.config.significance)
+        reason: Stop = "white" if residual.white else "nothing significant"
+        if choice.leader is not None:
             reason = "nothing improves held-out error"
-        return step, after, reason, here.discovery if counts else None
+        after = choice.tried.state if choice.tried is not None and choice.taken else None
+        return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
-    def _judged(
-        self, here: Look, state: State, ranked: Sequence[Candidate]
-    ) -> tuple[Candidate | None, State | None, Tried | None]:
-        """The leader where one counts, the model with it where the held-out part agrees, and what came of trying.
+    @property
+    def _generic(self) -> int:
+        return _GENERIC if self.config.discover else 0
+
+    def _choice(self, here: Look, state: State, discovery: Discovery | None) -> Choice:
+        """The best effect that counts and shows in the moments, tried on the held-out part.
 
         An effect that the specific force shows and the moments do not is named, but it cannot lower their error.
         """
+        ranked = tuple(_ranked(here.candidates, discovery))
         chances = adjusted(ranked)
         counting = [c for c in ranked if c.gain > 0.0 and chances[c.name] <= self.config.significance]
         leader = next((c for c in counting if c.in_rates > _SHOWN), None)
         if leader is None:
-            return (counting[0] if counting else None), None, None
+            return Choice(ranked, discovery, counting[0] if counting else None)
         after = self._with(here, state, leader)
         fallen = score(here.task, state.seen.held_out, here.null, leader.fit)
         tried = Tried(after, fallen, *ratio(state.held_out, after.held_out))
-        taken = fallen >= _SIGMAS and tried.ratio < 1.0
-        return leader, after if taken else None, tried
+        return Choice(ranked, discovery, leader, tried, fallen >= _SIGMAS and tried.ratio < 1.0)
 
     def _with(self, here: Look, state: State, leader: Candidate) -> State:
         """The model with the leader added, fitted to the fitted part."""
@@ -198,7 +223,8 @@ class _Course:
             model = replace(
                 model, mechanisms=known, columns=leader.fit.columns, added=(*model.added, leader.name)
             )
-            return self._state(model, replace(state.seen, frame=leader.fit.frame), here.task.noise)
+            seen = replace(state.seen, frame=leader.fit.frame)
+            return self._state(model, seen, here.task.noise, here.task)
         values = leader.fit.values[leader.fit.baseline_size :]
         sizes = {component: (units, size) for component, units, size in leader.effect.components()}
         applied = tuple(
@@ -208,21 +234,54 @@ class _Course:
         )
         model = replace(model, applied=(*model.applied, *applied), added=(*model.added, leader.name))
         seen = see(self.flight, model, self.config)
-        return self._state(model, seen, here.task.noise)
+        task = bare_task(seen, model, state.values, here.task.both)
+        return self._state(model, seen, here.task.noise, task)
 
-    def _state(self, model: Model, seen: Seen, noise: NoiseModel) -> State:
+    def _state(self, model: Model, seen: Seen, noise: NoiseModel, task: TraceTask | None) -> State:
         """The model's coefficients on the fitted part, and its errors.
 
-        A model that lacks something fits the moments badly under the noise of one that does not; plain least squares of
-        the moments are tried too, and the smaller error of the fitted part decides.
+        A model that lacks something fits the moments badly under the noise of one that does not; plain least
+        squares of the moments are tried too, and the smaller error of the fitted part decides.
         """
+        nothing = np.zeros(seen.record.time.size, dtype=complex)
+        answers = [(seen.values(seen.fitted, model.columns, difference()), nothing)]
+        if task is not None:
+            answers.append(solution(task, seen.frame, model.columns))
         found = []
-        for weight in (noise, difference()):
-            values = seen.values(seen.fitted, model.columns, weight)
-            left = residual_moments(seen.frame, seen.record, model.columns, values)
+        for values, others in answers:
+            left = residual_moments(seen.frame, seen.record, model.columns, values, others)
             errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
-            found.append(State(model, seen, values, noise, errors, held_out))
+            found.append(State(model, seen, values, noise, left, errors, held_out))
         return min(found, key=lambda state: state.errors.mean_square)
+
+
+def _step(
+    number: int, residual: Residual, here: Look, state: State, choice: Choice, significance: float
+) -> Step:
+    """What the result tells of one step."""
+    leader, tried = choice.leader, choice.tried
+    chances = adjusted(choice.ranked)
+    return Step(
+        step=number,
+        residual=residual,
+        candidates=tuple(_told(c, chances, here, choice.discovery) for c in choice.ranked[:_TOLD]),
+        look_alikes=look_alikes(leader, choice.ranked) if leader else (),
+        added=leader.name if leader and choice.taken else None,
+        description=_words(leader, here, choice.discovery) if leader else "",
+        error_before=_errors(state),
+        error_after=None if tried is None else _errors(tried.state),
+        error_ratio_held_out=None if tried is None else tried.ratio,
+        error_ratio_std_error=None if tried is None else tried.ratio_error,
+        held_out_score=None if tried is None else tried.score,
+    )
+
+
+def _counting(choice: Choice, significance: float) -> Discovery | None:
+    """The description in generic terms, where it is significant."""
+    found = choice.discovery
+    if found is None or adjusted(choice.ranked)[found.candidate.name] > significance:
+        return None
+    return found
 
 
 def _applicable(mechanism: Mechanism, seen: Seen) -> bool:
@@ -250,21 +309,23 @@ def _generic_name(model: Model) -> str:
     return f"discovered_{len(model.added) + 1}"
 
 
-def _told(candidate: Candidate, chances: dict[str, float], here: Look) -> TriedCandidate:
+def _told(
+    candidate: Candidate, chances: dict[str, float], here: Look, discovery: Discovery | None
+) -> TriedCandidate:
     return TriedCandidate(
         effect=candidate.name,
         kind=candidate.kind,
         f_ratio=candidate.f_ratio,
         p_value_adjusted=chances[candidate.name],
         explains=candidate.explains,
-        description=_words(candidate, here),
+        description=_words(candidate, here, discovery),
     )
 
 
-def _words(candidate: Candidate, here: Look) -> str:
+def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:
     """What the candidate says of this flight."""
-    if candidate.kind == "discovered" and here.discovery is not None:
-        return here.discovery.words
+    if candidate.kind == "discovered" and discovery is not None:
+        return discovery.words
     values = candidate.fit.values[candidate.fit.baseline_size :]
     where = "" if candidate.in_rates > _SHOWN else " (in the specific force only)"
     if candidate.effect is not None:

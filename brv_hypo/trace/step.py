@@ -35,7 +35,7 @@ from brv_hypo.trace.channels import Noise, Part, Rows, part, split
 from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.discover import Discovery, discover
 from brv_hypo.trace.response import ForceModel, Situation, start_of
-from brv_hypo.trace.task import TraceTask, build_task, unknowns, with_efficiency, with_less_noise
+from brv_hypo.trace.task import TraceTask, build_task, unknowns, with_efficiency, with_less_noise, plain_task
 
 _OUTLIER = 6.0
 _WORTH_REFINING = 0.4
@@ -162,6 +162,13 @@ def start_columns(
     knots = default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count)
     task = Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.max_terms, True)
     return fit_hypothesis(task, "start", mechanisms).columns
+
+
+def bare_task(seen: Seen, model: Model, values: FloatArray, noise: Noise) -> TraceTask:
+    """The regression of a model alone, under a noise that is known."""
+    situation = _situation(seen, model, values)
+    fixed = unknowns(situation, {a.name: situation.effect(a.effect, a.component, a.size) for a in model.applied})
+    return plain_task(situation, seen.frame, seen.fitted, fixed, {}, noise)
 
 
 def look(

@@ -13,7 +13,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.ranking.linear import covariance_of
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
 from brv_hypo.trace.discover import Discovery
-from brv_hypo.trace.judge import noise_floor, residual_moments
+from brv_hypo.trace.judge import ResidualMoments, noise_floor
 from brv_hypo.trace.result import ModelSummary, Picture, Residual, Step, Stop, Trace
 from brv_hypo.trace.step import Model, Seen
 
@@ -26,17 +26,18 @@ class Ending:
 
     seen: Seen
     model: Model
+    values: FloatArray
     noise: NoiseModel
+    left: ResidualMoments
     steps: tuple[Step, ...]
     stopped: Stop
     discovery: Discovery | None
 
 
-def summary(flight: Flight, first: Seen, start: Model, end: Ending, seconds: float) -> Trace:
-    """The result of the contract."""
+def summary(flight: Flight, before: ResidualMoments, end: Ending, seconds: float) -> Trace:
+    """The result of the contract; `before` are the residual moments that the first model left."""
     last, model, noise, steps = end.seen, end.model, end.noise, end.steps
     values = last.values(last.whole, model.columns, noise)
-    before = first.values(first.whole, start.columns, noise)
     final = steps[-1].residual
     return Trace(
         flight=FlightSummary(
@@ -57,7 +58,7 @@ def summary(flight: Flight, first: Seen, start: Model, end: Ending, seconds: flo
         final_residual=final,
         seconds=seconds,
         discovered=None if end.discovery is None else end.discovery.file,
-        picture=_picture(first, start, before, last, model, values),
+        picture=_picture(before, end),
     )
 
 
@@ -158,18 +159,15 @@ def _drag_spread(flight: Flight) -> float | None:
     return None if centre == 0.0 else float(np.std(share) / abs(centre))
 
 
-def _picture(
-    first: Seen, start: Model, before: FloatArray, last: Seen, model: Model, values: FloatArray
-) -> Picture:
-    old = residual_moments(first.frame, first.record, start.columns, before)
-    new = residual_moments(last.frame, last.record, model.columns, values)
-    moments = last.reconstruction.moments
-    kept = old.usable & new.usable
+def _picture(before: ResidualMoments, end: Ending) -> Picture:
+    reconstruction = end.seen.reconstruction
+    moments = reconstruction.moments
+    kept = before.usable & end.left.usable
     return Picture(
-        time_s=tuple(last.reconstruction.motion.time[kept].tolist()),
+        time_s=tuple(reconstruction.motion.time[kept].tolist()),
         measured=_pair(moments.body[kept]),
-        before=_pair(old.body[kept]),
-        after=_pair(new.body[kept]),
+        before=_pair(before.body[kept]),
+        after=_pair(end.left.body[kept]),
         sigma=tuple(moments.sigma[kept].tolist()),
     )
 

@@ -153,6 +153,28 @@ def unknowns(situation: Situation, record_columns: Mapping[str, Rows]) -> Unknow
     return Unknowns(histories, dict(zip(walk, (float(v) for v in present), strict=True)))
 
 
+def plain_task(
+    situation: Situation, frame: RateFrame, part: Part, fixed: Unknowns, effects: Mapping[str, Rows], noise: Noise
+) -> TraceTask:
+    """The task of a model and its unknowns under a noise; `effects` are histories that may be asked for."""
+    observed = Rows(situation.here.rates, situation.record.transverse_force)
+    return TraceTask(
+        frame=frame.with_mechanisms([GivenColumns()]),
+        baseline=situation.columns,
+        knots=np.zeros(0),
+        noise=noise.rates,
+        efficiency=1.0,
+        max_terms=1,
+        exact_terms=1,
+        refine=True,
+        part=part,
+        both=noise,
+        given={**fixed.histories, **effects, _OBSERVED: observed},
+        unknowns=tuple(fixed.histories),
+        prior=fixed.prior,
+    )
+
+
 def build_task(
     situation: Situation,
     frame: RateFrame,
@@ -164,33 +186,20 @@ def build_task(
     max_terms: int,
 ) -> TraceTask:
     """The task of a step, its noise from what a rich model leaves."""
-    frame = frame.with_mechanisms([GivenColumns()])
-    time = frame.time
-    observed = Rows(situation.here.rates, situation.record.transverse_force)
     noise = Noise(
         white(situation.record.gyro_sigma),
         white(float(np.median(situation.record.force_sigma))),
         (np.inf, np.inf),
         _thinning(situation),
     )
-    task = TraceTask(
-        frame=frame,
-        baseline=situation.columns,
-        knots=default_knots(float(time.min()), float(time.max()), knot_count),
-        noise=noise.rates,
-        efficiency=1.0,
-        max_terms=max_terms,
-        refine=True,
-        exact_terms=max_terms,
-        part=part,
-        both=noise,
-        given={**fixed.histories, **effects, _OBSERVED: observed},
-        unknowns=tuple(fixed.histories),
-        prior=fixed.prior,
-    )
-    columns = (*situation.columns, *(given_column(name) for name in effects), *_rich_columns(frame, rich))
+    task = plain_task(situation, frame, part, fixed, effects, noise)
+    time = frame.time
+    knots = default_knots(float(time.min()), float(time.max()), knot_count)
+    task = replace(task, knots=knots, max_terms=max_terms, exact_terms=max_terms)
+    # Record effects stay out: a scale error of one would explain the record away, noise and all.
+    columns = (*situation.columns, *_rich_columns(frame, rich))
     for _ in range(2):
-        task = with_noise(task, frame.with_mechanisms(rich), columns)
+        task = with_noise(task, task.frame.with_mechanisms(rich), columns)
     return task
 
 
@@ -237,6 +246,15 @@ def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> Ro
     ]
     force = task.given[_OBSERVED].force[task.part.samples]
     return Rows(rates - histories.rates @ values[given], force - histories.force @ values[given])
+
+
+def solution(
+    task: TraceTask, frame: RateFrame, columns: tuple[Column, ...]
+) -> tuple[FloatArray, ComplexArray]:
+    """Coefficients (columns,), and the rates (n,) rad/s that the unknowns add over the whole flight."""
+    values = solve_scaled(task.whole_design(frame, columns), task.raw_response)
+    histories = side_by_side([task.given[name] for name in task.unknowns])
+    return values[: len(columns)], histories.rates @ values[len(columns) :]
 
 
 def with_efficiency(task: TraceTask, fit: HypothesisFit) -> TraceTask:
