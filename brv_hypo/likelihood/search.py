@@ -42,7 +42,7 @@ _SETTLED_CHANGE = 1e-3
 """Relative change of a noise variance that counts as settled."""
 _SETTLED_MOVE = 0.05
 """The same for a process noise variance, in standard errors of its logarithm."""
-_NEAR = 0.3
+_NEAR = 1.0
 _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
