@@ -27,6 +27,11 @@ from brv_hypo.likelihood.search import Progress
 _STALE = 0.1
 """Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which
 bounds the change of any estimate in standard errors), from which the fit is repeated."""
+_ROUNDS = 6
+_KNOTS_HELD = "the knots were held at the last: the data hardly tell one of them, which has no standard error"
+_POOR_START = 2.0
+"""Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several
+minima."""
 _KNOTS_MOVED = 0.5
 """The same for the knots, in blocks."""
 
@@ -70,34 +75,63 @@ def _search(
     problem: Problem, progress: Callable[[Progress], None] | None
 ) -> tuple[Problem, FitResult, int, tuple[Evidence, ...]]:
     """The fit without instrument errors, what they would bring, and the fit with those that are wanted."""
+    iterations = 0
+    if _misfit(problem) > _POOR_START:
+        first = problem.solve(fixed=problem.structure.knots, progress=progress)
+        iterations += first.iterations
+        problem = _refreshed(problem, first)
     found = problem.solve(progress=progress)
-    iterations = found.iterations
+    iterations += found.iterations
     if not found.converged:
         found = problem.solve(near_start=False, progress=progress)
         iterations += found.iterations
     evidence: tuple[Evidence, ...] = ()
-    again = False
-    if found.converged:
-        instruments, evidence = wanted_instruments(problem, found)
-        problem = problem.warm(found).with_instruments(instruments)
+    for attempt in range(_ROUNDS):
+        if not found.converged:
+            break
         refreshed = _refreshed(problem, found)
-        again = bool(instruments) or _stale(problem, refreshed, found)
+        stale = _stale(problem, refreshed, found)
         problem = refreshed
-    if again:
+        if not stale and not evidence:
+            instruments, evidence = wanted_instruments(problem, found)
+            problem = problem.with_instruments(instruments)
+            stale = bool(instruments)
+        if not stale or attempt == _ROUNDS - 1:
+            break
         found = problem.solve(progress=progress)
+        iterations += found.iterations
+    if found.status == "stalled" and problem.structure.knots:
+        problem = _refreshed(problem, found)
+        found = problem.solve(fixed=problem.structure.knots, progress=progress)
+        found = replace(found, message=f"{found.message}; {_KNOTS_HELD}")
         iterations += found.iterations
     return problem.warm(found), found, iterations, evidence
 
 
+def _misfit(problem: Problem) -> float:
+    """Root mean square of the angular rate that the start leaves over, in terms of the gyros' noise."""
+    left = [
+        np.mean(np.abs(record.measured[0] - record.expected[0]) ** 2)
+        / (2.0 * problem.frame.reconstructions[record.context.flight].gyro_sigma ** 2)
+        for record in problem.records
+    ]
+    return float(np.sqrt(max(left)))
+
+
 def _refreshed(problem: Problem, found: FitResult) -> Problem:
+    """The problem started from a solution, the block means corrected by it."""
     columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
-    return problem.refreshed(problem.frame.with_in_plane_moment(columns, values), columns, values)
+    frame = problem.frame.with_in_plane_moment(columns, values)
+    return problem.warm(found).refreshed(frame, columns, values)
 
 
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
-    """Whether the corrections of the block means have changed by more than a trifle."""
+    """Whether nodes, or the corrections of the block means, have changed by more than a trifle."""
+    if new.block != old.block:
+        return True
     moved = max(
-        (abs(found.theta[m.name] - m.value) for m in old.structure.movers if m.kind != "theta"), default=0.0
+        (abs(found.theta[m.name] - old.theta[m.name]) for m in old.structure.movers if m.kind != "theta"),
+        default=0.0,
     )
     block = min(record.context.block for record in old.records)
     sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
@@ -113,7 +147,7 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
     white = all(test.white for test in found.whiteness)
 
     def estimate(name: str, units: str, shown: str | None = None) -> Estimate:
-        plain, coloured = found.std_error[name], found.std_error_coloured[name]
+        plain, coloured = (e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
         reported = plain if white else max(plain, coloured)
         return Estimate(shown or name, theta[name], reported, plain, coloured, units)
 

@@ -55,6 +55,8 @@ angular acceleration that it makes per unit, in de-rolled axes: real and imagina
 rad/s^4."""
 FEWEST_NODES = 12
 LARGEST_BLOCK = 5
+NODES_IN_A_DELAY = 16
+"""The cost of a step grows with the square of the nodes that a delay spans."""
 
 
 @dataclass(frozen=True)
@@ -111,14 +113,22 @@ def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, 
     """
     moments, knots = frame.moments(columns) @ values, knots_of(columns)
     longest = max(segment.time.size for segment in frame.segments)
-    size = 1
-    for trial in range(3, min(LARGEST_BLOCK, longest // FEWEST_NODES) + 1, 2):
+    size = _least_block(frame, columns)
+    for trial in range(size + 2, min(LARGEST_BLOCK, longest // FEWEST_NODES) + 1, 2):
         for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
             allowed = tolerance * frame.reconstructions[part.flight].gyro_sigma
             if _quadrature_error(part, moments[a:b], trial, knots) > allowed:
                 return size
         size = trial
     return size
+
+
+def _least_block(frame: RateFrame, columns: Sequence[Column]) -> int:
+    """The smallest odd block with which no delay spans too many nodes."""
+    longest = max((column.delay or 0.0 for column in columns), default=0.0)
+    step = min(frame.reconstructions[segment.flight].flight.step for segment in frame.segments)
+    wanted = int(np.ceil(longest / (NODES_IN_A_DELAY * step)))
+    return min(max(wanted + (wanted + 1) % 2, 1), LARGEST_BLOCK)
 
 
 def knots_of(columns: Sequence[Column]) -> list[float]:

@@ -87,9 +87,13 @@ class Problem:
         return replace(self, theta=theta, states=found.states)
 
     def refreshed(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> Problem:
-        """The problem with the block means corrected by another model of the motion."""
+        """The problem with nodes and block means laid out by another model of the motion."""
+        block = block_size(frame, columns, values, self.config.quadrature)
         axes = [gravity_axes(reconstruction) for reconstruction in frame.reconstructions]
-        return replace(self, frame=frame, records=node_records(frame, columns, values, axes, self.block))
+        records = node_records(frame, columns, values, axes, block)
+        model = replace(self.model, contexts=tuple(record.context for record in records))
+        states = self.states if block == self.block else ()
+        return replace(self, frame=frame, records=records, model=model, block=block, states=states)
 
     def segments(self) -> tuple[Segment, ...]:
         """The likelihood's segments, started from the states."""
@@ -104,9 +108,10 @@ class Problem:
         max_iterations: int | None = None,
         near_start: bool = True,
         segments: Sequence[Segment] | None = None,
+        fixed: Sequence[str] = (),
         progress: Callable[[Progress], None] | None = None,
     ) -> FitResult:
-        """Maximum likelihood; `noise` (4, 4) is B where it is to be held."""
+        """Maximum likelihood; `noise` (4, 4) is B where it is to be held, `fixed` the parameters that are."""
         return fit(
             self.model.dynamics,
             self.model.outputs,
@@ -121,6 +126,7 @@ class Problem:
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=_TOLERANCE,
             near_start=near_start,
+            fixed=fixed,
             progress=progress,
         )
 

@@ -47,6 +47,11 @@ class Structure:
         """Names of the parameters that are delays."""
         return tuple(mover.name for mover in self.movers if mover.is_delay)
 
+    @cached_property
+    def knots(self) -> tuple[str, ...]:
+        """Names of the parameters that are knots."""
+        return tuple(mover.name for mover in self.movers if mover.kind != "theta")
+
     def at(self, theta: Mapping[str, float]) -> tuple[Column, ...]:
         """The columns with delays and knots at the values in `theta`; those it lacks stay where they were."""
         columns = list(self.columns)
