@@ -36,8 +36,8 @@ class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
     `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
-    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the
-    fall of the whitened rates' squares.
+    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over,
+    `in_rates` the fall of the whitened rates' squares.
     """
 
     name: str
@@ -53,7 +53,9 @@ class Candidate:
 
 
 def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
-    """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds none."""
+    """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds
+    none.
+    """
     fits = _on_grid(task, mechanism)
     return candidate_of(task, null, _least(fits), mechanism.name, "mechanism") if fits else None
 
@@ -61,7 +63,8 @@ def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) ->
 def refine_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
     """The same with knots and delays refined: the best fit of each number of columns.
 
-    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow chance.
+    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow
+    chance.
     """
     refined = [_refined(task, _least(fits), mechanism) for fits in _by_size(_on_grid(task, mechanism))]
     errors = [_left_out(task, fit) for fit in refined]
@@ -70,9 +73,12 @@ def refine_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism)
 
 
 def refine_again(task: TraceTask, null: HypothesisFit, candidate: Candidate) -> Candidate:
-    """The candidate with knots and delays refined once more, or as the exact search finds it, if that is better."""
+    """The candidate with knots and delays refined once more, or as the exact search finds it, if that is
+    better.
+    """
     mechanism = candidate.fit.mechanisms[0]
-    rivals = [candidate.fit, _refined(task, candidate.fit, mechanism), fit_hypothesis(task, candidate.name, (mechanism,))]
+    searched = fit_hypothesis(task, candidate.name, (mechanism,))
+    rivals = [candidate.fit, _refined(task, candidate.fit, mechanism), searched]
     errors = [_left_out(task, fit) for fit in rivals]
     sound = [fit for fit, error in zip(rivals, errors, strict=True) if error <= _SOUND * min(errors)]
     return candidate_of(task, null, _least(sound), candidate.name, candidate.kind)
@@ -99,7 +105,12 @@ def _refined(task: TraceTask, fit: HypothesisFit, mechanism: Mechanism) -> Hypot
     nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, task.knots)
     fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
     found = refine(
-        fit.columns, nonlinear, fresh, lambda columns: task.design(frame, columns), task.response, task.samples
+        fit.columns,
+        nonlinear,
+        fresh,
+        lambda columns: task.design(frame, columns),
+        task.response,
+        task.samples,
     )
     return replace(
         fit,
@@ -119,7 +130,7 @@ def try_record_effect(
     `variants` map the history of each component to its units.
     """
     searched = sum(len(names) for _, names in variants)
-    found = []
+    found: list[tuple[HypothesisFit, RecordEffect]] = []
     for effect, names in variants:
         bounds = {
             name: _LARGEST * size for name, (_, _, size) in zip(names, effect.components(), strict=True)
@@ -204,7 +215,9 @@ def _least(fits: Sequence[HypothesisFit]) -> HypothesisFit:
 
 
 def _plausible(fit: HypothesisFit, bounds: Mapping[str, float]) -> bool:
-    """Whether no component is larger than an instrument or the wind can be: the record would explain itself away."""
+    """Whether no component is larger than an instrument or the wind can be: the record would explain itself
+    away.
+    """
     values = fit.values[fit.baseline_size :]
     return all(abs(value) <= bounds[column.term] for column, value in zip(fit.selected, values, strict=True))
 
@@ -238,6 +251,7 @@ def solved(
 def candidate_of(
     task: TraceTask, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind
 ) -> Candidate:
+    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves."""
     extra = fit.parameters - null.parameters
     left = fit.samples - fit.parameters
     f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / left)
@@ -310,4 +324,4 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
 
 
 def _cosine(a: FloatArray, b: FloatArray) -> float:
-    return float(a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-300))
+    return float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)

@@ -1,7 +1,7 @@
 """The two channels that a residual has: the rates of Eq. 2.3, and the specific force across the axis.
 
-Moments show in the rates. Instruments and wind show in both, so both are regressed together; each is divided by the
-noise that a rich model leaves in it.
+Moments show in the rates. Instruments and wind show in both, so both are regressed together; each is
+divided by the noise that a rich model leaves in it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ class Noise:
 
 @dataclass(frozen=True)
 class Rows:
-    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force m/s^2."""
+    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force
+    m/s^2.
+    """
 
     rates: ComplexArray
     force: ComplexArray
@@ -47,9 +49,9 @@ class Rows:
 class Part:
     """Some stretches of a flight.
 
-    `rows` are indices into the frame's rows, `samples` into the flight's arrays, `seen` where the force may be used (all
-    of one length). `pieces` are the ranges that are contiguous in time; `levels` the ranges that share one
-    constant of integration.
+    `rows` are indices into the frame's rows, `samples` into the flight's arrays, `seen` where the force may
+    be used (all of one length). `pieces` are the ranges that are contiguous in time; `levels` the ranges
+    that share one constant of integration.
     """
 
     rows: IntArray
@@ -59,7 +61,9 @@ class Part:
     levels: tuple[Piece, ...]
 
     def whitened(self, rows: Rows, noise: Noise) -> FloatArray:
-        """Both channels at unit noise: (4 thinned rows, columns), rates first, then force; real before imaginary."""
+        """Both channels at unit noise: (4 thinned rows, columns), rates first, then force; real before
+        imaginary.
+        """
         return np.concatenate([self.white_rates(rows.rates, noise), self.white_force(rows.force, noise)])
 
     def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
@@ -107,8 +111,8 @@ def _columns(values: ComplexArray) -> ComplexArray:
 def split(frame: RateFrame, seen: BoolArray, blocks: int) -> tuple[Part, Part]:
     """The part that is fitted and the part that is held out: every fourth of `blocks` even stretches of time.
 
-    The rates on both sides of a held-out stretch share a constant of integration: what the model says of the moments
-    between is felt, the samples between are not. Held-out stretches have a constant each.
+    The rates on both sides of a held-out stretch share a constant of integration: what the model says of
+    the moments between is felt, the samples between are not. Held-out stretches have a constant each.
     """
     time = frame.reconstructions[0].flight.time
     edges = np.linspace(time[0], time[-1], blocks + 1)

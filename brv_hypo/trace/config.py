@@ -10,10 +10,11 @@ from brv_hypo.motion.reconstruction import Method
 class TraceConfig(BaseModel):
     """Settings of `trace`.
 
-    `start`: hypothesis that the model holds from the start, as in `compare` ('none', 'lag+trim', a mechanism file).
-    `effects`: the effects to try; None tries all that are installed. `discover`: search the dictionary of generic
-    terms too. `blocks`: parts that the record is cut into; every fourth is held out. `max_steps`: effects that may
-    be added. `significance`: adjusted p-value below which an effect counts. `knot_count`, `max_terms`: as in `compare`.
+    `start`: hypothesis that the model holds from the start, as in `compare` ('none', 'lag+trim', a
+    mechanism file). `effects`: the effects to try; None tries all that are installed. `discover`: search
+    the dictionary of generic terms too. `blocks`: parts that the record is cut into; every fourth is held
+    out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an effect
+    counts. `knot_count`, `max_terms`: as in `compare`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

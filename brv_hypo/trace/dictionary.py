@@ -1,18 +1,21 @@
 """Generic terms for what no plugin describes, and the words that an analyst uses for them.
 
-An entry is one vector or one scalar: terms that enter together. Entries with a position (a rate of turning, a Mach number) are
-laid on a grid and can be moved.
+An entry is one vector or one scalar: terms that enter together. Entries with a position (a rate of turning,
+a Mach number) are laid on a grid and can be moved.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn
 from brv_hypo.motion.motion import Motion
+
+Wave = Literal["cos", "sin"]
 
 _TURNS = 160
 _STEPS = 14
@@ -94,12 +97,13 @@ def _harmonics() -> list[Entry]:
                         ),
                         units="1/rad" if power else "1",
                     )
-                    for function in _WAVES
+                    for function in WAVES
                 )
                 side = "in-plane" if axis == "in_plane" else "out-of-plane"
                 found.append(
                     Entry(
-                        f"an {side} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}",
+                        f"an {side} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian"
+                        f"{_POWER[power]}",
                         terms,
                     )
                 )
@@ -107,7 +111,7 @@ def _harmonics() -> list[Entry]:
 
 
 _PLANE: tuple[Axis, Axis] = ("in_plane", "out_of_plane")
-_WAVES = ("cos", "sin")
+WAVES: tuple[Wave, Wave] = ("cos", "sin")
 
 
 def _powers() -> list[Entry]:

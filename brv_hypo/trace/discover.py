@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,9 +33,11 @@ class Discovery:
 
 
 def discover(task: TraceTask, null: HypothesisFit, name: str, most: int) -> Discovery | None:
-    """The best description of at most `most` entries of the dictionary beside the model; None if there is none.
+    """The best description of at most `most` entries of the dictionary beside the model; None if there is
+    none.
 
-    Entries are screened one after another, moved to their best places, and the best subset of each size is found exactly.
+    Entries are screened one after another, moved to their best places, and the best subset of each size is
+    found exactly.
     """
     dictionary = entries(task.frame.motions[0])
     response, basis = task.response, np.linalg.qr(task.design(task.frame, task.baseline))[0]
@@ -69,10 +72,10 @@ def _subsets(task: TraceTask, chosen: Sequence[Entry], most: int) -> list[tuple[
     frame, columns = _columns(task, chosen)
     base = task.design(task.frame, task.baseline)
     rows = np.column_stack([base, task.design(frame, [c for group in columns for c in group]), task.response])
-    small = np.linalg.qr(rows, mode="r")
+    small = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
     size = base.shape[1]
     ends = np.cumsum([size, *(len(group) for group in columns)])
-    groups = tuple(tuple(range(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    groups = tuple(tuple(range(a, b)) for a, b in itertools.pairwise(ends))
     widest = max(len(group) for group in groups)
     result = best_subsets(
         small[:, :-1],
@@ -125,7 +128,7 @@ def _free(task: TraceTask, chosen: Sequence[Entry], basis: FloatArray) -> list[F
     spent = np.linalg.norm(free, axis=0) < 1e-4 * np.linalg.norm(design, axis=0)
     free[:, spent] = 0.0
     ends = np.cumsum([0, *(len(group) for group in groups)])
-    return [free[:, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [free[:, a:b] for a, b in itertools.pairwise(ends)]
 
 
 def _gain(columns: FloatArray, left: FloatArray) -> float:

@@ -31,6 +31,8 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     p_value = _whiteness(look)
     channels = _channels(look, body)
     worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
+    measured = _by_region(time, reconstruction.moments.body, usable)
+    relative = _worst_region(time, _by_region(time, body, usable) / np.maximum(measured, 1e-300))
     frequency = _dominant(body, usable, float(np.median(np.diff(time))))
     return Residual(
         rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
@@ -40,7 +42,9 @@ def find(look: Look, left: ResidualMoments) -> Residual:
             np.concatenate([body[usable].real, body[usable].imag]), np.tile(sigma[usable], 2)
         ),
         worst_channel=worst,
-        worst_region_s=_worst_region(time, body, sigma, usable),
+        worst_region_s=_worst_region(time, _by_region(time, body, usable))[0],
+        worst_share_region_s=relative[0],
+        worst_share=float(np.sqrt(relative[1])),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(look, frequency),
         correlations=_correlations(look, channels, usable),
@@ -48,7 +52,9 @@ def find(look: Look, left: ResidualMoments) -> Residual:
 
 
 def _whiteness(look: Look) -> float:
-    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
+    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise,
+    doubled.
+    """
     left = residual(look.task, look.null.frame, look.null.columns)
     pieces = remove_levels(left.rates, look.seen.fitted.pieces, white())
     parts = [channel for piece in pieces for channel in (piece.real, piece.imag)]
@@ -74,25 +80,27 @@ def _excess(values: FloatArray, sigma: FloatArray) -> float:
     return float(np.mean(values**2) / np.mean(sigma**2))
 
 
-def _worst_region(
-    time: FloatArray, body: ComplexArray, sigma: FloatArray, usable: BoolArray
-) -> tuple[float, float]:
-    """The stretch around the sixteenth of the record with the largest residual where it stays above half of that."""
-    edges = np.linspace(time[0], time[-1], _REGIONS + 1)
-    which = np.clip(np.searchsorted(edges, time, side="right") - 1, 0, _REGIONS - 1)
-    size = np.array(
+def _by_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> FloatArray:
+    """Mean square in each sixteenth of the record."""
+    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * _REGIONS).astype(int), 0, _REGIONS - 1)
+    return np.array(
         [
             np.mean(np.abs(body[inside]) ** 2) if (inside := (which == k) & usable).any() else 0.0
             for k in range(_REGIONS)
         ]
     )
+
+
+def _worst_region(time: FloatArray, size: FloatArray) -> tuple[tuple[float, float], float]:
+    """The stretch around the largest of the regions' sizes in which they stay above half of it; that size."""
+    edges = np.linspace(time[0], time[-1], _REGIONS + 1)
     worst = int(np.argmax(size))
     first = last = worst
     while first > 0 and size[first - 1] > 0.5 * size[worst]:
         first -= 1
     while last < _REGIONS - 1 and size[last + 1] > 0.5 * size[worst]:
         last += 1
-    return float(edges[first]), float(edges[last + 1])
+    return (float(edges[first]), float(edges[last + 1])), float(size[worst])
 
 
 def _dominant(body: ComplexArray, usable: BoolArray, step: float) -> float:

@@ -37,8 +37,9 @@ class Prediction:
 def score(task: TraceTask, held_out: Part, before: HypothesisFit, after: HypothesisFit) -> float:
     """Fall of the held-out squared error in both channels, in standard errors.
 
-    The difference of two predictions d and the later residual e give it: sum of d^2 + 2 e d, whose noise is that of the second
-    part alone; it is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
+    The difference of two predictions d and the later residual e give it: sum of d^2 + 2 e d, whose noise is
+    that of the second part alone; it is summed over clusters of neighbours (White, Econometrica 48:817,
+    1980).
     """
     first, second = (_held_out_residual(task, held_out, fit) for fit in (before, after))
     gain = first**2 - second**2
@@ -74,12 +75,16 @@ class ResidualMoments:
 
 
 def residual_moments(
-    frame: RateFrame, record: InertialRecord, columns: tuple[Column, ...], values: FloatArray, others: ComplexArray
+    frame: RateFrame,
+    record: InertialRecord,
+    columns: tuple[Column, ...],
+    values: FloatArray,
+    others: ComplexArray,
 ) -> ResidualMoments:
     """Moments from what the columns, and `others` (n,) rad/s, leave of the rates.
 
-    The filter that differentiates the rates acts on measurement and model alike, so that it rounds no corner of the
-    one that the other keeps.
+    The filter that differentiates the rates acts on measurement and model alike, so that it rounds no
+    corner of the one that the other keeps.
     """
     left = frame.observed - frame.columns(columns) @ values
     left = left - np.concatenate([others[segment.rows] for segment in frame.segments])

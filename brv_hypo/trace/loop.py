@@ -1,4 +1,6 @@
-"""`trace`: find the residual, trace it to an effect, add that effect, and again, until nothing is left to explain."""
+"""`trace`: find the residual, trace it to an effect, add that effect, and again, until nothing is left to
+explain.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progre
             stopped = turn.reason
             break
     assert first is not None
-    end = Ending(state.seen, state.model, state.values, state.noise, state.left, tuple(steps), stopped, discovery)
+    end = Ending(
+        state.seen, state.model, state.values, state.noise, state.left, tuple(steps), stopped, discovery
+    )
     return summary(flight, first.left, end, clock.perf_counter() - begun)
 
 
@@ -114,7 +118,9 @@ class State:
 
 @dataclass(frozen=True)
 class Tried:
-    """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean squares."""
+    """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean
+    squares.
+    """
 
     state: State
     score: float
@@ -124,7 +130,9 @@ class Tried:
 
 @dataclass(frozen=True)
 class Choice:
-    """The effect that counts, if any; what came of trying it; the model with it, where the held-out part agrees."""
+    """The effect that counts, if any; what came of trying it; the model with it, where the held-out part
+    agrees.
+    """
 
     ranked: tuple[Candidate, ...]
     discovery: Discovery | None
@@ -202,7 +210,8 @@ class _Course:
     def _choice(self, here: Look, state: State, discovery: Discovery | None) -> Choice:
         """The best effect that counts and shows in the moments, tried on the held-out part.
 
-        An effect that the specific force shows and the moments do not is named, but it cannot lower their error.
+        An effect that the specific force shows and the moments do not is named, but it cannot lower their
+        error.
         """
         ranked = tuple(_ranked(here.candidates, discovery))
         chances = adjusted(ranked)

@@ -1,9 +1,10 @@
 """How the residual answers to a change of the record, or of where the motion starts.
 
-The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces, gravity and
-wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the random walk of the gyros'
-noise) enters the regression as unknowns with their priors, so that the answer to a perturbation is that of the whole
-estimate, to first order: an effect cannot hide in the motion, nor the motion's errors pose as an effect.
+The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces,
+gravity and wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the
+random walk of the gyros' noise) enters the regression as unknowns with their priors, so that the answer to
+a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the
+motion's errors pose as an effect.
 """
 
 from __future__ import annotations
@@ -78,7 +79,9 @@ class Situation:
         return self._residual(self.record, self.crossflow)
 
     def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
-        """Derivative of the residual (n,) by one component of a record effect; central differences of +-`size`."""
+        """Derivative of the residual (n,) by one component of a record effect; central differences of
+        +-`size`.
+        """
         flight = self.record.flight
         ends = [
             self._propagated(
@@ -91,8 +94,9 @@ class Situation:
     def unknowns_of_motion(self, modes: int) -> tuple[list[Rows], FloatArray]:
         """Derivatives by what the reconstruction estimates, and its present values in units of their prior.
 
-        Direction of the velocity at the start (two, no prior), gravity (three, no prior), and twice `modes` sines
-        of the random walk that the gyros' white noise makes of the attitude (Karhunen-Loeve; prior 1).
+        Direction of the velocity at the start (two, no prior), gravity (three, no prior), and twice `modes`
+        sines of the random walk that the gyros' white noise makes of the attitude (Karhunen-Loeve; prior
+        1).
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
         starts = [
@@ -241,7 +245,9 @@ def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
 
 
 def _walk_modes(record: InertialRecord, count: int) -> FloatArray:
-    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-Loeve)."""
+    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
+    Loeve).
+    """
     duration = record.time[-1]
     size = record.gyro_sigma * np.sqrt(duration * record.flight.step)
     order = np.pi * (np.arange(count) + 0.5)

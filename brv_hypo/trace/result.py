@@ -30,9 +30,11 @@ class Correlation(_Result):
 class Residual(_Result):
     """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst.
 
-    `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise. `noise_ratio`: mean square
-    of the residual moments over that of their noise. `worst_region_s` s; `dominant_frequency_hz` of the residual in body
-    axes, positive in the sense from y to z.
+    `worst_share` is the residual's rms over that of the measured moments, in the region where that is largest.
+
+    `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
+    `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
+    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z.
     """
 
     rms: float
@@ -41,13 +43,17 @@ class Residual(_Result):
     noise_ratio: float
     worst_channel: str
     worst_region_s: Interval
+    worst_share_region_s: Interval
+    worst_share: float
     dominant_frequency_hz: float
     dominant_frequency_is: str
     correlations: tuple[Correlation, ...] = ()
 
 
 class TriedCandidate(_Result):
-    """One effect as tried: `explains` is the share of the squared residual on stretches left out of its fit."""
+    """One effect as tried: `explains` is the share of the squared residual on stretches left out of its
+    fit.
+    """
 
     effect: str
     kind: Kind
@@ -67,8 +73,8 @@ class Errors(_Result):
 class Step(_Result):
     """One turn of the loop. `look_alikes` are what this flight cannot tell from the first candidate.
 
-    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks; `held_out_score` the fall of the
-    held-out error in both channels in its standard errors.
+    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
+    `held_out_score` the fall of the held-out error in both channels in its standard errors.
     """
 
     step: int

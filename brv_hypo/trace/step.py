@@ -35,7 +35,7 @@ from brv_hypo.trace.channels import Noise, Part, Rows, part, split
 from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.discover import Discovery, discover
 from brv_hypo.trace.response import ForceModel, Situation, start_of
-from brv_hypo.trace.task import TraceTask, build_task, unknowns, with_efficiency, with_less_noise, plain_task
+from brv_hypo.trace.task import TraceTask, build_task, plain_task, unknowns, with_efficiency, with_less_noise
 
 _OUTLIER = 6.0
 _WORTH_REFINING = 0.4
@@ -167,7 +167,9 @@ def start_columns(
 def bare_task(seen: Seen, model: Model, values: FloatArray, noise: Noise) -> TraceTask:
     """The regression of a model alone, under a noise that is known."""
     situation = _situation(seen, model, values)
-    fixed = unknowns(situation, {a.name: situation.effect(a.effect, a.component, a.size) for a in model.applied})
+    fixed = unknowns(
+        situation, {a.name: situation.effect(a.effect, a.component, a.size) for a in model.applied}
+    )
     return plain_task(situation, seen.frame, seen.fitted, fixed, {}, noise)
 
 

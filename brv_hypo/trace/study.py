@@ -1,7 +1,7 @@
 """How often the loop names what was planted: `python -m brv_hypo.trace.study --help`.
 
-Flights of several vehicles, each with one undeclared effect at 3 to 10 times its detection limit, two at once, none, or
-one that no plugin describes. The truth is used to count only, never by the loop.
+Flights of several vehicles, each with one undeclared effect at 3 to 10 times its detection limit, two at
+once, none, or one that no plugin describes. The truth is used to count only, never by the loop.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ import json
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
+from pydantic import TypeAdapter
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.design.columns import Column
@@ -28,6 +29,7 @@ from brv_hypo.ranking.noise import baseline_columns
 from brv_hypo.simulate import load_config, simulate
 from brv_hypo.simulate.config import SimulationConfig
 from brv_hypo.trace.config import TraceConfig
+from brv_hypo.trace.dictionary import WAVES
 from brv_hypo.trace.loop import trace
 from brv_hypo.trace.result import Trace
 from brv_hypo.trace.step import Look, look, see, start_model
@@ -36,8 +38,15 @@ from brv_hypo.trace.task import given_column
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
 AERODYNAMIC = (
-    "magnus", "cubic_stiffness", "stiffness_asymmetry", "trim", "dynamic_imbalance",
-    "mach_stiffness", "reynolds_stiffness", "mach_damping", "reynolds_damping",
+    "magnus",
+    "cubic_stiffness",
+    "stiffness_asymmetry",
+    "trim",
+    "dynamic_imbalance",
+    "mach_stiffness",
+    "reynolds_stiffness",
+    "mach_damping",
+    "reynolds_damping",
 )
 RECORD = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale", "accel_position", "time_skew", "wind_step")
 UNNAMED = ("turning_moment", "third_harmonic", "mach_step")
@@ -110,7 +119,8 @@ def run(case: Case) -> Outcome:
         look_alikes=tuple(dict.fromkeys(name for step in result.steps for name in step.look_alikes)),
         added=result.added,
         stopped=result.stopped,
-        held_out=last.error_before.held_out if last.added is None or last.error_after is None
+        held_out=last.error_before.held_out
+        if last.added is None or last.error_after is None
         else last.error_after.held_out,
         noise_floor=result.noise_floor,
         sizes=sizes,
@@ -129,7 +139,9 @@ def _named(step: Any) -> str | None:
 
 
 def planted(case: Case) -> tuple[SimulationConfig, tuple[str, ...]]:
-    """The configuration of a case, its effects at 3 to 10 times their detection limits, and their sizes in words."""
+    """The configuration of a case, its effects at 3 to 10 times their detection limits, and their sizes in
+    words.
+    """
     draw = np.random.default_rng([case.seed, *(ord(letter) for letter in case.key)])
     config = load_config(case.vehicle)
     data = config.model_dump()
@@ -152,11 +164,11 @@ def _clean_look(config: SimulationConfig, seed: int) -> Look:
     model = start_model(flight, ())
     seen = see(flight, model, settings)
     columns = baseline_columns(seen.frame)
-    from dataclasses import replace
-
     values = seen.values(seen.fitted, columns, seen.first_noise(columns))
     rich = mechanisms("mechanism") + mechanisms("aerodynamic")
-    return look(seen, replace(model, columns=columns), values, (), record_effects(), rich, settings, most_generic=0)
+    return look(
+        seen, replace(model, columns=columns), values, (), record_effects(), rich, settings, most_generic=0
+    )
 
 
 def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> str:
@@ -183,7 +195,9 @@ def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np
 
 
 def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str, Any]:
-    """An aerodynamic effect of unit size: one direction of its terms, at random; the first power of a course."""
+    """An aerodynamic effect of unit size: one direction of its terms, at random; the first power of a
+    course.
+    """
     if effect in UNNAMED:
         return {"mechanism": _unnamed_file(effect, here), "terms": {"a": 1.0, "b": 0.7}, "kind": "constant"}
     mechanism = find(effect)
@@ -191,7 +205,11 @@ def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str
     if not mechanism.terms_enter_together:
         return {"mechanism": effect, "terms": {names[0]: float(draw.choice([-1.0, 1.0]))}, "kind": "constant"}
     angle = float(draw.uniform(0.0, 2.0 * np.pi))
-    return {"mechanism": effect, "terms": {names[0]: np.cos(angle), names[1]: np.sin(angle)}, "kind": "constant"}
+    return {
+        "mechanism": effect,
+        "terms": {names[0]: np.cos(angle), names[1]: np.sin(angle)},
+        "kind": "constant",
+    }
 
 
 def _unnamed_file(effect: str, here: Look) -> str:
@@ -204,12 +222,16 @@ def _unnamed_file(effect: str, here: Look) -> str:
             FiledTerm(name="b", axis="body_z", turn=Turn(of="time", rate=5.0)),
         ),
         "third_harmonic": tuple(
-            FiledTerm(name=name, axis="in_plane", factors=(Factor(of="windward_meridian", function=wave, rate=3.0),))
-            for name, wave in (("a", "cos"), ("b", "sin"))
+            FiledTerm(
+                name=name, axis="in_plane", factors=(Factor(of="windward_meridian", function=wave, rate=3.0),)
+            )
+            for name, wave in zip(("a", "b"), WAVES, strict=True)
         ),
         "mach_step": tuple(
             FiledTerm(
-                name=name, axis="in_plane", units="1/rad",
+                name=name,
+                axis="in_plane",
+                units="1/rad",
                 factors=(alpha, Factor(of="mach", function="step", at=float(np.quantile(motion.mach, at)))),
             )
             for name, at in (("a", 0.5), ("b", 1.0))
@@ -255,14 +277,18 @@ def _free_length(here: Look, column: FloatArray) -> float:
     return float(np.linalg.norm(column - basis @ (basis.T @ column)))
 
 
-def _plant_record(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> str:
+def _plant_record(
+    data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator
+) -> str:
     """Plant an error of one component of an instrument, or a step of the wind."""
     limits = {}
     for name, component in here.components.items():
         if name.split(" ")[0] == effect:
             column = here.task.design(here.task.frame, [given_column(name)])[:, 0]
             limits[name] = (component, _LIMIT / max(_free_length(here, column), 1e-12))
-    sizes = {component: size for e in record_effects() if e.name == effect for component, _, size in e.components()}
+    sizes = {
+        component: size for e in record_effects() if e.name == effect for component, _, size in e.components()
+    }
     fit = [name for name, (component, limit) in limits.items() if times * limit < 15.0 * sizes[component]]
     name = str(draw.choice(fit or [min(limits, key=lambda n: limits[n][1] / sizes[limits[n][0]])]))
     component, limit = limits[name]
@@ -289,7 +315,9 @@ def _plant_record(data: dict[str, Any], effect: str, here: Look, times: float, d
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """One line for each planted combination: flights, first named, stated look-alike, held-out error, additions."""
+    """One line for each planted combination: flights, first named, stated look-alike, held-out error,
+    additions.
+    """
     lines = ["effect                flights  first  alike  found all  added any  within 20 % of noise"]
     for name in dict.fromkeys("+".join(o.effects) or "none" for o in outcomes):
         own = [o for o in outcomes if ("+".join(o.effects) or "none") == name]
@@ -303,11 +331,17 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m brv_hypo.trace.study", description=__doc__.split("\n")[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("trace_study.jsonl"), help="results, appended to")
+    parser = argparse.ArgumentParser(
+        prog="python -m brv_hypo.trace.study", description=__doc__.split("\n")[0]
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("trace_study.jsonl"), help="results, appended to"
+    )
     parser.add_argument("--flights", type=int, default=21, help="flights for each effect")
     parser.add_argument("--short", action="store_true", help="three flights for each effect, one a vehicle")
-    parser.add_argument("--effects", default=None, help="comma-separated; a plus joins two; none plants nothing")
+    parser.add_argument(
+        "--effects", default=None, help="comma-separated; a plus joins two; none plants nothing"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     return parser.parse_args(arguments)
@@ -324,17 +358,21 @@ def _cases(options: argparse.Namespace) -> list[Case]:
 
 
 def _pairs() -> list[str]:
-    return ["trim+magnus", "bodyfixed+gyro_scale", "cubic_stiffness+wind_step", "lag+trim", "damping+stiffness_asymmetry"]
+    return [
+        "trim+magnus",
+        "bodyfixed+gyro_scale",
+        "cubic_stiffness+wind_step",
+        "lag+trim",
+        "damping+stiffness_asymmetry",
+    ]
 
 
 def _read(path: Path) -> dict[str, Outcome]:
     if not path.exists():
         return {}
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        content = {key: tuple(value) if isinstance(value, list) else value for key, value in json.loads(line).items()}
-        found[content["key"]] = Outcome(**content)
-    return found
+    lines = path.read_text(encoding="utf-8").splitlines()
+    outcomes = [TypeAdapter(Outcome).validate_json(line) for line in lines]
+    return {outcome.key: outcome for outcome in outcomes}
 
 
 if __name__ == "__main__":

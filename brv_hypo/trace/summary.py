@@ -118,13 +118,16 @@ def _unexplained(residual: Residual) -> str | None:
     if residual.white:
         return None
     start, stop = residual.worst_region_s
+    first, last = residual.worst_share_region_s
     went = "".join(
         f"; {c.moment} goes with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
     )
     return (
-        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.1f} times the noise of the moments; it is "
-        f"largest in {residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at {residual.dominant_frequency_hz:.3g} Hz "
-        f"({residual.dominant_frequency_is}){went}."
+        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.1f} times the noise of the "
+        f"moments; it is largest in {residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
+        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; against the moment "
+        f"that was flown it is largest from {first:.2f} to {last:.2f} s, {100.0 * residual.worst_share:.0f} % of "
+        "its rms there."
     )
 
 
@@ -145,9 +148,9 @@ def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
     drag = _drag_spread(flight)
     if drag is not None and drag < 0.1:
         found.append(
-            f"dynamic pressure keeps a fixed proportion to the axial force within {100.0 * drag:.0f} %: where it was derived from "
-            "drag, its errors are those of the assumed drag coefficient, and a stiffness that changes along the flight may in part "
-            "be that coefficient's change"
+            f"dynamic pressure keeps a fixed proportion to the axial force within {100.0 * drag:.0f} %: where it was "
+            "derived from drag, its errors are those of the assumed drag coefficient, and a stiffness that changes "
+            "along the flight may in part be that coefficient's change"
         )
     return tuple(dict.fromkeys(found))
 

@@ -1,7 +1,8 @@
 """The regression of one step: moments, force, motion and record together, as a task of the ranking's fits.
 
-The rows of `TraceTask` are the whitened rates, the whitened force, and one for each prior. Columns that are not
-functions of the motion (unknowns of the motion, the force model, record effects) are given as histories.
+The rows of `TraceTask` are the whitened rates, the whitened force, and one for each prior. Columns that are
+not functions of the motion (unknowns of the motion, the force model, record effects) are given as
+histories.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class Unknowns:
 class TraceTask(Task):
     """One step's regression on one part of the record.
 
-    `given` are histories over the whole flight, by name; `unknowns` name those that are fitted along always, and
-    are projected out of all rows; `prior` holds the present values of those that have one.
+    `given` are histories over the whole flight, by name; `unknowns` name those that are fitted along
+    always, and are projected out of all rows; `prior` holds the present values of those that have one.
     """
 
     part: Part
@@ -154,7 +155,12 @@ def unknowns(situation: Situation, record_columns: Mapping[str, Rows]) -> Unknow
 
 
 def plain_task(
-    situation: Situation, frame: RateFrame, part: Part, fixed: Unknowns, effects: Mapping[str, Rows], noise: Noise
+    situation: Situation,
+    frame: RateFrame,
+    part: Part,
+    fixed: Unknowns,
+    effects: Mapping[str, Rows],
+    noise: Noise,
 ) -> TraceTask:
     """The task of a model and its unknowns under a noise; `effects` are histories that may be asked for."""
     observed = Rows(situation.here.rates, situation.record.transverse_force)
@@ -219,7 +225,8 @@ def with_noise(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> 
 
 
 def with_less_noise(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> TraceTask:
-    """The task with the noise of these columns in each channel where they leave less than the task's own model did.
+    """The task with the noise of these columns in each channel where they leave less than the task's own
+    model did.
 
     Noise of a model that lacks something would hide what is lacking.
     """
