@@ -79,7 +79,8 @@ def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progre
         turn = course.turn(number, state)
         first = first or turn.before
         steps.append(turn.step)
-        discovery = turn.discovery or discovery
+        if turn.discovery is not None and (turn.after is not None or discovery is None):
+            discovery = turn.discovery
         state = turn.after or turn.before
         if turn.after is None:
             stopped = turn.reason
@@ -286,9 +287,14 @@ def _step(
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:
-    """The description in generic terms, where it is significant."""
+    """The description in generic terms, where it is significant and no name took its place."""
     found = choice.discovery
-    if found is None or adjusted(choice.ranked)[found.candidate.name] > significance:
+    if found is None:
+        return None
+    leader = choice.leader
+    if choice.taken and leader is not None and leader is not found.candidate:
+        return found if found.candidate.name in look_alikes(leader, choice.ranked) else None
+    if adjusted(choice.ranked)[found.candidate.name] > significance:
         return None
     return found
 
@@ -346,6 +352,10 @@ def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str
         return (sizes if when is None else f"{sizes} at {when:.3f} s") + where
     return ", ".join(
         f"{column.label} {value:.3g}"
-        + ("" if column.course.kind == "constant" else f" at {column.course.start:.2f} s")
+        + (
+            ""
+            if column.course.kind == "constant"
+            else f" at {max(column.course.start, float(here.seen.flight.time[0])):.2f} s"
+        )
         for column, value in zip(candidate.fit.selected, values, strict=True)
     )
