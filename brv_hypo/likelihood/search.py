@@ -42,7 +42,10 @@ _SETTLED_CHANGE = 1e-3
 """Relative change of a noise variance that counts as settled."""
 _SETTLED_MOVE = 0.05
 """The same for a process noise variance, in standard errors of its logarithm."""
-_NEAR = 1.0
+_CREEP = 0.1
+_CREEPING_STEPS = 3
+"""Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
+_NEAR = 0.3
 _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
@@ -87,7 +90,7 @@ class Outcome:
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     history: list[Progress] = []
-    penalty, blind = 0.0, _BLIND_STEPS
+    penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
 
     def ended(status: Status, message: str) -> Outcome:
         return Outcome(problem, iterate, status, message, tuple(history))
@@ -108,6 +111,9 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
                 return ended("stalled", _STALLED)
             blind -= 1
             following, fraction = moved(problem, iterate, step, 1.0), 1.0
+        creeping = creeping + 1 if fraction < _CREEP and step.length < 1.0 else 0
+        if creeping == _CREEPING_STEPS:
+            return ended("stalled", _STALLED)
         problem, iterate, noise_settled = _update_noise(problem, following, options)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
