@@ -82,22 +82,17 @@ def growth_exponent(timings: Sequence[Timing]) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    from rich.console import Console
-    from rich.table import Table
-
     parser = argparse.ArgumentParser(prog="python -m brv_hypo.likelihood.benchmark", description=__doc__)
     parser.add_argument("--repeats", type=int, default=9, help="fits of each problem")
     timings = run(parser.parse_args(arguments).repeats)
-    table = Table(
-        "problem", "samples", "wall, s", "best, s", "processor, s", "iterations", "status", "target, s"
-    )
+    print(f"{'problem':46}{'samples':>8}{'wall, s':>9}{'best, s':>9}{'cpu, s':>9}{'steps':>7}  status")
     for t in timings:
-        target = "" if t.target is None else f"{t.target:g} {'met' if t.wall < t.target else 'MISSED'}"
-        times = [f"{value:.3f}" for value in (t.wall, t.best, t.processor)]
-        table.add_row(t.name, str(t.samples), *times, str(t.iterations), t.status, target)
-    console = Console(width=120)
-    console.print(table)
-    console.print(f"processor time per iteration grows as samples^{growth_exponent(timings[-4:]):.2f}")
+        times = "".join(f"{value:9.3f}" for value in (t.wall, t.best, t.processor))
+        target = (
+            "" if t.target is None else f", target {t.target:g} s {'met' if t.wall < t.target else 'MISSED'}"
+        )
+        print(f"{t.name:46}{t.samples:8}{times}{t.iterations:7}  {t.status}{target}")
+    print(f"processor time per iteration grows as samples^{growth_exponent(timings[-4:]):.2f}")
 
 
 if __name__ == "__main__":

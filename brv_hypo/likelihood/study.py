@@ -228,8 +228,6 @@ _STUDIES: dict[str, Callable[[int, int, Callable[[str], None]], None]] = {
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the named studies, or all."""
-    from rich.console import Console
-
     parser = argparse.ArgumentParser(prog="python -m brv_hypo.likelihood.study", description=__doc__)
     parser.add_argument("studies", nargs="*", help=f"of {', '.join(_STUDIES)}; all where none is named")
     parser.add_argument("--trials", type=int, default=200)
@@ -238,9 +236,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     unknown = sorted(set(chosen.studies) - set(_STUDIES))
     if unknown:
         parser.error(f"unknown studies {unknown}; there are {list(_STUDIES)}")
-    console = Console(width=120, highlight=False)
     for name in chosen.studies or _STUDIES:
-        _STUDIES[name](chosen.trials, chosen.seed, console.print)
+        _STUDIES[name](chosen.trials, chosen.seed, print)
 
 
 if __name__ == "__main__":
