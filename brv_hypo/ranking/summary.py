@@ -49,7 +49,7 @@ def summarise(
             for fit, error in zip(fits, errors, strict=True)
         ]
     )
-    order = sorted(range(len(fits)), key=lambda i: -verdict.probability[fits[i].name])
+    order = sorted(range(len(fits)), key=lambda i: information[fits[i].name])
     ranking = tuple(
         _ranked(rank, fits[i], errors[i], criteria[i], errors[null], task).model_copy(
             update={
