@@ -55,7 +55,7 @@ angular acceleration that it makes per unit, in de-rolled axes: real and imagina
 rad/s^4."""
 FEWEST_NODES = 12
 LARGEST_BLOCK = 5
-NODES_IN_A_DELAY = 16
+NODES_IN_A_DELAY = 48
 """The cost of a step grows with the square of the nodes that a delay spans."""
 
 
