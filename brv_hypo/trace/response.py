@@ -32,6 +32,9 @@ from brv_hypo.trace.channels import Rows
 
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
+_FEWEST_MODES, _MOST_MODES = 10, 40
+# What the sines may leave of the random walk, in standard deviations of alpha.
+_LEFT_OUT = 0.8
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class Situation:
         ]
         return _difference(ends[0], ends[1], 2.0 * size)
 
-    def unknowns_of_motion(self, modes: int) -> tuple[list[Rows], FloatArray]:
+    def unknowns_of_motion(self) -> tuple[list[Rows], FloatArray]:
         """Derivatives by what the reconstruction estimates, and its present values in units of their prior.
 
         Direction of the velocity at the start (two, no prior), gravity (three, no prior), and twice `modes`
@@ -110,7 +113,7 @@ class Situation:
         ]
         direction = wind_direction(self.record, self.start)
         turn = wind_to_body(self.record, direction)
-        walk = _walk_modes(self.record, modes)
+        walk = _walk(self.record, walk_modes(self.record, self.reconstruction))
         for mode in walk.T:
             for part in (1.0, 1j):
                 moved = self.crossflow + part * turn * mode
@@ -182,6 +185,42 @@ class Situation:
         return np.asarray(self.crossflow * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
 
 
+def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
+    """How many sines stand for the random walk: what they leave of it is less than alpha's own uncertainty.
+
+    The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    """
+    size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
+    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
+    return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
+
+
+def without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
+    """The reconstruction with the slow part alone of what it lets the attitude wander.
+
+    The faster part follows the accelerometers' errors as they turn with the body; here those are hypotheses.
+    """
+    motion, start = reconstruction.motion, start_of(reconstruction)
+    direction = wind_direction(record, start)
+    turn, walk = wind_to_body(record, direction), _walk(record, walk_modes(record, reconstruction))
+    open_loop = body_crossflow(record, direction)
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
+    smooth = open_loop + turn * slow
+    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
+    xi_rate = xi * (growth - 1j * motion.windward_meridian_rate) + np.gradient(smooth - xi, motion.time)
+    alpha_rate, meridian_rate = angle_rates(smooth, xi_rate)
+    moved = replace(
+        motion,
+        alpha=angle_of_attack(smooth),
+        windward_meridian=_near(windward_meridian(smooth), motion.windward_meridian),
+        alpha_rate=alpha_rate,
+        windward_meridian_rate=meridian_rate,
+        history=None,
+    )
+    return replace(reconstruction, motion=recorded(moved))
+
+
 def start_of(reconstruction: Reconstruction) -> WindStart:
     """The direction of the velocity and gravity at the first sample, in its body axes."""
     motion = reconstruction.motion
@@ -244,7 +283,7 @@ def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
     return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
 
 
-def _walk_modes(record: InertialRecord, count: int) -> FloatArray:
+def _walk(record: InertialRecord, count: int) -> FloatArray:
     """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
     Loeve).
     """

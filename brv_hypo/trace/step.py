@@ -34,8 +34,15 @@ from brv_hypo.trace.candidates import (
 from brv_hypo.trace.channels import Noise, Part, Rows, part, split
 from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.discover import Discovery, discover
-from brv_hypo.trace.response import ForceModel, Situation, start_of
-from brv_hypo.trace.task import TraceTask, build_task, plain_task, unknowns, with_efficiency, with_less_noise
+from brv_hypo.trace.response import ForceModel, Situation, start_of, without_wander
+from brv_hypo.trace.task import (
+    TraceTask,
+    build_task,
+    plain_task,
+    unknowns,
+    with_efficiency,
+    with_less_noise,
+)
 
 _OUTLIER = 6.0
 _WORTH_REFINING = 0.4
@@ -133,7 +140,7 @@ def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
         flight = applied.effect.perturb(flight, applied.component, -applied.value)
     settings = ReconstructionConfig(method=config.method, gyro_bias_sigma=0.0, accel_bias_sigma=0.0)
     record = inertial_record(flight, settings)
-    reconstruction = reconstruct(flight, settings)
+    reconstruction = without_wander(record, reconstruct(flight, settings))
     frame = build_frame([reconstruction], list(model.mechanisms.values()))
     seen = _force_seen(record, reconstruction)
     fitted, held_out = split(frame, seen, config.blocks)

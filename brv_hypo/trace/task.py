@@ -28,7 +28,6 @@ from brv_hypo.trace.response import Situation, side_by_side
 
 GIVEN = "given"
 _OBSERVED = "observed"
-_WALK_MODES = 10
 _NOISE_ORDER = 12
 _PER_CYCLE = 10
 _FORCE = tuple(f"force {k}" for k in range(5))
@@ -140,7 +139,7 @@ def given_column(name: str, units: str = "1") -> Column:
 
 def unknowns(situation: Situation, record_columns: Mapping[str, Rows]) -> Unknowns:
     """The unknowns of the motion, the force model and the record effects that the model holds already."""
-    rows, present = situation.unknowns_of_motion(_WALK_MODES)
+    rows, present = situation.unknowns_of_motion()
     names = [f"motion {k}" for k in range(len(rows))]
     walk = names[len(names) - present.size :]
     record = situation.record
