@@ -177,7 +177,7 @@ class TestCompare:
         assert " ".join(done.stdout.split()) == compared[1]["verdict"]["reason"]
 
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "-v")
+        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping,lag", "-v")
         for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 

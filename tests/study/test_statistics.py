@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.ranking.verdict import probabilities
+from brv_hypo.ranking.verdict import TEMPERATURE, probabilities
 from brv_hypo.study import StudyConfig, summarise
 from brv_hypo.study.calibration import best_temperature, calibration, log_loss
 from brv_hypo.study.confusion import confusion, false_alarms
@@ -87,9 +87,9 @@ def test_the_best_temperature_is_the_one_that_the_truths_were_drawn_at(temperatu
 
 
 def test_calibrated_verdicts_fill_the_bins_at_their_own_probability():
-    found = calibration(drawn_from(2.0, 1500, seed=5))
+    found = calibration(drawn_from(TEMPERATURE, 1500, seed=5))
     assert sum(item.right.total for item in found.bins) == found.flights == 1500
-    assert found.temperature == 2.0
+    assert found.temperature == TEMPERATURE
     assert found.best_log_loss <= found.log_loss
     for item in found.bins:
         # 99.9 % limits of the share; the intervals themselves are at 95 %
