@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -65,11 +66,15 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
     task = prepare(reconstructions, hypotheses, config)
     say("estimating the noise")
     rough = replace(task, refine=False, max_terms=task.exact_terms)
-    task = settle_noise(task, [fit_hypothesis(rough, *hypothesis) for hypothesis in hypotheses.items()])
-    fits = []
-    for name, mechanisms in hypotheses.items():
-        say(f"fitting {name}")
-        fits.append(fit_hypothesis(task, name, mechanisms))
+    first = sorted(
+        (fit_hypothesis(rough, *each) for each in hypotheses.items()), key=lambda fit: fit.information
+    )
+    task = settle_noise(task, first)
+    fits: list[HypothesisFit] = []
+    for each in first:  # the likeliest first, so that searches without hope can end early
+        say(f"fitting {each.name}")
+        rival = min((fit.information for fit in fits), default=math.inf)
+        fits.append(fit_hypothesis(task, each.name, each.mechanisms, rival))
     say("searching again under the settled noise")
     task, fits = searched_again(settle_noise(task, fits), fits)
     say("predicting held-out blocks")

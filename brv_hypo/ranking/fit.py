@@ -20,6 +20,9 @@ from brv_hypo.ranking.task import Task
 PATIENCE = 2
 # How often the search on a model's own knots and thetas is repeated while it gains.
 NARROWINGS = 3
+# A hypothesis whose criterion stays this far behind another after so many sizes is not searched further.
+OUT_OF_REACH = 400.0
+SIZES_TRIED = 3
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class HypothesisFit:
     nonlinear: tuple[Nonlinear, ...] = ()
     covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     nonlinear_errors: tuple[float, ...] = ()
+    ended_early: bool = False
 
     @property
     def rss(self) -> float:
@@ -83,12 +87,15 @@ def extended_bic(
     return effective * math.log(max(rss, 1e-300) / samples) + parameters * math.log(effective) + 2.0 * choices
 
 
-def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> HypothesisFit:
+def fit_hypothesis(
+    task: Task, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
+) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
     The best subset of each size on the grid of knots and delays is refined, and so is the best model so far
     with the best further term; the least extended BIC after refinement decides. A last search runs on the
-    refined knots and delays alone. A hypothesis keeps at least one term.
+    refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early where it stays
+    far behind `best_rival`, the least criterion of the others so far.
     """
     frame = task.frame.with_mechanisms(mechanisms)
     if not mechanisms:
@@ -113,9 +120,12 @@ def fit_hypothesis(task: Task, name: str, mechanisms: tuple[Mechanism, ...]) -> 
         challenger = _least(starts)
         worse = 0 if best is None or challenger.information < best.information else worse + 1
         best = challenger if best is None else _least([best, challenger])
-        if worse == PATIENCE:
+        behind = size >= SIZES_TRIED and best.information > best_rival + OUT_OF_REACH
+        if worse == PATIENCE or behind:
             break
     assert best is not None
+    if best.information > best_rival + OUT_OF_REACH:
+        return replace(best, ended_early=True)
     for _ in range(NARROWINGS if task.refine else 0):
         narrower = _least([settle(chosen, chosen) for chosen in narrowed(task, best.frame, best.columns)])
         if narrower.information >= best.information:
@@ -128,6 +138,7 @@ def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:
     """The same columns fitted under the task's noise model, with their uncertainty."""
     known = frozenset(fit.selected)
     renewed = _settled(task, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched, known)
+    renewed = replace(renewed, ended_early=fit.ended_early)
     design = task.design(renewed.frame, renewed.columns)
     if renewed.nonlinear:
         slopes = prediction_slopes(

@@ -109,6 +109,7 @@ def _ranked(
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
         derived=_derived(fit),
         criteria=asdict(criteria),
+        notes=("its search ended early: it stayed far behind the leader",) if fit.ended_early else (),
         status="term limit" if len(fit.selected) >= task.max_terms else "ok",
     )
 
