@@ -70,18 +70,19 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
         (fit_hypothesis(rough, *each) for each in hypotheses.items()), key=lambda fit: fit.information
     )
     task = settle_noise(task, first)
+    likeliest = first[0]
+    task = settle_noise(task, [fit_hypothesis(task, likeliest.name, likeliest.mechanisms)])
     fits: list[HypothesisFit] = []
     for each in first:  # the likeliest first, so that searches without hope can end early
         say(f"fitting {each.name}")
         rival = min((fit.information for fit in fits), default=math.inf)
         fits.append(fit_hypothesis(task, each.name, each.mechanisms, rival))
-    say("searching again under the settled noise")
-    task, fits = searched_again(settle_noise(task, fits), fits)
+    task, fits = settled(task, fits, likeliest.name)
     say("predicting held-out blocks")
     errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
     criteria = criteria_of(task, fits, config.held_out_blocks)
     selected = clock.perf_counter()
-    identified = identify_standing(fits, config, say) if config.maximum_likelihood else {}
+    identified = identify_standing(fits, config, say) if config.maximum_likelihood != "none" else {}
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -133,12 +134,17 @@ def prepare(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses, c
     return Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.exact_terms, config.refine)
 
 
-def searched_again(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Task, list[HypothesisFit]]:
-    """The two leading mechanisms searched again under the task's noise; all fitted under what it leaves.
+def settled(task: Task, fits: Sequence[HypothesisFit], expected: str) -> tuple[Task, list[HypothesisFit]]:
+    """All hypotheses fitted under the noise that the leader leaves.
 
-    A noise model that took up part of a mechanism hides the mechanism's best knots and delays.
+    Where the leader is not the `expected` one, whose noise the search went by, the two leading mechanisms are searched
+    again: a noise model that took up part of a mechanism hides its best knots and delays.
     """
+    leader = min(fits, key=lambda fit: fit.information)
+    task = settle_noise(task, fits)
     known = [refit(task, fit) for fit in fits]
+    if leader.name == expected:
+        return task, known
     ordered = sorted((fit.information, fit.name) for fit in known if fit.mechanisms)[:2]
     close = {name for information, name in ordered if information <= ordered[0][0] + WITHIN_REACH}
     found = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -18,7 +18,8 @@ class CompareConfig(BaseModel):
     goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre degree of the
     slow drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots become continuous.
     `maximum_likelihood`: hypotheses that stand are refined on the original measurements, with those groups of
-    `instrument_errors` (such as gyro_bias) that the evidence asks for.
+    `instrument_errors` (such as gyro_bias) that the evidence asks for; "quick" leaves out hypotheses with delays, which
+    take several seconds each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -34,5 +35,5 @@ class CompareConfig(BaseModel):
     exact_terms: int = Field(default=4, ge=1, le=20)
     refine: bool = True
     held_out_blocks: int = Field(default=8, ge=2, le=50)
-    maximum_likelihood: bool = True
+    maximum_likelihood: Literal["quick", "full", "none"] = "quick"
     instrument_errors: tuple[str, ...] = ()

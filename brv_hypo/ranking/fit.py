@@ -18,6 +18,8 @@ from brv_hypo.ranking.task import Task
 
 # Sizes that may go by without a gain before the search over sizes ends.
 PATIENCE = 2
+# How many of a size's best subsets on the grid are refined.
+STARTS = 2
 # How often the search on a model's own knots and thetas is repeated while it gains.
 NARROWINGS = 3
 # A hypothesis whose criterion stays this far behind another after so many sizes is not searched further.
@@ -111,7 +113,9 @@ def fit_hypothesis(
     exact = [best_by_size(task, frame, family) for family in (offered.single, offered.joint)]
     for size in range(1, task.max_terms + 1):
         distinct = dict.fromkeys(columns for family in exact for columns in family.get(size, []))
-        starts = [settle(columns) for columns in distinct]
+        grid = [_solved(task, frame, name, mechanisms, (*task.baseline, *c), searched) for c in distinct]
+        grid.sort(key=lambda fit: fit.rss)
+        starts = [settle(fit.selected) for fit in grid[:STARTS]]
         if best is not None:
             further = extended(task, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])

@@ -11,7 +11,7 @@ from brv_hypo.ranking.verdict import STANDING_PROBABILITY, probabilities
 
 CONVERGED = "converged"
 # Starting from a good regression the likelihood converges in a few iterations or not at all.
-MOST_ITERATIONS = 10
+MOST_ITERATIONS = 4
 MOST_HYPOTHESES = 2
 
 
@@ -25,9 +25,16 @@ def identify_standing(
     options = IdentificationConfig(candidates=config.instrument_errors, max_iterations=MOST_ITERATIONS)
     found = {}
     for fit in standing[:MOST_HYPOTHESES]:
+        if config.maximum_likelihood == "quick" and has_delay(fit):
+            continue
         say(f"maximum likelihood of {fit.name}")
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, options)
     return found
+
+
+def has_delay(fit: HypothesisFit) -> bool:
+    """Whether a selected term looks into the past: its likelihood takes several seconds."""
+    return any(column.delay is not None for column in fit.selected)
 
 
 def informations(

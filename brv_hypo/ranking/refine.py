@@ -121,7 +121,7 @@ def _scan(
     fresh: frozenset[int],
     design_of: DesignOf,
     response: FloatArray,
-    points: int = 9,
+    points: int = 7,
 ) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...]]:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     settled = []

@@ -13,7 +13,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.heldout import HeldOut, measured_moments
-from brv_hypo.ranking.likelihood import informations
+from brv_hypo.ranking.likelihood import has_delay, informations
 from brv_hypo.ranking.result import (
     BaselineSummary,
     Comparison,
@@ -109,7 +109,7 @@ def _ranked(
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
         derived=_derived(fit),
         criteria=asdict(criteria),
-        notes=("its search ended early: it stayed far behind the leader",) if fit.ended_early else (),
+        notes=_notes(fit),
         status="term limit" if len(fit.selected) >= task.max_terms else "ok",
     )
 
@@ -136,6 +136,15 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
                 delay_s=column.delay,
             )
         )
+    return tuple(found)
+
+
+def _notes(fit: HypothesisFit) -> tuple[str, ...]:
+    found = []
+    if fit.ended_early:
+        found.append("its search ended early: it stayed far behind the leader")
+    if has_delay(fit):
+        found.append("ranked by regression: its likelihood is left out unless maximum_likelihood is full")
     return tuple(found)
 
 

@@ -126,3 +126,24 @@ def test_gaps_cost_samples_but_not_the_verdict() -> None:
     comparison = compare([cut], CompareConfig(mechanisms=("sticking", "bodyfixed")))
     assert comparison.ranking[0].mechanism == "sticking"
     assert comparison.ranking[0].n_effective < 2 * n
+
+
+def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
+    """The block of the contract, and the likelihood's own estimate of a planted step of the slope."""
+    flight = simulate("sounding_rocket", seed=67, plant=("damping",)).flight
+    comparison = compare([flight], CompareConfig(mechanisms=("damping", "bodyfixed")))
+    first = comparison.ranking[0]
+    assert first.mechanism == "damping"
+    assert first.ml is not None
+    assert first.ml.status == "converged"
+    jumps = sorted((term for term in first.ml.terms), key=lambda term: term.value)
+    for term, planted in zip(jumps, (-350.0, 350.0), strict=True):
+        assert abs(term.value - planted) < 4.0 * term.std_error
+    assert comparison.seconds.ml > 0.0
+
+
+def test_delays_keep_to_the_regression_unless_asked() -> None:
+    flight = simulate("research_cone", seed=68, plant=("sticking",)).flight
+    comparison = compare([flight], CompareConfig(mechanisms=("sticking",)))
+    assert comparison.ranking[0].ml is None
+    assert any("maximum_likelihood" in note for note in comparison.ranking[0].notes)

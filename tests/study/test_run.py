@@ -108,7 +108,7 @@ vehicles: [{vehicle}]
 planted: [none, bodyfixed]
 flights: 1
 draws: {{size: [0.9, 1.1], onset_shift: [-0.1, 0.1]}}
-compare: {{mechanisms: [bodyfixed], maximum_likelihood: false}}
+compare: {{mechanisms: [bodyfixed], maximum_likelihood: none}}
 """
 VEHICLE = """
 base: research_cone
