@@ -25,16 +25,17 @@ def identify_standing(
     options = IdentificationConfig(candidates=config.instrument_errors, max_iterations=MOST_ITERATIONS)
     found = {}
     for fit in standing[:MOST_HYPOTHESES]:
-        if config.maximum_likelihood == "quick" and has_delay(fit):
+        if config.maximum_likelihood == "quick" and takes_long(fit):
             continue
         say(f"maximum likelihood of {fit.name}")
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, options)
     return found
 
 
-def has_delay(fit: HypothesisFit) -> bool:
-    """Whether a selected term looks into the past: its likelihood takes several seconds."""
-    return any(column.delay is not None for column in fit.selected)
+def takes_long(fit: HypothesisFit) -> bool:
+    """Whether the likelihood takes several seconds: terms that look into the past, or a record with limits."""
+    degraded = any(reconstruction.status == "degraded" for reconstruction in fit.frame.reconstructions)
+    return degraded or any(column.delay is not None for column in fit.selected)
 
 
 def informations(

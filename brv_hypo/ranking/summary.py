@@ -13,7 +13,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.heldout import HeldOut, measured_moments
-from brv_hypo.ranking.likelihood import has_delay, informations
+from brv_hypo.ranking.likelihood import informations, takes_long
 from brv_hypo.ranking.result import (
     BaselineSummary,
     Comparison,
@@ -143,7 +143,7 @@ def _notes(fit: HypothesisFit) -> tuple[str, ...]:
     found = []
     if fit.ended_early:
         found.append("its search ended early: it stayed far behind the leader")
-    if has_delay(fit):
+    if takes_long(fit):
         found.append("ranked by regression: its likelihood is left out unless maximum_likelihood is full")
     return tuple(found)
 
