@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.motion.motion import Motion
 
 BASELINE = "baseline"
 Theta = tuple[tuple[str, float], ...]
@@ -76,9 +77,10 @@ def courses(mechanism: Mechanism, knots: FloatArray) -> tuple[TimeFunction, ...]
 
 
 def candidates(
-    mechanism: Mechanism, terms: Sequence[tuple[str, str]], knots: FloatArray, thetas: Sequence[Theta]
+    mechanism: Mechanism, motion: Motion, knots: FloatArray, thetas: Sequence[Theta]
 ) -> tuple[Column, ...]:
-    """All columns of a mechanism: theta x course x term; `terms` are (name, units)."""
+    """All columns of a mechanism: theta x course x term; the motion tells only which terms there are."""
+    terms = [(term.name, term.units) for term in mechanism.terms(motion, dict(thetas[0]))]
     return tuple(
         Column(mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together)
         for theta in thetas

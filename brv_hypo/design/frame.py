@@ -95,14 +95,14 @@ class RateFrame:
     def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
         """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns; shapes are evaluated anew."""
         motions = []
-        for index, motion in enumerate(self.motions):
+        for motion in self.motions:
             moment = np.zeros_like(motion.alpha)
             for column, value in zip(columns, values, strict=True):
                 mechanism = self.mechanisms[column.mechanism]
                 if mechanism.wind_fixed:
                     terms = {term.name: term for term in mechanism.terms(motion, dict(column.theta))}
                     moment = moment + value * terms[column.term].in_plane * column.course(motion.time)
-            motions.append(recorded(replace(self.motions[index], in_plane_moment=moment, history=None)))
+            motions.append(recorded(replace(motion, in_plane_moment=moment, history=None)))
         return replace(self, motions=tuple(motions), _shapes={})
 
     def _shape(self, column: Column) -> _Shape:

@@ -36,8 +36,7 @@ def maximal_noise(
     rich = list(baseline)
     for mechanism in mechanisms:
         middle = theta_grid(mechanism)[len(theta_grid(mechanism)) // 2]
-        terms = [(t.name, t.units) for t in mechanism.terms(frame.motions[0], dict(middle))]
-        rich.extend(candidates(mechanism, terms, coarse, (middle,)))
+        rich.extend(candidates(mechanism, frame.motions[0], coarse, (middle,)))
     rows = frame.columns(rich)
     noise = difference()
     for _ in range(3):

@@ -65,8 +65,7 @@ def _columns_of(
     task: Task, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
 ) -> tuple[Column, ...]:
     own = mechanism.knots(frame.motions[0])
-    terms = [(t.name, t.units) for t in mechanism.terms(frame.motions[0], dict(thetas[0]))]
-    return candidates(mechanism, terms, task.knots if own is None else own, thetas)
+    return candidates(mechanism, frame.motions[0], task.knots if own is None else own, thetas)
 
 
 def best_by_size(
@@ -120,8 +119,7 @@ def narrowed(task: Task, frame: RateFrame, columns: tuple[Column, ...]) -> list[
         mine = [c for c in selected if c.mechanism == column.mechanism]
         knots = _merged([c.course.start for c in mine if c.course.kind != "constant"], _spacing(task) / 4.0)
         thetas = _merged_thetas(mine)
-        terms = [(t.name, t.units) for t in mechanism.terms(frame.motions[0], dict(thetas[0]))]
-        own.update(dict.fromkeys(candidates(mechanism, terms, knots, thetas)))
+        own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
     smaller = max(len(selected), 1)
     return [chosen for _, chosen in _subsets(task, frame, forced, tuple(own), smaller, n_best=2) if chosen]
 

@@ -197,9 +197,8 @@ def _offers(task: TraceTask, frame: RateFrame, mechanism: Mechanism) -> list[tup
     grid, motion = theta_grid(mechanism), frame.motions[0]
     own = mechanism.knots(motion)
     knots = task.knots if own is None else own
-    terms = [(term.name, term.units) for term in mechanism.terms(motion, dict(grid[0]))]
     together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
-    return [candidates(mechanism, terms, knots, thetas) for thetas in together]
+    return [candidates(mechanism, motion, knots, thetas) for thetas in together]
 
 
 def groups_of(columns: Sequence[Column]) -> list[tuple[Column, ...]]:

@@ -288,6 +288,5 @@ def _rich_columns(frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[Col
     found: list[Column] = []
     for mechanism in mechanisms:
         middle = theta_grid(mechanism)[len(theta_grid(mechanism)) // 2]
-        terms = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(middle))]
-        found.extend(candidates(mechanism, terms, coarse, (middle,)))
+        found.extend(candidates(mechanism, frame.motions[0], coarse, (middle,)))
     return found
