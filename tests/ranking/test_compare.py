@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
-from brv_hypo.mechanisms import Mechanism, Term
+from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.simulate import simulate
@@ -147,3 +148,27 @@ def test_delays_keep_to_the_regression_unless_asked() -> None:
     comparison = compare([flight], CompareConfig(mechanisms=("sticking",)))
     assert comparison.ranking[0].ml is None
     assert any("maximum_likelihood" in note for note in comparison.ranking[0].notes)
+
+
+class Confident(find("damping").__class__):  # type: ignore[misc]
+    name = "confident"
+
+    def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
+        return super().log_likelihood(innovations, std_error) + 25.0
+
+
+def test_a_plugin_may_replace_the_gaussian_likelihood(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A likelihood 25 higher lowers the criterion by 50; everything else is the same mechanism."""
+    module = importlib.import_module("brv_hypo.ranking.compare")
+    known = module.parse_hypothesis
+
+    def parse(name: str, options: object = None) -> tuple[Mechanism, ...]:
+        return (Confident(),) if name == "confident" else known(name, options)
+
+    monkeypatch.setattr(module, "parse_hypothesis", parse)
+    flight = simulate("research_cone", seed=69).flight
+    settings = {"refine": False, "maximum_likelihood": "none"}
+    comparison = compare([flight], CompareConfig(mechanisms=("confident", "damping"), **settings))
+    criterion = {row.mechanism: row.bic for row in comparison.ranking}
+    efficiency = comparison.ranking[0].n_effective / (2 * (flight.samples - 1))
+    assert criterion["damping"] - criterion["confident"] == pytest.approx(50.0 * efficiency, rel=1e-6)
