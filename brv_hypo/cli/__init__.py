@@ -4,5 +4,5 @@ main.py        `run`: the console script; which commands there are
 options.py     the options that commands share
 guard.py       exit codes: what goes wrong becomes one message
 session.py     where a command's results go: terminal, JSON, report, files
-listing.py, scaffold.py, ...  the commands, one file for each or for a small group
+compare.py, study.py, ...  the commands, one file for each or for a small group
 """

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
 
 if TYPE_CHECKING:
@@ -22,21 +23,17 @@ Mechanisms = Annotated[
 ]
 
 
+@in_session("json", "report", "force")
 def compare(
+    session: Session,
     flights: options.FlightFiles,
     mechanisms: Mechanisms = None,
     config: options.Config = None,
-    json: options.Json = None,
-    report: options.Report = None,
     start: options.Start = None,
     stop: options.Stop = None,
     seed: options.Seed = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
-    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.flight import load_flight
     from brv_hypo.ranking import CompareConfig

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.session import Session
 
@@ -16,41 +16,35 @@ app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup
 
 @app.callback()
 @guarded
-def listing(
-    context: typer.Context,
-    json: options.Json = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
-) -> None:
+@in_session("json", "force")
+def listing(session: Session, context: typer.Context) -> None:
     """List the installed mechanisms with package and claims; write or check a plugin."""
     if context.invoked_subcommand is not None:
         return
-    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.mechanisms import installed
     from brv_hypo.report.mechanisms import listing_data, listing_table
 
     found = installed()
-    session.present(listing_table(found, verbose=verbose), conclusion="\n".join(found))
+    session.present(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
     session.write_json(listing_data(found))
 
 
 @app.command("new")
 @guarded
+@in_session()
 def new(
+    session: Session,
     name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
     directory: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
     ] = Path(),
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
 ) -> None:
     """Write a ready plugin package with its tests, to start from."""
     from brv_hypo.mechanisms.template import write_plugin
 
     written = write_plugin(name, directory)
-    Session(quiet=quiet).show(
+    session.show(
         f"Wrote {written}. Next:\n"
         f"  pip install -e '{written}[test]'\n"
         f"  brv-hypo mechanisms check {name}\n"
@@ -60,15 +54,12 @@ def new(
 
 @app.command("check")
 @guarded
+@in_session("json", "force")
 def check(
+    session: Session,
     name: Annotated[str, typer.Argument(help="Name of an installed mechanism or effect.")],
-    json: options.Json = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Run the conformance kit on an installed mechanism or effect."""
-    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.mechanisms import find_installed
     from brv_hypo.mechanisms.conformance import conformance

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
 
 
@@ -21,7 +22,9 @@ class Method(StrEnum):
     POLAR = "polar"
 
 
+@in_session("json", "report", "force")
 def reconstruct(
+    session: Session,
     flight: options.FlightFile,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
@@ -30,16 +33,10 @@ def reconstruct(
         Method | None, typer.Option("--method", help="How to find the wind; joint if left out.")
     ] = None,
     config: options.Config = None,
-    json: options.Json = None,
-    report: options.Report = None,
     start: options.Start = None,
     stop: options.Stop = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
-    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim(output)
     from brv_hypo.flight import load_flight
     from brv_hypo.motion import ReconstructionConfig, write_motion
@@ -51,10 +48,10 @@ def reconstruct(
     settings = read_settings(ReconstructionConfig, config, **chosen)
     result = reconstructed(load_flight(flight).window(start, stop), settings)
     if output is not None:
-        write_motion(result, output, overwrite=force)
+        write_motion(result, output, overwrite=session.force)
     session.present(reconstruction_view(result), conclusion=reconstruction_line(result))
     session.write_json(reconstruction_data(result))
-    if report is not None:
+    if session.report is not None:
         from brv_hypo.report.reconstruction_page import reconstruction_page
 
         session.write_report(reconstruction_page(result))

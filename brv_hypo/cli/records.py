@@ -8,20 +8,18 @@ from typing import Annotated
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
 
 
+@in_session("json", "force")
 def inspect(
+    session: Session,
     flight: options.FlightFile,
-    json: options.Json = None,
     start: options.Start = None,
     stop: options.Stop = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Show channels, units, rates, gaps, noise, spikes, and what is usable."""
-    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.report.flight import inspection_data, inspection_line, inspection_view
@@ -32,23 +30,21 @@ def inspect(
     session.write_json(inspection_data(inspection))
 
 
+@in_session("force")
 def import_(
+    session: Session,
     data: Annotated[Path, typer.Argument(metavar="DATA", help="Foreign record: csv, parquet or mat.")],
     mapping: Annotated[
         Path, typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
     ],
     output: options.Output,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Bring a foreign record in, through a map of its names and units."""
-    session = Session(force=force, quiet=quiet, verbose=verbose)
     session.claim(output)
     from brv_hypo.flight import import_record, save_flight
     from brv_hypo.report.style import bullets
 
     flight = import_record(data, mapping)
-    save_flight(flight, output, overwrite=force)
+    save_flight(flight, output, overwrite=session.force)
     session.show(bullets(flight.notes, "Notes"))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.compare import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session
 
@@ -24,41 +25,34 @@ Plant = Annotated[
 ]
 
 
+@in_session("json", "force")
 def simulate(
+    session: Session,
     config: Annotated[
         str, typer.Argument(metavar="CONFIG.yaml", help="Configuration, or the name of one that comes along.")
     ],
     output: options.Output,
     plant: Plant = None,
     seed: options.Seed = None,
-    json: options.Json = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
-    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
     session.claim(output)
     from brv_hypo.report.simulate import simulation_data, simulation_text
 
     flown = fly(session, config, seed, () if plant is None else tuple(plant.split(",")))
-    flown.save(output, overwrite=force)
+    flown.save(output, overwrite=session.force)
     session.show(simulation_text(flown), f"Wrote {output}.")
     session.write_json(simulation_data(flown, output))
 
 
+@in_session("json", "report", "force")
 def demo(
+    session: Session,
     mechanisms: Mechanisms = None,
     config: options.Config = None,
-    json: options.Json = None,
-    report: options.Report = None,
     seed: options.Seed = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
-    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.ranking import CompareConfig, compare
     from brv_hypo.report.simulate import simulation_text

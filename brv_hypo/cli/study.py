@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.guard import INTERRUPTED
 from brv_hypo.cli.session import Progress, Session, as_json, write_whole
 from brv_hypo.errors import UnanswerableError
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
 
 
+@in_session("json", "force")
 def study(
+    session: Session,
     config: Annotated[
         str, typer.Argument(metavar="STUDY.yaml", help="Study, or the name of one that comes along.")
     ],
@@ -33,13 +36,8 @@ def study(
         int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
     ] = -1,
     seed: options.Seed = None,
-    json: options.Json = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Fly many simulated flights with planted mechanisms and judge the verdicts."""
-    session = Session(json=json, force=force, quiet=quiet, verbose=verbose)
     session.claim()
     from brv_hypo.report.study import study_view
     from brv_hypo.report.study_rows import headline
@@ -48,7 +46,9 @@ def study(
     settings = read_study(config, **({} if seed is None else {"seed": seed}))
     try:
         with session.progress("flying") as progress:
-            outcomes = run_study(settings, output, jobs=jobs, overwrite=force, progress=_advance(progress))
+            outcomes = run_study(
+                settings, output, jobs=jobs, overwrite=session.force, progress=_advance(progress)
+            )
     except KeyboardInterrupt:
         session.warn(f"interrupted; the same command goes on with what {output} holds")
         raise typer.Exit(INTERRUPTED) from None
@@ -59,7 +59,7 @@ def study(
         raise UnanswerableError(
             f"none of {summary.flights} flights was compared. {first.key}: {first.reason}"
         )
-    session.present(study_view(summary, verbose=verbose), conclusion=headline(summary))
+    session.present(study_view(summary, verbose=session.verbose), conclusion=headline(summary))
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session, write_whole
 from brv_hypo.errors import UsageError
 
@@ -24,22 +25,18 @@ MechanismFile = Annotated[
 ]
 
 
+@in_session("json", "report", "force")
 def trace(
+    session: Session,
     flight: options.FlightFile,
     model: Model = None,
     mechanism_file: MechanismFile = None,
     config: options.Config = None,
-    json: options.Json = None,
-    report: options.Report = None,
     start: options.Start = None,
     stop: options.Stop = None,
     seed: options.Seed = None,
-    quiet: options.Quiet = False,
-    verbose: options.Verbose = False,
-    force: options.Force = False,
 ) -> None:
     """Trace what a model leaves over to its effects, one by one."""
-    session = Session(json=json, report=report, force=force, quiet=quiet, verbose=verbose)
     session.claim(mechanism_file)
     from brv_hypo.flight import load_flight
     from brv_hypo.report.trace import conclusion, trace_view
@@ -52,11 +49,11 @@ def trace(
     record = load_flight(flight).window(start, stop)
     with session.progress("tracing") as progress:
         result = traced(record, settings, progress=progress)
-    session.present(trace_view(result, verbose=verbose), conclusion=conclusion(result))
+    session.present(trace_view(result, verbose=session.verbose), conclusion=conclusion(result))
     session.write_json(result)
     if mechanism_file is not None:
         _write_mechanism(session, mechanism_file, result.discovered)
-    if report is not None:
+    if session.report is not None:
         from brv_hypo.report.trace_page import trace_page
 
         session.write_report(trace_page(result))
