@@ -25,6 +25,7 @@ from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.ranking.heldout import held_out
+from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.noise import (
     baseline_columns,
@@ -90,7 +91,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
         ml=finished - selected,
         total=finished - begun,
     )
-    return summarise(task, fits, errors, criteria, seconds, identified, warnings)
+    comparison = summarise(task, fits, errors, criteria, seconds, identified, warnings)
+    return comparison.model_copy(update={"coefficients": coefficient_series(fits, identified)})
 
 
 def answerable(

@@ -138,6 +138,22 @@ class Series(_Result):
     fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
 
 
+class CoefficientSeries(_Result):
+    """A coefficient or derivative over time, as one hypothesis has it: not part of the JSON.
+
+    `value` and `std_error` over `time_s`, of one segment of flight number `flight`; moment coefficients have
+    no unit, derivatives by alpha and the normal-force slope are in 1/rad. The band is two `std_error` wide.
+    """
+
+    mechanism: str
+    method: Literal["regression", "maximum likelihood"]
+    flight: int
+    name: str
+    time_s: tuple[float, ...]
+    value: tuple[float, ...]
+    std_error: tuple[float, ...]
+
+
 class Comparison(_Result):
     """The ranking of the hypotheses with its verdict."""
 
@@ -150,3 +166,4 @@ class Comparison(_Result):
     seconds: Seconds
     warnings: tuple[str, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
+    coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)

@@ -1,0 +1,103 @@
+"""Coefficients over time with their uncertainty, of every hypothesis: Figures 4.10 to 4.14 of the report.
+
+From the likelihood where it converged, else from the regression: a coefficient is f(x)' theta, its variance
+f' M^-1 f, at the estimated motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.design.frame import RateFrame
+from brv_hypo.identification import Identification, coefficient_histories
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.history import recorded
+from brv_hypo.ranking.fit import HypothesisFit
+from brv_hypo.ranking.result import CoefficientSeries
+
+_STEP = 1e-4
+"""Relative central difference of alpha."""
+
+
+def coefficient_series(
+    fits: Sequence[HypothesisFit], identified: Mapping[str, Identification]
+) -> tuple[CoefficientSeries, ...]:
+    """In-plane and out-of-plane moment and their derivatives by alpha (1/rad), of every segment of every flight.
+
+    The likelihood gives the normal-force slope (1/rad) too. Names are those of `coefficient_histories`.
+    """
+    found: list[CoefficientSeries] = []
+    for fit in fits:
+        likelihood = identified.get(fit.name)
+        if likelihood is not None and likelihood.converged:
+            found += _by_likelihood(fit.name, likelihood)
+        else:
+            found += _by_regression(fit)
+    return tuple(found)
+
+
+def _by_likelihood(name: str, found: Identification) -> list[CoefficientSeries]:
+    return [
+        CoefficientSeries(
+            mechanism=name,
+            method="maximum likelihood",
+            flight=history.flight,
+            name=history.name,
+            time_s=tuple(history.time.tolist()),
+            value=tuple(history.value.tolist()),
+            std_error=tuple(history.std_error.tolist()),
+        )
+        for history in coefficient_histories(found)
+    ]
+
+
+def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
+    planes = _planes(fit, fit.frame)
+    low, high = (_scaled(fit, scale) for scale in (1.0 - _STEP, 1.0 + _STEP))
+    rise = _alpha(high) - _alpha(low)
+    slopes = (_planes(fit, high) - _planes(fit, low)) / rise[:, None]
+    rows = {
+        "C_N'": planes.real,
+        "C_Z'": planes.imag,
+        "C_N' by alpha": slopes.real,
+        "C_Z' by alpha": slopes.imag,
+    }
+    found = []
+    for segment, (a, b) in zip(fit.frame.segments, fit.frame.pieces, strict=True):
+        for name, f in rows.items():
+            variance = np.einsum("nj,jk,nk->n", f[a:b], fit.covariance, f[a:b])
+            found.append(
+                CoefficientSeries(
+                    mechanism=fit.name,
+                    method="regression",
+                    flight=segment.flight,
+                    name=name,
+                    time_s=tuple(segment.time.tolist()),
+                    value=tuple((f[a:b] @ fit.values).tolist()),
+                    std_error=tuple(np.sqrt(np.maximum(variance, 0.0)).tolist()),
+                )
+            )
+    return found
+
+
+def _scaled(fit: HypothesisFit, scale: float) -> RateFrame:
+    """The fit's frame with alpha times `scale`, now and in the past; meridian and rates held."""
+    motions = tuple(
+        recorded(replace(motion, alpha=scale * motion.alpha, history=None)) for motion in fit.frame.motions
+    )
+    frame = replace(fit.frame, motions=motions, _shapes={})
+    return frame.with_in_plane_moment(fit.columns, fit.values)
+
+
+def _planes(fit: HypothesisFit, frame: RateFrame) -> ComplexArray:
+    """C_N' + i C_Z' (rows, columns) per unit of each coefficient."""
+    meridian = np.concatenate([frame.motions[s.flight].windward_meridian[s.rows] for s in frame.segments])
+    return plane_from_body(frame.moments(fit.columns), meridian[:, None])
+
+
+def _alpha(frame: RateFrame) -> FloatArray:
+    return np.concatenate([frame.motions[s.flight].alpha[s.rows] for s in frame.segments])

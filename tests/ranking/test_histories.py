@@ -1,0 +1,65 @@
+"""Coefficients over time: by the regression and by the likelihood, against the planted ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.ranking.result import CoefficientSeries
+from brv_hypo.simulate import simulate
+from brv_hypo.simulate.result import SimulatedFlight
+
+PLANTED_SLOPE = -0.0883
+"""C_N' by alpha of the research cone, 1/rad."""
+
+
+@pytest.fixture(scope="module")
+def flown() -> SimulatedFlight:
+    return simulate("research_cone", seed=17)
+
+
+def compared(flown: SimulatedFlight, *, likelihood: bool) -> Comparison:
+    chosen = "quick" if likelihood else "none"
+    return compare([flown.flight], CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood=chosen))
+
+
+@pytest.fixture(scope="module")
+def by_regression(flown: SimulatedFlight) -> Comparison:
+    return compared(flown, likelihood=False)
+
+
+@pytest.fixture(scope="module")
+def by_likelihood(flown: SimulatedFlight) -> Comparison:
+    return compared(flown, likelihood=True)
+
+
+def of_none(comparison: Comparison, name: str) -> CoefficientSeries:
+    return next(s for s in comparison.coefficients if (s.mechanism, s.name) == ("none", name))
+
+
+@pytest.mark.parametrize("method", ["regression", "maximum likelihood"])
+def test_values_are_the_planted_ones_and_bands_hold_them(flown, by_regression, by_likelihood, method) -> None:
+    comparison = by_regression if method == "regression" else by_likelihood
+    moment, slope = of_none(comparison, "C_N'"), of_none(comparison, "C_N' by alpha")
+    assert moment.method == slope.method == method
+    expected = np.interp(moment.time_s, flown.truth.time, flown.truth.C_N)
+    assert np.all(np.abs(np.array(moment.value) - expected) < 1e-2 * np.std(expected))
+    error = np.abs(np.array(slope.value) - PLANTED_SLOPE)
+    assert np.all(error < 4.0 * np.array(slope.std_error))
+    assert np.all(np.array(slope.std_error) < 1e-3 * abs(PLANTED_SLOPE))
+
+
+def test_the_moment_is_the_fitted_one(by_regression) -> None:
+    drawn = by_regression.series[0]
+    for plane, name in enumerate(("C_N'", "C_Z'")):
+        np.testing.assert_allclose(
+            of_none(by_regression, name).value, drawn.fitted["none"][plane], rtol=1e-9, atol=1e-12
+        )
+
+
+def test_every_hypothesis_has_histories_and_the_json_has_none(by_likelihood) -> None:
+    names = {row.mechanism for row in by_likelihood.ranking}
+    assert {series.mechanism for series in by_likelihood.coefficients} == names
+    assert "C_Nalpha_force" in {series.name for series in by_likelihood.coefficients}
+    assert "coefficients" not in by_likelihood.model_dump(by_alias=True)
