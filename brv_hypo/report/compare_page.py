@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from brv_hypo.ranking.result import Comparison, RankedHypothesis, Series
+from brv_hypo.ranking.result import CoefficientSeries, Comparison, RankedHypothesis, Series
 from brv_hypo.report import figures, rows
 from brv_hypo.report.pages import Block, bullets, drawn, page, table
 
 LEADING = 2
 """Hypotheses that are drawn besides `none`; more lines than this hide each other."""
+ROUNDING = 1e-9
+"""A coefficient that stays below this, its error included, is none of the model's and is not drawn."""
 
 
 def comparison_page(comparison: Comparison) -> str:
@@ -25,9 +27,12 @@ def comparison_page(comparison: Comparison) -> str:
         Block("Probability", drawn(figures.probability_figure(comparison.verdict.probability))),
         Block("Warnings", bullets(rows.warning_texts(comparison))),
     ]
-    for flight, series in zip(comparison.flights, comparison.series, strict=False):
+    for index, (flight, series) in enumerate(zip(comparison.flights, comparison.series, strict=False)):
         which = f": {flight.title or flight.path}" if len(comparison.flights) > 1 else ""
         blocks.extend(_histories(series, leading(comparison), which))
+        for name in leading(comparison):
+            own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
+            blocks.extend(_coefficients(own, which))
     blocks.extend(Block(f"Terms of {row.mechanism}", _terms(row)) for row in comparison.ranking if row.terms)
     headings = ("criterion", *(row.mechanism for row in comparison.ranking))
     blocks.append(Block("Criteria, in whitened rates", table(headings, rows.criteria_rows(comparison))))
@@ -51,6 +56,20 @@ def _histories(series: Series, names: Sequence[str], which: str) -> list[Block]:
         Block(f"Residuals{which}", drawn(figures.residual_figure(*known, fitted))),
         Block(f"Motion{which}", drawn(motion)),
     ]
+
+
+def _coefficients(series: Sequence[CoefficientSeries], which: str) -> list[Block]:
+    """Coefficients and derivatives of one hypothesis over one flight; nothing where it has none."""
+    shown = [s for s in series if max(map(abs, s.value)) > ROUNDING or max(s.std_error) > ROUNDING]
+    if not shown:
+        return []
+    histories: dict[str, list[figures.Uncertain]] = {}
+    for each in shown:
+        history = figures.Uncertain(each.time_s, each.value, each.std_error)
+        histories.setdefault(each.name, []).append(history)
+    picture = drawn(figures.coefficient_figure(histories))
+    heading = f"Coefficients of {shown[0].mechanism} by {shown[0].method}{which}"
+    return [Block(heading, picture + bullets(rows.coefficient_texts(shown)))]
 
 
 def _terms(hypothesis: RankedHypothesis) -> str:

@@ -6,6 +6,7 @@ Colours are Okabe and Ito's (2008), told apart by colour-blind readers; measured
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
@@ -22,9 +23,26 @@ MOST_POINTS = 6000
 """Points drawn of a history; a longer one is thinned, which no screen shows."""
 PLANES = ("in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′")
 
+COEFFICIENTS = {
+    "C_N'": ("C<sub>N</sub>′ · 10³", MILLI),
+    "C_Z'": ("C<sub>Z</sub>′ · 10³", MILLI),
+    "C_N' by alpha": ("∂C<sub>N</sub>′/∂α, 1/rad", 1.0),
+    "C_Z' by alpha": ("∂C<sub>Z</sub>′/∂α, 1/rad", 1.0),
+    "C_Nalpha_force": ("force C<sub>Nα</sub>, 1/rad", 1.0),
+}
+"""By name, the title of a coefficient's axis and the scale that goes with it."""
+
 Values = Sequence[float] | FloatArray
 Moments = tuple[Values, Values]
 """C_N' and C_Z' over time."""
+
+
+class Uncertain(NamedTuple):
+    """A history without gaps: time (s), value and its standard deviation."""
+
+    time: Values
+    value: Values
+    sigma: Values
 
 
 def motion_figure(time: Values, alpha: Values, windward_meridian: Values) -> go.Figure:
@@ -41,7 +59,7 @@ def moment_figure(time: Values, measured: Moments, sigma: Values, fitted: Mappin
     figure = _stack([f"{plane} · 10³" for plane in PLANES])
     kept = _thinned(len(time))
     for row, values in enumerate(measured, start=1):
-        band = _band(time, np.asarray(values), np.asarray(sigma), kept, row == 1)
+        band = _band(time, MILLI * np.asarray(values), MILLI * np.asarray(sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
         figure.add_trace(_dots(time, np.asarray(values), kept, row == 1), row=row, col=1)
         for (name, moments), colour in zip(fitted.items(), COLOURS, strict=False):
@@ -66,12 +84,26 @@ def leftover_figure(time: Values, left: Mapping[str, Moments], sigma: Values) ->
     figure = _stack([f"{plane} · 10³" for plane in PLANES])
     kept = _thinned(len(time))
     for row in (1, 2):
-        band = _band(time, np.zeros(len(time)), np.asarray(sigma), kept, row == 1)
+        band = _band(time, np.zeros(len(time)), MILLI * np.asarray(sigma), kept, row == 1)
         figure.add_trace(band, row=row, col=1)
         for (name, moments), colour in zip(left.items(), COLOURS, strict=False):
             line = _line(time, MILLI * np.asarray(moments[row - 1]), kept, colour, name, row == 1)
             figure.add_trace(line, row=row, col=1)
     return finished(figure)
+
+
+def coefficient_figure(histories: Mapping[str, Sequence[Uncertain]]) -> go.Figure:
+    """Coefficients by name, each within two standard deviations; a history for every segment of the record."""
+    shown = [COEFFICIENTS.get(name, (name, 1.0)) for name in histories]
+    figure = _stack([title for title, _ in shown])
+    for row, ((_, scale), segments) in enumerate(zip(shown, histories.values(), strict=True), start=1):
+        for index, (time, value, sigma) in enumerate(segments):
+            kept, legend = _thinned(len(time)), row == 1 and index == 0
+            scaled = scale * np.asarray(value)
+            band = _band(time, scaled, scale * np.asarray(sigma), kept, legend)
+            figure.add_trace(band, row=row, col=1)
+            figure.add_trace(_line(time, scaled, kept, COLOURS[0], "estimate", legend), row=row, col=1)
+    return finished(figure, height=110 + 170 * len(shown))
 
 
 def probability_figure(probability: Mapping[str, float]) -> go.Figure:
@@ -132,7 +164,7 @@ def _dots(time: Values, values: FloatArray, kept: slice, legend: bool) -> go.Sca
 
 def _band(time: Values, centre: FloatArray, sigma: FloatArray, kept: slice, legend: bool) -> go.Scatter:
     """Two standard deviations on either side of `centre`, as one closed area."""
-    upper, lower = MILLI * (centre + 2.0 * sigma)[kept], MILLI * (centre - 2.0 * sigma)[kept]
+    upper, lower = (centre + 2.0 * sigma)[kept], (centre - 2.0 * sigma)[kept]
     there = np.asarray(time[kept])
     return go.Scatter(
         x=_compact(np.concatenate([there, there[::-1]])),

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from brv_hypo.ranking.result import Comparison, DerivedEstimate, TermEstimate
+from brv_hypo.ranking.result import CoefficientSeries, Comparison, DerivedEstimate, TermEstimate
 from brv_hypo.report.style import interval, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
@@ -77,6 +77,15 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
             line += f" ({np.degrees(item.value):.1f} ± {np.degrees(item.std_error):.1f} deg)"
         lines.append(line + (f" in {interval(item.region_s)} s" if item.region_s else ""))
     return lines
+
+
+def coefficient_texts(series: Iterable[CoefficientSeries]) -> list[str]:
+    """Between what values each coefficient lies and how well it is known, a line for each segment."""
+    return [
+        f"{each.name}: {number(min(each.value), 4)} to {number(max(each.value), 4)}, "
+        f"2 sigma at most {number(2.0 * max(each.std_error), 2)}"
+        for each in series
+    ]
 
 
 def flight_texts(comparison: Comparison) -> list[str]:
