@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,16 +43,20 @@ class BlockRows:
     offset: int
     blocks: FloatArray
 
+    @cached_property
+    def filled(self) -> tuple[int, ...]:
+        """Where along the width any block is not zero: a delay looks at few of the samples that it spans."""
+        return tuple(np.flatnonzero(self.blocks.any(axis=(0, 2, 3))).tolist())
+
     def dot(self, x: FloatArray) -> FloatArray:
         """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
         n = x.shape[0]
-        product: FloatArray | float = 0.0
-        for w in range(self.blocks.shape[1]):
+        product = np.zeros((*self.blocks.shape[::2], x.shape[2] if x.ndim == 3 else 1))
+        for w in self.filled:
             column = np.clip(np.arange(self.blocks.shape[0]) + self.offset + w, 0, n - 1)
             operand = x[column] if x.ndim == 3 else x[column][:, :, None]
-            product = product + self.blocks[:, w] @ operand
-        result = np.asarray(product)
-        return result if x.ndim == 3 else result[:, :, 0]
+            product += self.blocks[:, w] @ operand
+        return product if x.ndim == 3 else product[:, :, 0]
 
 
 @dataclass(frozen=True)

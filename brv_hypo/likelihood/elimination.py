@@ -14,49 +14,17 @@ initial state) and then the states of sample k.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import BlockRows
+from brv_hypo.likelihood.condensation import condense
+from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 
 _SINGULAR = 1e13
 """Condition, from the growth of a random right-hand side, at which states count as undetermined."""
-
-
-@dataclass(frozen=True)
-class Quadratic:
-    """The quadratic problem of one segment: n samples, p parameters.
-
-    Attributes:
-        residual: r, (n, n_outputs), whitened. by_state: J. by_parameter: J_p, (n, n_outputs, p).
-        defect: c, (n, n_states); row 0 is that of the initial state. defect_by_state: D without row 0, which
-            is the unit matrix.
-        defect_by_parameter: C, (n, n_states, p).
-        variance: diagonal of Q, (n, n_states); row 0 infinite where the initial state is free.
-    """
-
-    residual: FloatArray
-    by_state: BlockRows
-    by_parameter: FloatArray
-    defect: FloatArray
-    defect_by_state: BlockRows
-    defect_by_parameter: FloatArray
-    variance: FloatArray
-
-
-@dataclass(frozen=True)
-class Eliminated:
-    """States and multipliers as affine functions of dp.
-
-    dx = x[..., 0] + x[..., 1:] dp, likewise the multipliers.
-
-    `x` and `multiplier` are (n, n_states, 1 + p).
-    """
-
-    x: FloatArray
-    multiplier: FloatArray
+_FAR = 3
+"""Samples that exact dynamics look back from which the sparse recursion is cheaper than the band."""
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:
@@ -65,6 +33,10 @@ def eliminate(problem: Quadratic) -> Eliminated | None:
     None where the outputs leave a state undetermined.
     """
     n, n_states = problem.defect.shape
+    if problem.defect_by_state.offset < -_FAR and not np.any(problem.variance[1:]):
+        condensed = condense(problem)
+        if condensed is not None:
+            return condensed
     weight = _balance(problem.by_state)
     band, width = _assemble(problem, weight)
     right = _right_hand_side(problem, weight)
@@ -139,12 +111,12 @@ def _assemble(problem: Quadratic, weight: float) -> tuple[FloatArray, int]:
     band.add((0, 0), (0, 0), diagonal[:, :, None] * np.eye(n_states))
     band.add((0, 0), (0, 1), unit)
     band.add((0, 1), (0, 0), unit)
-    for w in range(dynamics.blocks.shape[1]):
+    for w in dynamics.filled:
         block = dynamics.blocks[:, w]
         band.add((1, 0), (dynamics.offset + w, 1), block)
         band.add((dynamics.offset + w, 1), (1, 0), block.transpose(0, 2, 1))
-    for v in range(span + 1):
-        for w in range(span + 1):
+    for v in outputs.filled:
+        for w in outputs.filled:
             product = outputs.blocks[:, v].transpose(0, 2, 1) @ outputs.blocks[:, w]
             band.add((outputs.offset + v, 1), (outputs.offset + w, 1), product / weight)
     return band.storage, width
@@ -158,7 +130,7 @@ def _right_hand_side(problem: Quadratic, weight: float) -> FloatArray:
     right[:, 0, :, 0] = -problem.defect
     right[:, 0, :, 1:] = -problem.defect_by_parameter
     right[:, 0][np.isinf(problem.variance)] = 0.0
-    for w in range(outputs.blocks.shape[1]):
+    for w in outputs.filled:
         at = np.arange(n) + outputs.offset + w
         inside = (at >= 0) & (at < n)
         gradient = outputs.blocks[:, w].transpose(0, 2, 1) @ columns

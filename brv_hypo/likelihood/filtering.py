@@ -19,8 +19,9 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Quadratic, log_determinant
+from brv_hypo.likelihood.elimination import log_determinant
 from brv_hypo.likelihood.noise import Shape, whitening
+from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
 
 _STEP = 1e-2

@@ -15,9 +15,10 @@ from brv_hypo.likelihood.collocation import (
     evaluate_segment,
     linearise_segment,
 )
-from brv_hypo.likelihood.elimination import Eliminated, Quadratic, eliminate
+from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
+from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 from brv_hypo.likelihood.segment import Grid
 
 _RANK_TOLERANCE = 1e-10

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,9 @@ from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import BlockRows
-from brv_hypo.likelihood.elimination import Quadratic, eliminate, log_determinant
+from brv_hypo.likelihood.condensation import condense
+from brv_hypo.likelihood.elimination import eliminate, log_determinant
+from brv_hypo.likelihood.quadratic import Quadratic
 
 
 def dense(rows: BlockRows, n: int) -> FloatArray:
@@ -72,7 +76,7 @@ def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, Fl
     return matrix, -np.concatenate([j.T @ right, c])
 
 
-@given(seed=st.integers(0, 10_000), n=st.integers(6, 12), n_states=st.integers(1, 3), reach=st.integers(0, 4))
+@given(seed=st.integers(0, 10_000), n=st.integers(8, 14), n_states=st.integers(1, 3), reach=st.integers(0, 6))
 @settings(max_examples=30, deadline=None)
 def test_it_solves_the_same_system_as_dense_algebra(seed: int, n: int, n_states: int, reach: int) -> None:
     for variance in (0.0, 0.3):
@@ -137,3 +141,27 @@ def test_a_state_that_no_output_sees_is_reported() -> None:
         }
     )
     assert eliminate(unseen) is None
+
+
+@pytest.mark.parametrize("start", [np.inf, 0.0, 0.4])
+def test_far_looking_dynamics_are_eliminated_alike_by_recursion_and_by_the_band(
+    start: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = random_problem(11, 60, 3, 9, 0.0)
+    variance = problem.variance.copy()
+    variance[0] = start
+    problem = replace(problem, variance=variance)
+    recursion = condense(problem)
+    monkeypatch.setattr("brv_hypo.likelihood.elimination.condense", lambda problem: None)
+    band = eliminate(problem)
+    assert recursion is not None
+    assert band is not None
+    for found, expected in ((recursion.x, band.x), (recursion.multiplier, band.multiplier)):
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
+
+
+def test_recursion_refuses_motion_that_grows_beyond_its_digits() -> None:
+    problem = random_problem(11, 60, 1, 5, 0.0)
+    blocks = problem.defect_by_state.blocks.copy()
+    blocks[:, -2] *= 2.0
+    assert condense(replace(problem, defect_by_state=BlockRows(-5, blocks))) is None
