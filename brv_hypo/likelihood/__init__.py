@@ -2,22 +2,25 @@
 
     fit                    estimate.py   the entrance: dynamics, outputs, segments, start values -> FitResult
     Segment, History       segment.py    a stretch of record; what was before it, for delays
+    Course                 course.py     what varies along a segment with several parameters as weights
     FitResult              result.py     estimate, errors, likelihood, innovations, status
     fit_single_shooting    shooting.py   the reference that `fit` is held against
 
 Data flow through: segment and parameters (checked input), derivatives (complex step or central differences),
 interpolation and collocation (Hermite-Simpson defects), elimination (the states, by one banded solve, or by
-condensation where delays reach far), step (Gauss-Newton in theta), merit (how far), start (smoothed states), noise and filtering (B, R, Q), search, then
-uncertainty and assessment (covariance, coloured residuals, near-null directions, whiteness).
+condensation where delays reach far), step (Gauss-Newton in theta), merit (how far), start (smoothed states),
+noise and filtering (B, R, Q), search, then uncertainty and assessment (covariance, coloured residuals,
+near-null directions, whiteness).
 
 Commands: `python -m brv_hypo.likelihood.benchmark` (speed) and `.study` (coverage, convergence, delays), both
 on the model problems of problems.py.
 """
 
+from brv_hypo.likelihood.course import Course
 from brv_hypo.likelihood.derivatives import Delayed
 from brv_hypo.likelihood.estimate import fit
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import History, Segment
 from brv_hypo.likelihood.shooting import fit_single_shooting
 
-__all__ = ["Delayed", "FitResult", "History", "Segment", "fit", "fit_single_shooting"]
+__all__ = ["Course", "Delayed", "FitResult", "History", "Segment", "fit", "fit_single_shooting"]

@@ -44,7 +44,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
     try:
-        segments = sensitivities(problem, iterate)
+        segments = outcome.segments or sensitivities(problem, iterate)
     except SingularStatesError:
         segments = ()
     if segments:

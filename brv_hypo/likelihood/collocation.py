@@ -138,7 +138,8 @@ def _points(
         stencil = whole.stencil.part(part)
         delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, part)
         rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, part)
-    return Points(x if at is None else at, grid.u[:, part], grid.t[part], delayed, rates)
+    courses = tuple(course.part(part) for course in grid.courses)
+    return Points(x if at is None else at, grid.u[:, part], grid.t[part], delayed, rates, courses)
 
 
 def _with_history(x: FloatArray, u: FloatArray, before: History | None, part: slice) -> Delayed:

@@ -57,7 +57,8 @@ def condense(problem: Quadratic) -> Eliminated | None:
         return None
     x = paths[:, :, : right.shape[2]] + paths[:, :, right.shape[2] :] @ follow
     pull = _pull(problem, x).reshape(n * n_states, -1)
-    multiplier = np.asarray(factor.solve(pull, "T"), dtype=float).reshape(n, n_states, -1)
+    transposed = factor.solve(pull, trans="T")  # type: ignore[call-overload] # the stubs lack it
+    multiplier = np.array(transposed, dtype=np.float64).reshape(n, n_states, -1)
     multiplier[0, np.isinf(problem.variance[0])] = 0.0
     return Eliminated(np.asarray(x), multiplier)
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.course import SampledCourse
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
@@ -39,7 +40,8 @@ class Delayed(NamedTuple):
 class Points:
     """Where a function is evaluated: x (n_states, n), u (n_inputs, n), t (n,), and what its delays see.
 
-    `delayed` holds x(t - delay) and u(t - delay) by the delay's name, `rates` their derivatives by time.
+    `delayed` holds x(t - delay) and u(t - delay) by the delay's name, `rates` their derivatives by time;
+    `courses` what varies along the samples with parameters as weights.
     """
 
     x: FloatArray
@@ -47,6 +49,7 @@ class Points:
     t: FloatArray
     delayed: Mapping[str, Delayed] = field(default_factory=dict)
     rates: Mapping[str, Delayed] = field(default_factory=dict)
+    courses: tuple[SampledCourse, ...] = ()
 
 
 class Jacobian(NamedTuple):
@@ -74,28 +77,26 @@ def jacobian(
     method: Method,
     scale: Mapping[str, float],
 ) -> Jacobian:
-    """Value and first derivatives at all points.
+    """Value and first derivatives at all points; weights of a course through that course.
 
     `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
     """
-    columns: list[FloatArray] = []
     n_states = points.x.shape[0]
     kind: type = complex if method == "complex" else float
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
 
-    def derivative(move: Callable[[Any], Any], size: float) -> None:
+    def derivative(move: Callable[[Any], Any], size: float) -> FloatArray:
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
-            columns.append(moved.imag.T / _COMPLEX_STEP)
             if not value:
                 value.append(moved.real.copy())
-        else:
-            step = _CENTRAL_STEP * size
-            columns.append(
-                (np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step)
-            )
+            return np.asarray(moved.imag.T / _COMPLEX_STEP)
+        step = _CENTRAL_STEP * size
+        return np.asarray(
+            (np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step)
+        )
 
     def along_row(array: FloatArray, row: int) -> Callable[[Any], Any]:
         def move(step: Any) -> Any:
@@ -117,13 +118,24 @@ def jacobian(
 
         return move
 
-    for row in range(n_states):
-        derivative(along_row(x, row), _size(points.x[row]))
-    for name in names:
-        derivative(along_parameter(name), max(abs(theta[name]), scale.get(name, 1.0)))
+    def along_course(course: SampledCourse) -> Callable[[Any], Any]:
+        now = course.at(theta)
+        return lambda step: _call(function, x, points, dict(theta) | {course.name: now + step}, delayed)
+
+    columns = [derivative(along_row(x, row), _size(points.x[row])) for row in range(n_states)]
+    through: dict[str, FloatArray] = {}
+    for course in points.courses:
+        if any(weight in names for weight in course.weights):
+            own = derivative(along_course(course), max(_size_of(w, theta, scale) for w in course.weights))
+            through |= {w: own * shape[:, None] for w, shape in zip(course.weights, course.shapes, strict=True)}
+    columns += [
+        through[name] if name in through else derivative(along_parameter(name), _size_of(name, theta, scale))
+        for name in names
+    ]
     for name, before in delayed.items():
-        for row in range(n_states):
-            derivative(along_row(before.x, row), _size(points.delayed[name].x[row]))
+        columns += [
+            derivative(along_row(before.x, row), _size(points.delayed[name].x[row])) for row in range(n_states)
+        ]
     if not value:
         value.append(evaluate(function, points, theta))
     stacked = np.stack(columns, axis=-1)
@@ -207,9 +219,16 @@ def _call(
     theta: Mapping[str, Any],
     delayed: Mapping[str, Delayed],
 ) -> Any:
+    if points.courses:
+        theta = {course.name: course.at(theta) for course in points.courses} | dict(theta)
     if delayed:
         return function(x, points.u, theta, points.t, delayed)
     return function(x, points.u, theta, points.t)
+
+
+def _size_of(name: str, theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
+    """Size of a parameter, for its difference step."""
+    return max(abs(theta[name]), scale.get(name, 1.0))
 
 
 def _size(row: FloatArray) -> float:

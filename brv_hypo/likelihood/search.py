@@ -78,13 +78,18 @@ class Options:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Where the search ended and how; `problem` carries the process noise as estimated."""
+    """Where the search ended and how; `problem` carries the process noise as estimated.
+
+    `segments` are the sensitivities from which the last step came, where that step was negligible and they
+    still hold.
+    """
 
     problem: Problem
     iterate: Iterate
     status: Status
     message: str
     history: tuple[Progress, ...]
+    segments: tuple[Sensitivity, ...] = ()
 
 
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
@@ -126,7 +131,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         if step.length < options.tolerance and noise_settled and violation < _FEASIBLE:
             if unseen is not None:
                 return ended("undetermined", _undetermined(unseen))
-            return ended("converged", "the step is negligible against the standard errors")
+            return replace(ended("converged", _NEGLIGIBLE), segments=segments)
     return ended("iteration limit", _LIMIT.format(options.max_iterations))
 
 
@@ -189,6 +194,7 @@ def _undetermined(error: SingularStatesError) -> str:
     )
 
 
+_NEGLIGIBLE = "the step is negligible against the standard errors"
 _DIVERGED = (
     "the step is not finite: the functions overflowed or returned nan. "
     "Start nearer to the solution, set bounds, or check the dynamics for divisions by zero"

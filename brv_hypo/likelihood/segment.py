@@ -8,6 +8,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.course import Course, SampledCourse, sampled
 from brv_hypo.likelihood.interpolation import WIDTH, Interpolator, Stencil
 
 
@@ -37,6 +38,7 @@ class Segment:
         u_mid: inputs halfway between samples, (n_inputs, n - 1); interpolated by a cubic when left out.
         history: states and inputs before the start, which delayed quantities need; without it the first
             sample is held backwards.
+        courses: quantities that vary along the segment as known shapes, whose weights are in theta0.
     """
 
     t: FloatArray
@@ -46,6 +48,7 @@ class Segment:
     x0_std: float | FloatArray = np.inf
     u_mid: FloatArray | None = None
     history: History | None = None
+    courses: tuple[Course, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,8 @@ class LookBack:
 class Grid:
     """A segment made ready: samples and midpoints, measured mask, interpolator.
 
-    `t` and `u` hold the n samples first and then the n - 1 midpoints, (2 n - 1,) and (n_inputs, 2 n - 1).
+    `t` and `u` hold the n samples first and then the n - 1 midpoints, (2 n - 1,) and (n_inputs, 2 n - 1); so do
+    the courses.
     """
 
     t: FloatArray
@@ -73,6 +77,7 @@ class Grid:
     start_std: FloatArray
     interpolator: Interpolator
     history: History | None = None
+    courses: tuple[SampledCourse, ...] = ()
 
     @property
     def n(self) -> int:
@@ -143,6 +148,7 @@ def build_grid(segment: Segment, number: int) -> Grid:
         start_std=np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (n_states,)),
         interpolator=interpolator,
         history=segment.history,
+        courses=sampled(segment.courses, np.concatenate([t, middle]), number),
     )
 
 

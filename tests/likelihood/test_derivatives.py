@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.course import Course, SampledCourse, sampled
 from brv_hypo.likelihood.derivatives import (
     Delayed,
     Method,
@@ -91,3 +93,38 @@ def test_a_parameter_at_zero_gets_a_step_in_the_functions_own_scale() -> None:
     assert scale["tiny"] == pytest.approx(1e-6, rel=0.01)
     found = jacobian(stiff, points, {"tiny": 0.0}, ("tiny",), "central", scale)
     np.testing.assert_allclose(found.by_parameter, 1e6, rtol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["complex", "central"])
+def test_weights_of_a_course_have_the_derivatives_of_parameters(method: Method) -> None:
+    rng = np.random.default_rng(3)
+    t = np.linspace(0.0, 2.0, 40)
+    shapes = np.stack([np.ones_like(t), t, np.sin(3.0 * t)])
+    x, u = rng.standard_normal((2, t.size)), np.zeros((0, t.size))
+    theta = {"a": 0.4, "b": -1.2, "c": 0.0, "k": 2.0}
+
+    def plain(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        drift = theta["a"] * shapes[0] + theta["b"] * shapes[1] + theta["c"] * shapes[2]
+        return np.stack([theta["k"] * x[0] * drift**2, x[1] + drift])
+
+    def with_course(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.stack([theta["k"] * x[0] * theta["drift"] ** 2, x[1] + theta["drift"]])
+
+    course = SampledCourse("drift", ("a", "b", "c"), shapes)
+    names = tuple(theta)
+    expected = jacobian(plain, Points(x, u, t), theta, names, method, {})
+    found = jacobian(with_course, Points(x, u, t, courses=(course,)), theta, names, method, {})
+    np.testing.assert_allclose(found.value, expected.value, rtol=1e-14)
+    np.testing.assert_allclose(found.by_state, expected.by_state, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.by_parameter, expected.by_parameter, rtol=1e-7, atol=1e-8)
+
+
+def test_a_weight_of_two_courses_is_refused() -> None:
+    courses = tuple(Course(name, ("a",), lambda t: np.ones((1, t.size))) for name in ("first", "second"))
+    with pytest.raises(UsageError, match="weights of two courses"):
+        sampled(courses, np.arange(5.0), 0)
+
+
+def test_shapes_of_the_wrong_size_are_refused() -> None:
+    with pytest.raises(UsageError, match="one row for each weight"):
+        sampled((Course("drift", ("a", "b"), lambda t: np.ones((1, t.size))),), np.arange(5.0), 0)
