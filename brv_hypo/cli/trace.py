@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_format
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,9 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session, write_whole
 from brv_hypo.errors import UsageError
+
+if TYPE_CHECKING:
+    from brv_hypo.trace.saved import SavedModel
 
 Model = Annotated[
     Path | None,
@@ -44,7 +47,7 @@ def trace(
     from brv_hypo.trace import TraceConfig
     from brv_hypo.trace import trace as traced
 
-    chosen = {} if model is None else {"start": starting_hypothesis(model, session)}
+    chosen = {} if model is None else {"start": starting_model(model, session)}
     settings = read_settings(TraceConfig, config, **chosen)
     record = load_flight(flight).window(start, stop)
     with session.progress("tracing") as progress:
@@ -70,17 +73,18 @@ def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:
     session.show(f"Wrote {file}: `brv-hypo compare FLIGHT.h5 --mechanisms {file}` compares it.")
 
 
-def starting_hypothesis(path: Path, session: Session) -> str:
-    """The hypothesis that a comparison or a trace, written with `--json`, ended with.
+def starting_model(path: Path, session: Session) -> str | SavedModel:
+    """The model that a comparison or a trace, written with `--json`, ended with.
 
+    Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
     try:
         content = json_format.loads(path.read_text(encoding="utf-8"))
         if content["schema"] == "brv-hypo/compare/1":
-            return str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
+            return _of_comparison(content, session)
         if content["schema"] == "brv-hypo/trace/1":
-            return _of_trace(content["model"]["terms"], session)
+            return _of_trace(content["model"], session)
     except OSError as error:
         raise UsageError(f"the model {path} cannot be read ({error.strerror}). Check the path.") from None
     except (ValueError, KeyError, IndexError, TypeError) as error:
@@ -91,10 +95,26 @@ def starting_hypothesis(path: Path, session: Session) -> str:
     raise UsageError(f"{path} holds '{content['schema']}', expected the JSON of a comparison or of a trace.")
 
 
-def _of_trace(terms: list[dict[str, Any]], session: Session) -> str:
-    """The mechanisms of a traced model; errors of the record are found anew."""
-    record = {term["mechanism"] for term in terms if term["channel"] == "record"}
-    if record:
-        session.warn(f"errors of the record are found anew: {', '.join(sorted(record))}")
+def _of_comparison(content: dict[str, Any], session: Session) -> str:
+    """The winner or, where there is none, the leader; what its likelihood says of the instruments is found anew."""
+    name = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
+    ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == name), {})
+    _say_found_anew(session, [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())])
+    return name
+
+
+def _of_trace(model: dict[str, Any], session: Session) -> str | SavedModel:
+    """The model itself, where the file holds its definition; else its mechanisms, fitted anew."""
+    from brv_hypo.trace.saved import SavedModel
+
+    if "definition" in model:
+        return SavedModel.model_validate(model["definition"])
+    terms = model["terms"]
+    _say_found_anew(session, [term["mechanism"] for term in terms if term["channel"] == "record"])
     moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
     return "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
+
+
+def _say_found_anew(session: Session, errors: list[str]) -> None:
+    if errors:
+        session.warn(f"errors of the record are found anew: {', '.join(sorted(set(errors)))}")

@@ -76,6 +76,9 @@ class Mechanism(BaseModel, ABC):
     """True where the terms of one region are components of one vector: they enter and leave together."""
     several_parameters_at_once: ClassVar[bool] = False
     """True where terms of several theta may stand side by side, as the delays of Eq. 5.1 do."""
+    characteristic: ClassVar[tuple[str, ...]] = ()
+    """Names of the terms without one of which a fit says nothing of this mechanism in particular, as a stiffness that
+    changes says nothing of asymmetric flow; empty where every term does."""
     wind_fixed: ClassVar[bool] = False
     """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
 

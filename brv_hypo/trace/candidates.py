@@ -51,6 +51,12 @@ class Candidate:
     effect: RecordEffect | None = None
     explains: float | None = None
 
+    @property
+    def is_characteristic(self) -> bool:
+        """Whether the fit holds what tells the mechanism from a mere change of the model's coefficients."""
+        telling = {name for mechanism in self.fit.mechanisms for name in mechanism.characteristic}
+        return not telling or any(column.term in telling for column in self.fit.selected)
+
 
 def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
     """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds
@@ -316,11 +322,12 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
         if other is not leader
         and other.gain > 0.0
         and (
-            leader.gain - other.gain < NEAR
-            or (_cosine(leader.contribution, other.contribution) > _ALIKE and other.gain > 0.8 * leader.gain)
+            abs(leader.gain - other.gain) < NEAR or (alike(leader, other) and other.gain > 0.8 * leader.gain)
         )
     )
 
 
-def _cosine(a: FloatArray, b: FloatArray) -> float:
-    return float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
+def alike(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates predict nearly the same."""
+    a, b = one.contribution, other.contribution
+    return float(a @ b) > _ALIKE * float(np.linalg.norm(a) * np.linalg.norm(b))

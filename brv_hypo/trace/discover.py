@@ -32,28 +32,43 @@ class Discovery:
     words: str
 
 
-def discover(task: TraceTask, null: HypothesisFit, name: str, most: int) -> Discovery | None:
+@dataclass(frozen=True)
+class Dictionary:
+    """The dictionary's entries with their whitened columns in one step's regression: (rows, columns) each."""
+
+    entries: tuple[Entry, ...]
+    columns: tuple[FloatArray, ...]
+
+
+def dictionary_of(task: TraceTask) -> Dictionary:
+    """The entries for the task's flight."""
+    found = entries(task.frame.motions[0])
+    return Dictionary(found, tuple(_white(task, found)))
+
+
+def discover(
+    task: TraceTask, null: HypothesisFit, dictionary: Dictionary, name: str, most: int
+) -> Discovery | None:
     """The best description of at most `most` entries of the dictionary beside the model; None if there is
     none.
 
     Entries are screened one after another, moved to their best places, and the best subset of each size is
     found exactly.
     """
-    dictionary = entries(task.frame.motions[0])
     response, basis = task.response, np.linalg.qr(task.design(task.frame, task.baseline))[0]
     left = response - basis @ (basis.T @ response)
     chosen: list[Entry] = []
     for _ in range(min(most + 2, _SCREENED) if most > 1 else 1):
-        columns = _free(task, dictionary, basis)
-        gains = [_gain(own, left) for own in columns]
+        gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
         if not gains or max(gains) <= 0.0:
             break
-        best = _moved(task, dictionary[int(np.argmax(gains))], basis, left)
-        own = _free(task, [best], basis)[0]
+        best = _moved(task, dictionary.entries[int(np.argmax(gains))], basis, left)
+        own = _free(_white(task, [best])[0], basis)
         basis = np.column_stack([basis, np.linalg.qr(own)[0]])
         left = response - basis @ (basis.T @ response)
         chosen.append(best)
-    fits = [_fit(task, name, subset, len(dictionary)) for subset in _subsets(task, chosen, most)]
+    searched = len(dictionary.entries)
+    fits = [_fit(task, name, subset, searched) for subset in _subsets(task, chosen, most)]
     if not fits:
         return None
     (fit, file), words = min(fits, key=lambda pair: pair[0][0].information)
@@ -114,21 +129,25 @@ def _moved(task: TraceTask, entry: Entry, basis: FloatArray, left: FloatArray) -
         places = [
             entry.at(entry.position + spacing * shift) for shift in np.linspace(-1.0, 1.0, 2 * _FINER + 1)
         ]
-        gains = [_gain(own, left) for own in _free(task, places, basis)]
+        gains = [_gain(_free(own, basis), left) for own in _white(task, places)]
         entry = places[int(np.argmax(gains))]
         spacing /= _FINER
     return entry
 
 
-def _free(task: TraceTask, chosen: Sequence[Entry], basis: FloatArray) -> list[FloatArray]:
-    """The whitened columns of each entry, less what the basis holds."""
+def _white(task: TraceTask, chosen: Sequence[Entry]) -> list[FloatArray]:
+    """The whitened columns of each entry."""
     frame, groups = _columns(task, chosen)
     design = task.design(frame, [column for group in groups for column in group])
-    free = design - basis @ (basis.T @ design)
-    spent = np.linalg.norm(free, axis=0) < 1e-4 * np.linalg.norm(design, axis=0)
-    free[:, spent] = 0.0
     ends = np.cumsum([0, *(len(group) for group in groups)])
-    return [free[:, a:b] for a, b in itertools.pairwise(ends)]
+    return [design[:, a:b] for a, b in itertools.pairwise(ends)]
+
+
+def _free(own: FloatArray, basis: FloatArray) -> FloatArray:
+    """Columns less what the basis holds."""
+    free = own - basis @ (basis.T @ own)
+    free[:, np.linalg.norm(free, axis=0) < 1e-4 * np.linalg.norm(own, axis=0)] = 0.0
+    return np.asarray(free, dtype=float)
 
 
 def _gain(columns: FloatArray, left: FloatArray) -> float:

@@ -15,7 +15,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.linear import solve_scaled
 from brv_hypo.trace.channels import Part
-from brv_hypo.trace.task import TraceTask
+from brv_hypo.trace.task import TraceTask, residual
 
 # Rows that are summed before their squares are, so that short correlations count.
 _CLUSTER = 8
@@ -55,6 +55,16 @@ def _held_out_residual(task: TraceTask, held_out: Part, fit: HypothesisFit) -> F
     rows = 4 * held_out.thinned_pieces(task.both)[-1][1]
     predicted = other.whole_design(fit.frame, fit.columns)[:rows] @ values
     return np.asarray(other.raw_response[:rows] - predicted, dtype=float)
+
+
+def force_errors(task: TraceTask, held_out: Part, fit: HypothesisFit) -> tuple[float, float]:
+    """Mean squares (m/s^2)^2 of the transverse specific force's errors, fitted and held out, both axes together."""
+
+    def mean_square(part: Part) -> float:
+        left = residual(task, fit.frame, fit.columns, part).force[part.seen]
+        return float(np.mean(np.abs(left) ** 2) / 2.0)
+
+    return mean_square(task.part), mean_square(held_out)
 
 
 def moment_errors(part: Part, left: ResidualMoments) -> Prediction:

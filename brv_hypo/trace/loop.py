@@ -9,49 +9,30 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import FloatArray
-from brv_hypo.design.whitening import NoiseModel, difference
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.ranking.noise import baseline_columns
-from brv_hypo.trace.candidates import NEAR, Candidate, adjusted, look_alikes
+from brv_hypo.trace.candidates import Candidate, adjusted, look_alikes
+from brv_hypo.trace.choice import Choice, Tried, choose
 from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.discover import Discovery, discover
 from brv_hypo.trace.find import find
-from brv_hypo.trace.judge import (
-    Prediction,
-    ResidualMoments,
-    moment_errors,
-    ratio,
-    residual_moments,
-    score,
-)
-from brv_hypo.trace.result import Errors, Residual, Step, Stop, Trace, TriedCandidate
-from brv_hypo.trace.step import (
-    Applied,
-    Look,
-    Model,
-    Seen,
-    bare_task,
-    look,
-    see,
-    start_columns,
-    start_model,
-)
+from brv_hypo.trace.likelihood import maximum_likelihood
+from brv_hypo.trace.restore import restored
+from brv_hypo.trace.result import Step, Stop, Trace
+from brv_hypo.trace.seen import Seen, see, start_columns, start_model, with_in_plane_moment
+from brv_hypo.trace.state import State, state_of, with_candidate
+from brv_hypo.trace.step import Look, generic_name, look
 from brv_hypo.trace.summary import Ending, summary
-from brv_hypo.trace.task import TraceTask, solution
+from brv_hypo.trace.told import step_of
 
 Progress = Callable[[str], None]
 SMALLEST_RECORD = 120
-_TOLD = 8
 _GENERIC = 4
-# The held-out error has to fall by this many of its standard errors.
-_SIGMAS = 2.5
-# Fall of the squared whitened rates above which an effect shows in the moments.
-_SHOWN = 12.0
 
 
 def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progress | None = None) -> Trace:
@@ -59,15 +40,19 @@ def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progre
 
     Raises UsageError for an unknown effect and UnanswerableError where the record is too short.
     """
-    config = config or TraceConfig()
-    say = progress or (lambda message: None)
-    begun = clock.perf_counter()
     if flight.samples < SMALLEST_RECORD:
         raise UnanswerableError(
             f"the record holds {flight.samples} samples in the window, expected at least {SMALLEST_RECORD}: too few to "
             "hold any out. Widen --start and --stop."
         )
-    course = _Course(flight, config, *_candidates(flight, config))
+    config = config or TraceConfig()
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
+        return _trace(flight, config, progress or (lambda message: None))
+
+
+def _trace(flight: Flight, config: TraceConfig, say: Progress) -> Trace:
+    begun = clock.perf_counter()
+    course = _Course(flight, config, *_candidates(config))
     steps: list[Step] = []
     stopped: Stop = "limit"
     say("reconstructing the motion")
@@ -86,15 +71,15 @@ def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progre
             stopped = turn.reason
             break
     assert first is not None
-    end = Ending(
-        state.seen, state.model, state.values, state.noise, state.left, tuple(steps), stopped, discovery
-    )
-    return summary(flight, first.left, end, clock.perf_counter() - begun)
+    end = Ending(state, tuple(steps), stopped, discovery)
+    result = summary(flight, first.left, end)
+    if config.maximum_likelihood:
+        say("maximum likelihood of the final model")
+        result = result.model_copy(update={"ml": maximum_likelihood(state)})
+    return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
-def _candidates(
-    flight: Flight, config: TraceConfig
-) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
+def _candidates(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
     if config.effects is None:
         return mechanisms("mechanism") + mechanisms("aerodynamic"), record_effects()
     items = [find_installed(name) for name in config.effects]
@@ -102,44 +87,6 @@ def _candidates(
         tuple(item for item in items if isinstance(item, Mechanism)),
         tuple(item for item in items if isinstance(item, RecordEffect)),
     )
-
-
-@dataclass(frozen=True)
-class State:
-    """A model with its coefficients, the flight as it is seen with it, and the moments that it leaves."""
-
-    model: Model
-    seen: Seen
-    values: FloatArray
-    noise: NoiseModel
-    left: ResidualMoments
-    errors: Prediction
-    held_out: Prediction
-
-
-@dataclass(frozen=True)
-class Tried:
-    """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean
-    squares.
-    """
-
-    state: State
-    score: float
-    ratio: float
-    ratio_error: float
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The effect that counts, if any; what came of trying it; the model with it, where the held-out part
-    agrees.
-    """
-
-    ranked: tuple[Candidate, ...]
-    discovery: Discovery | None
-    leader: Candidate | None = None
-    tried: Tried | None = None
-    taken: bool = False
 
 
 @dataclass(frozen=True)
@@ -164,16 +111,22 @@ class _Course:
 
     def begin(self) -> State:
         """The model that the trace starts from."""
-        start = parse_hypothesis(self.config.start)
-        model = start_model(self.flight, start)
+        start = self.config.start
+        if not isinstance(start, str):
+            model = restored(start, self.flight)
+            seen = with_in_plane_moment(see(self.flight, model, self.config), model.columns)
+            return state_of(model, seen, seen.first_noise(model.columns), None)
+        held = parse_hypothesis(start)
+        model = start_model(self.flight, held)
         seen = see(self.flight, model, self.config)
         columns = baseline_columns(seen.frame)
         noise = seen.first_noise(columns)
-        if start:
-            columns = start_columns(seen, columns, noise, start, self.config)
+        if held:
+            columns = start_columns(seen, columns, noise, held, self.config)
+            seen = with_in_plane_moment(seen, columns)
             noise = seen.first_noise(columns)
-        model = replace(model, columns=columns, added=tuple(m.name for m in start))
-        return self._state(model, seen, noise, None)
+        model = replace(model, columns=columns, added=tuple(m.name for m in held))
+        return state_of(model, seen, noise, None)
 
     def turn(self, number: int, state: State) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed."""
@@ -188,102 +141,28 @@ class _Course:
             effects,
             usable,
             self.config,
-            most_generic=min(self._generic, 1),
         )
-        state = self._state(state.model, state.seen, here.task.noise, here.task)
+        state = state_of(state.model, state.seen, here.task.noise, here.task)
         residual = find(here, state.left)
         choice = self._choice(here, state, here.discovery)
-        if not choice.taken and self._generic and not residual.white:
-            more = discover(here.task, here.null, _generic_name(state.model), self._generic)
-            described = self._choice(here, state, more)
+        if choice.taken is None and here.dictionary is not None and not residual.white:
+            more = discover(here.task, here.null, here.dictionary, generic_name(state.model), _GENERIC)
+            described = self._choice(here, state, more, choice.tried)
             choice = described if described.taken else choice
-        step = _step(number, residual, here, state, choice, self.config.significance)
+        step = step_of(number, residual, here, state, choice)
         reason: Stop = "white" if residual.white else "nothing significant"
-        if choice.leader is not None:
+        if choice.tried:
             reason = "nothing improves held-out error"
-        after = choice.tried.state if choice.tried is not None and choice.taken else None
+        after = choice.taken.state if choice.taken else None
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
-    @property
-    def _generic(self) -> int:
-        return _GENERIC if self.config.discover else 0
+    def _choice(
+        self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = ()
+    ) -> Choice:
+        def add(candidate: Candidate) -> State:
+            return with_candidate(self.flight, self.config, here, state, candidate)
 
-    def _choice(self, here: Look, state: State, discovery: Discovery | None) -> Choice:
-        """The best effect that counts and shows in the moments, tried on the held-out part.
-
-        An effect that the specific force shows and the moments do not is named, but it cannot lower their
-        error.
-        """
-        ranked = tuple(_ranked(here.candidates, discovery))
-        chances = adjusted(ranked)
-        counting = [c for c in ranked if c.gain > 0.0 and chances[c.name] <= self.config.significance]
-        leader = next((c for c in counting if c.in_rates > _SHOWN), None)
-        if leader is None:
-            return Choice(ranked, discovery, counting[0] if counting else None)
-        after = self._with(here, state, leader)
-        fallen = score(here.task, state.seen.held_out, here.null, leader.fit)
-        tried = Tried(after, fallen, *ratio(state.held_out, after.held_out))
-        return Choice(ranked, discovery, leader, tried, fallen >= _SIGMAS and tried.ratio < 1.0)
-
-    def _with(self, here: Look, state: State, leader: Candidate) -> State:
-        """The model with the leader added, fitted to the fitted part."""
-        model = state.model
-        if leader.effect is None:
-            known = {**model.mechanisms, **{m.name: m for m in leader.fit.mechanisms}}
-            model = replace(
-                model, mechanisms=known, columns=leader.fit.columns, added=(*model.added, leader.name)
-            )
-            seen = replace(state.seen, frame=leader.fit.frame)
-            return self._state(model, seen, here.task.noise, here.task)
-        values = leader.fit.values[leader.fit.baseline_size :]
-        sizes = {component: (units, size) for component, units, size in leader.effect.components()}
-        applied = tuple(
-            Applied(leader.effect, component, *sizes[component], float(value))
-            for column, value in zip(leader.fit.selected, values, strict=True)
-            for component in [here.components[column.term]]
-        )
-        model = replace(model, applied=(*model.applied, *applied), added=(*model.added, leader.name))
-        seen = see(self.flight, model, self.config)
-        task = bare_task(seen, model, state.values, here.task.both)
-        return self._state(model, seen, here.task.noise, task)
-
-    def _state(self, model: Model, seen: Seen, noise: NoiseModel, task: TraceTask | None) -> State:
-        """The model's coefficients on the fitted part, and its errors.
-
-        A model that lacks something fits the moments badly under the noise of one that does not; plain least
-        squares of the moments are tried too, and the smaller error of the fitted part decides.
-        """
-        nothing = np.zeros(seen.record.time.size, dtype=complex)
-        answers = [(seen.values(seen.fitted, model.columns, difference()), nothing)]
-        if task is not None:
-            answers.append(solution(task, seen.frame, model.columns))
-        found = []
-        for values, others in answers:
-            left = residual_moments(seen.frame, seen.record, model.columns, values, others)
-            errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
-            found.append(State(model, seen, values, noise, left, errors, held_out))
-        return min(found, key=lambda state: state.errors.mean_square)
-
-
-def _step(
-    number: int, residual: Residual, here: Look, state: State, choice: Choice, significance: float
-) -> Step:
-    """What the result tells of one step."""
-    leader, tried = choice.leader, choice.tried
-    chances = adjusted(choice.ranked)
-    return Step(
-        step=number,
-        residual=residual,
-        candidates=tuple(_told(c, chances, here, choice.discovery) for c in choice.ranked[:_TOLD]),
-        look_alikes=look_alikes(leader, choice.ranked) if leader else (),
-        added=leader.name if leader and choice.taken else None,
-        description=_words(leader, here, choice.discovery) if leader else "",
-        error_before=_errors(state),
-        error_after=None if tried is None else _errors(tried.state),
-        error_ratio_held_out=None if tried is None else tried.ratio,
-        error_ratio_std_error=None if tried is None else tried.ratio_error,
-        held_out_score=None if tried is None else tried.score,
-    )
+        return choose(here, state, discovery, self.config.significance, add, before)
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:
@@ -291,9 +170,9 @@ def _counting(choice: Choice, significance: float) -> Discovery | None:
     found = choice.discovery
     if found is None:
         return None
-    leader = choice.leader
-    if choice.taken and leader is not None and leader is not found.candidate:
-        return found if found.candidate.name in look_alikes(leader, choice.ranked) else None
+    if choice.taken is not None and choice.taken.candidate is not found.candidate:
+        similar = look_alikes(choice.taken.candidate, choice.ranked)
+        return found if found.candidate.name in similar else None
     if adjusted(choice.ranked)[found.candidate.name] > significance:
         return None
     return found
@@ -306,56 +185,4 @@ def _applicable(mechanism: Mechanism, seen: Seen) -> bool:
     return all(
         np.all(np.isfinite(term.in_plane)) and np.all(np.isfinite(term.out_of_plane))
         for term in mechanism.terms(motion, theta)
-    )
-
-
-def _errors(state: State) -> Errors:
-    return Errors(fit=state.errors.mean_square, held_out=state.held_out.mean_square)
-
-
-def _ranked(found: Sequence[Candidate], discovery: Discovery | None) -> list[Candidate]:
-    """The candidates, best first; a description in generic terms has to beat a name clearly."""
-    both = [*found, *([discovery.candidate] if discovery else [])]
-    handicap = {"discovered": NEAR}
-    return sorted(both, key=lambda candidate: handicap.get(candidate.kind, 0.0) - candidate.gain)
-
-
-def _generic_name(model: Model) -> str:
-    return f"discovered_{len(model.added) + 1}"
-
-
-def _told(
-    candidate: Candidate, chances: dict[str, float], here: Look, discovery: Discovery | None
-) -> TriedCandidate:
-    return TriedCandidate(
-        effect=candidate.name,
-        kind=candidate.kind,
-        f_ratio=candidate.f_ratio,
-        p_value_adjusted=chances[candidate.name],
-        explains=candidate.explains,
-        description=_words(candidate, here, discovery),
-    )
-
-
-def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:
-    """What the candidate says of this flight."""
-    if candidate.kind == "discovered" and discovery is not None:
-        return discovery.words
-    values = candidate.fit.values[candidate.fit.baseline_size :]
-    where = "" if candidate.in_rates > _SHOWN else " (in the specific force only)"
-    if candidate.effect is not None:
-        when = getattr(candidate.effect, "time", None)
-        sizes = ", ".join(
-            f"{here.components[column.term]} {value:.3g} {column.units}"
-            for column, value in zip(candidate.fit.selected, values, strict=True)
-        )
-        return (sizes if when is None else f"{sizes} at {when:.3f} s") + where
-    return ", ".join(
-        f"{column.label} {value:.3g}"
-        + (
-            ""
-            if column.course.kind == "constant"
-            else f" at {max(column.course.start, float(here.seen.flight.time[0])):.2f} s"
-        )
-        for column, value in zip(candidate.fit.selected, values, strict=True)
     )

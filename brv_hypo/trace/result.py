@@ -7,8 +7,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.mechanisms.filed import MechanismFile
-from brv_hypo.ranking.result import FlightSummary, TermEstimate
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
 from brv_hypo.trace.candidates import Kind
+from brv_hypo.trace.saved import SavedModel
 
 Interval = tuple[float, float]
 Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
@@ -64,15 +65,19 @@ class TriedCandidate(_Result):
 
 
 class Errors(_Result):
-    """Mean squares of the moment coefficients' errors, pitch and yaw together."""
+    """Mean squares of errors, both axes together."""
 
     fit: float
     held_out: float
 
 
 class Step(_Result):
-    """One turn of the loop. `look_alikes` are what this flight cannot tell from the first candidate.
+    """One turn of the loop. The first candidate is what was added, where anything was.
 
+    `look_alikes` are what this flight cannot tell from the first candidate that counts; `refused` is what counts in the
+    fitted part and does not lower the held-out error. `error_before`, `error_after` are those of the moment
+    coefficients; `force_error_before`, `force_error_after` those of the specific force across the axis, (m/s^2)^2, in
+    which an error of the record may show alone.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
     `held_out_score` the fall of the held-out error in both channels in its standard errors.
     """
@@ -81,19 +86,23 @@ class Step(_Result):
     residual: Residual
     candidates: tuple[TriedCandidate, ...]
     look_alikes: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
     added: str | None
     description: str = ""
     error_before: Errors
     error_after: Errors | None
     error_ratio_held_out: float | None
+    force_error_before: Errors
+    force_error_after: Errors | None
     error_ratio_std_error: float | None = None
     held_out_score: float | None = None
 
 
 class ModelSummary(_Result):
-    """The model as it ended, fitted to the whole record."""
+    """The model as it ended, fitted to the whole record; another trace can start from `definition`."""
 
     terms: tuple[TermEstimate, ...]
+    definition: SavedModel
 
 
 class Picture(_Result):
@@ -120,6 +129,7 @@ class Trace(_Result):
         description="mean square of the moment coefficients' noise on the held-out blocks"
     )
     final_residual: Residual | None = None
+    ml: MaximumLikelihood | None = None
     seconds: float = 0.0
     picture: Picture | None = Field(default=None, exclude=True)
     discovered: MechanismFile | None = Field(default=None, exclude=True)

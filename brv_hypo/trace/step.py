@@ -7,20 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.design.baseline import PitchDamping, StaticMoment
-from brv_hypo.design.columns import Column, default_knots
-from brv_hypo.design.frame import RateFrame, build_frame, remove_levels
-from brv_hypo.design.whitening import NoiseModel, difference, fit_noise
-from brv_hypo.flight.record import Flight
+from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.frames import crossflow
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.ranking.linear import solve_scaled
-from brv_hypo.ranking.task import Task
 from brv_hypo.trace.candidates import (
     Candidate,
     candidate_of,
@@ -31,12 +21,14 @@ from brv_hypo.trace.candidates import (
     try_mechanism,
     try_record_effect,
 )
-from brv_hypo.trace.channels import Noise, Part, Rows, part, split
+from brv_hypo.trace.channels import Noise, Rows
 from brv_hypo.trace.config import TraceConfig
-from brv_hypo.trace.discover import Discovery, discover
-from brv_hypo.trace.response import ForceModel, Situation, start_of, without_wander
+from brv_hypo.trace.discover import Dictionary, Discovery, dictionary_of, discover
+from brv_hypo.trace.response import ForceModel, Situation, start_of
+from brv_hypo.trace.seen import Model, Seen, normal_force_slope
 from brv_hypo.trace.task import (
     TraceTask,
+    Unknowns,
     build_task,
     plain_task,
     unknowns,
@@ -44,7 +36,6 @@ from brv_hypo.trace.task import (
     with_less_noise,
 )
 
-_OUTLIER = 6.0
 _WORTH_REFINING = 0.4
 _REFINED = 3
 _TOLD = 8
@@ -55,70 +46,11 @@ Catalogue = Mapping[str, list[tuple[RecordEffect, Mapping[str, str]]]]
 
 
 @dataclass(frozen=True)
-class Applied:
-    """A component of a record effect that the model holds, with the value that was taken out of the record."""
-
-    effect: RecordEffect
-    component: str
-    units: str
-    size: float
-    value: float
-
-    @property
-    def name(self) -> str:
-        """The name of its history."""
-        return f"{self.effect.name} {self.component}"
-
-
-@dataclass(frozen=True)
-class Model:
-    """What explains the flight: moment columns of these mechanisms, and components of record effects."""
-
-    mechanisms: Mapping[str, Mechanism]
-    columns: tuple[Column, ...]
-    applied: tuple[Applied, ...] = ()
-    added: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Seen:
-    """A flight, with what the model takes out of the record taken out, reconstructed."""
-
-    flight: Flight
-    record: InertialRecord
-    reconstruction: Reconstruction
-    frame: RateFrame
-    fitted: Part
-    held_out: Part
-    whole: Part
-    force_seen: BoolArray
-
-    def values(self, part: Part, columns: tuple[Column, ...], noise: NoiseModel) -> FloatArray:
-        """Coefficients (columns,) of the moments on a part."""
-        design, response = self.rows(part, columns, noise)
-        return solve_scaled(design, response)
-
-    def rows(
-        self, part: Part, columns: tuple[Column, ...], noise: NoiseModel
-    ) -> tuple[FloatArray, FloatArray]:
-        """Whitened columns (rows, columns) and rates (rows,) of a part."""
-        both = Noise(noise, noise, (0.0, 0.0))
-        design = part.white_rates(self.frame.columns(columns)[part.rows], both)
-        return design, part.white_rates(self.frame.observed[part.rows], both)[:, 0]
-
-    def first_noise(self, columns: tuple[Column, ...]) -> NoiseModel:
-        """A noise model to begin with: of what the columns leave of the rates."""
-        left = self.frame.observed - self.frame.columns(columns) @ self.values(
-            self.fitted, columns, difference()
-        )
-        return fit_noise(remove_levels(left[self.fitted.rows], self.fitted.pieces, difference()))
-
-
-@dataclass(frozen=True)
 class Look:
     """A fitted model and what every candidate would do beside it, on the fitted part.
 
-    `components` maps the histories of record effects to their components.
+    `components` maps the histories of record effects to their components; `dictionary` is None where no description in
+    generic terms was asked for.
     """
 
     seen: Seen
@@ -127,57 +59,22 @@ class Look:
     candidates: tuple[Candidate, ...]
     situation: Situation
     components: Mapping[str, str]
+    dictionary: Dictionary | None = None
     discovery: Discovery | None = None
 
 
-def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
-    """Reconstruct the flight as the model reads its record.
-
-    The instruments are taken as the record has them: their errors are hypotheses here, not something to be
-    averaged over.
-    """
-    for applied in model.applied:
-        flight = applied.effect.perturb(flight, applied.component, -applied.value)
-    settings = ReconstructionConfig(method=config.method, gyro_bias_sigma=0.0, accel_bias_sigma=0.0)
-    record = inertial_record(flight, settings)
-    reconstruction = without_wander(record, reconstruct(flight, settings))
-    frame = build_frame([reconstruction], list(model.mechanisms.values()))
-    seen = _force_seen(record, reconstruction)
-    fitted, held_out = split(frame, seen, config.blocks)
-    whole = part(frame, seen, np.ones(flight.samples, dtype=bool), shared=True)
-    return Seen(flight, record, reconstruction, frame, fitted, held_out, whole, seen)
-
-
-def start_model(flight: Flight, mechanisms: Sequence[Mechanism]) -> Model:
-    """The baseline with constant coefficients: what changes along the flight is for the loop to find."""
-    static = StaticMoment(
-        start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=0
-    )
-    known = {mechanism.name: mechanism for mechanism in (static, PitchDamping(), *mechanisms)}
-    return Model(known, ())
-
-
-def start_columns(
-    seen: Seen,
-    baseline: tuple[Column, ...],
-    noise: NoiseModel,
-    mechanisms: tuple[Mechanism, ...],
-    config: TraceConfig,
-) -> tuple[Column, ...]:
-    """The baseline's columns and the best of the mechanisms that the model holds from the start."""
-    frame = seen.frame
-    knots = default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count)
-    task = Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.max_terms, True)
-    return fit_hypothesis(task, "start", mechanisms).columns
-
-
-def bare_task(seen: Seen, model: Model, values: FloatArray, noise: Noise) -> TraceTask:
-    """The regression of a model alone, under a noise that is known."""
+def bare_look(seen: Seen, model: Model, values: FloatArray, noise: Noise) -> Look:
+    """The regression of a model alone on the fitted part, under a noise that is known."""
     situation = _situation(seen, model, values)
-    fixed = unknowns(
+    task = plain_task(situation, seen.frame, seen.fitted, _fixed(situation, model), {}, noise)
+    return Look(seen, task, fit_hypothesis(task, "none", ()), (), situation, {})
+
+
+def _fixed(situation: Situation, model: Model) -> Unknowns:
+    """What is fitted along always: unknowns of the motion, and the record effects that the model holds."""
+    return unknowns(
         situation, {a.name: situation.effect(a.effect, a.component, a.size) for a in model.applied}
     )
-    return plain_task(situation, seen.frame, seen.fitted, fixed, {}, noise)
 
 
 def look(
@@ -188,16 +85,13 @@ def look(
     effects: Sequence[RecordEffect],
     rich: Sequence[Mechanism],
     config: TraceConfig,
-    most_generic: int,
 ) -> Look:
     """Fit the model and every candidate on the fitted part, under the noise of the leader's residual.
 
-    `most_generic` entries of the dictionary may describe what is left; 0 leaves the dictionary out.
+    Where the dictionary is searched too, `discovery` is the one entry of it that describes best what is left.
     """
     situation = _situation(seen, model, values)
-    fixed = unknowns(
-        situation, {a.name: situation.effect(a.effect, a.component, a.size) for a in model.applied}
-    )
+    fixed = _fixed(situation, model)
     catalogue, histories = _histories(situation, effects)
     task = build_task(
         situation, seen.frame, seen.fitted, fixed, histories, rich, config.knot_count, config.max_terms
@@ -220,9 +114,8 @@ def look(
             null = fit_hypothesis(task, "none", ())
             found = [_again(task, null, closer if c is leader else c) for c in found]
     found = sorted(found, key=lambda candidate: candidate.fit.information)
-    discovery = (
-        discover(task, null, f"discovered_{len(model.added) + 1}", most_generic) if most_generic else None
-    )
+    dictionary = dictionary_of(task) if config.discover else None
+    discovery = discover(task, null, dictionary, generic_name(model), 1) if dictionary else None
     told = [replace(c, explains=explained(task, null, c.fit)) for c in found[:_TOLD]]
     components = {
         name: component
@@ -230,7 +123,12 @@ def look(
         for effect, names in variants
         for name, (component, _, _) in zip(names, effect.components(), strict=True)
     }
-    return Look(seen, task, null, (*told, *found[_TOLD:]), situation, components, discovery)
+    return Look(seen, task, null, (*told, *found[_TOLD:]), situation, components, dictionary, discovery)
+
+
+def generic_name(model: Model) -> str:
+    """The name of what is described in generic terms beside the model."""
+    return f"discovered_{len(model.added) + 1}"
 
 
 def _leader(found: Sequence[Candidate]) -> Candidate:
@@ -336,7 +234,7 @@ def _variants_of(
 
 def _situation(seen: Seen, model: Model, values: FloatArray) -> Situation:
     motion = seen.reconstruction.motion
-    force = ForceModel(_slope(seen.reconstruction))
+    force = ForceModel(normal_force_slope(seen.reconstruction))
     found = force.columns(seen.record, crossflow(motion.alpha, motion.windward_meridian))
     keep = seen.force_seen
     stacked = np.concatenate([found[keep].real, found[keep].imag])
@@ -351,24 +249,4 @@ def _situation(seen: Seen, model: Model, values: FloatArray) -> Situation:
         values,
         force,
         np.asarray(force_values, dtype=float),
-    )
-
-
-def _slope(reconstruction: Reconstruction) -> FloatArray:
-    slope = reconstruction.normal_force_slope
-    return np.where(np.isfinite(slope), slope, 1.0)
-
-
-def _force_seen(record: InertialRecord, reconstruction: Reconstruction) -> BoolArray:
-    """Where the transverse force was measured and is no spike against the normal-force model."""
-    motion = reconstruction.motion
-    columns = ForceModel(_slope(reconstruction)).columns(
-        record, crossflow(motion.alpha, motion.windward_meridian)
-    )
-    force = record.transverse_force
-    stacked = np.concatenate([columns.real, columns.imag])
-    left = force - columns @ np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0]
-    size = np.abs(left)
-    return np.asarray(
-        record.measured & (size < _OUTLIER * 1.2 * np.median(size[record.measured]) + 1e-12), dtype=bool
     )

@@ -8,14 +8,18 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.design.columns import BASELINE, Column
-from brv_hypo.design.whitening import NoiseModel
 from brv_hypo.flight.record import Flight
-from brv_hypo.ranking.linear import covariance_of
+from brv_hypo.ranking.linear import covariance_of, solve_scaled
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
 from brv_hypo.trace.discover import Discovery
+from brv_hypo.trace.find import find
 from brv_hypo.trace.judge import ResidualMoments, noise_floor
+from brv_hypo.trace.restore import saved
 from brv_hypo.trace.result import ModelSummary, Picture, Residual, Step, Stop, Trace
-from brv_hypo.trace.step import Model, Seen
+from brv_hypo.trace.seen import Model, Seen
+from brv_hypo.trace.state import State
+from brv_hypo.trace.step import Look, bare_look
+from brv_hypo.trace.task import with_efficiency
 
 _FEW_SAMPLES = 25.0
 
@@ -24,21 +28,23 @@ _FEW_SAMPLES = 25.0
 class Ending:
     """Where the loop ended."""
 
-    seen: Seen
-    model: Model
-    values: FloatArray
-    noise: NoiseModel
-    left: ResidualMoments
+    state: State
     steps: tuple[Step, ...]
     stopped: Stop
     discovery: Discovery | None
 
 
-def summary(flight: Flight, before: ResidualMoments, end: Ending, seconds: float) -> Trace:
+def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
-    last, model, noise, steps = end.seen, end.model, end.noise, end.steps
-    values = last.values(last.whole, model.columns, noise)
-    final = steps[-1].residual
+    state, last, model = end.state, end.state.seen, end.state.model
+    assert state.task is not None
+    here = bare_look(last, model, state.values, state.task.both)
+    final = find(here, state.left)
+    values = last.values(last.whole, model.columns, state.noise)
+    terms = (
+        *term_estimates(last, model.columns, values, _covariance(state, values)),
+        *_record_terms(here, model),
+    )
     return Trace(
         flight=FlightSummary(
             path=flight.path,
@@ -49,57 +55,75 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending, seconds: float
             title=flight.title,
             notes=flight.notes,
         ),
-        steps=steps,
-        model=ModelSummary(terms=_terms(last, model, values, noise)),
+        steps=end.steps,
+        model=ModelSummary(terms=terms, definition=saved(model)),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flight, last),
         noise_floor=noise_floor(last.held_out, last.reconstruction),
         final_residual=final,
-        seconds=seconds,
         discovered=None if end.discovery is None else end.discovery.file,
         picture=_picture(before, end),
     )
 
 
-def _terms(seen: Seen, model: Model, values: FloatArray, noise: NoiseModel) -> tuple[TermEstimate, ...]:
-    """Coefficients on the whole record with their standard errors, and what was taken out of the record."""
-    frame = seen.frame
-    design, response = seen.rows(seen.whole, model.columns, noise)
-    covariance = covariance_of(design, response - design @ values, response.size, 1.0)
+def _covariance(state: State, values: FloatArray) -> FloatArray:
+    """Of the moment model's coefficients (columns, columns), on the whole record."""
+    design, response = state.seen.rows(state.seen.whole, state.model.columns, state.noise)
+    return covariance_of(design, response - design @ values, response.size, 1.0)
+
+
+def term_estimates(
+    seen: Seen, columns: tuple[Column, ...], values: FloatArray, covariance: FloatArray
+) -> tuple[TermEstimate, ...]:
+    """Coefficients (columns,) of the moment model with their standard errors."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    time = frame.time
-    found = [
+    time = seen.frame.time
+    return tuple(
         TermEstimate(
             name=column.label,
             mechanism=_owner(column),
             channel=_channel(seen, column),
             value=float(value),
             std_error=float(sigma),
-            f_ratio=float((value / sigma) ** 2) if sigma > 0.0 else float("nan"),
+            f_ratio=_f_ratio(float(value), float(sigma)),
             units=column.units,
             region_s=None
             if column.course.kind == "constant"
             else (max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))),
             delay_s=column.delay,
         )
-        for column, value, sigma in zip(model.columns, values, sigmas, strict=True)
-    ]
-    return (
-        *found,
-        *(
-            TermEstimate(
-                name=applied.component,
-                mechanism=applied.effect.name,
-                channel="record",
-                value=applied.value,
-                std_error=float("nan"),
-                f_ratio=float("nan"),
-                units=applied.units,
-            )
-            for applied in model.applied
-        ),
+        for column, value, sigma in zip(columns, values, sigmas, strict=True)
     )
+
+
+def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
+    """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
+    along.
+    """
+    task = here.task.on(here.seen.whole)
+    design, response = task.whole_design(here.null.frame, here.null.columns), task.raw_response
+    left = response - design @ solve_scaled(design, response)
+    efficiency = with_efficiency(here.task, here.null).efficiency
+    covariance = covariance_of(design, left, task.part.count(task.both), efficiency)
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[len(here.null.columns) :]
+    by_name = dict(zip(task.unknowns, (float(sigma) for sigma in sigmas), strict=True))
+    return tuple(
+        TermEstimate(
+            name=applied.component,
+            mechanism=applied.effect.name,
+            channel="record",
+            value=applied.value,
+            std_error=by_name[applied.name],
+            f_ratio=_f_ratio(applied.value, by_name[applied.name]),
+            units=applied.units,
+        )
+        for applied in model.applied
+    )
+
+
+def _f_ratio(value: float, sigma: float) -> float:
+    return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
 
 
 def _owner(column: Column) -> str:
@@ -163,14 +187,15 @@ def _drag_spread(flight: Flight) -> float | None:
 
 
 def _picture(before: ResidualMoments, end: Ending) -> Picture:
-    reconstruction = end.seen.reconstruction
+    after = end.state.left
+    reconstruction = end.state.seen.reconstruction
     moments = reconstruction.moments
-    kept = before.usable & end.left.usable
+    kept = before.usable & after.usable
     return Picture(
         time_s=tuple(reconstruction.motion.time[kept].tolist()),
         measured=_pair(moments.body[kept]),
         before=_pair(before.body[kept]),
-        after=_pair(end.left.body[kept]),
+        after=_pair(after.body[kept]),
         sigma=tuple(moments.sigma[kept].tolist()),
     )
 

@@ -240,17 +240,19 @@ def _mean_square(parts: Sequence[ComplexArray]) -> float:
     return float(np.mean(np.abs(np.concatenate(list(parts))) ** 2))
 
 
-def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> Rows:
-    """What columns and unknowns leave of the rates (but for a constant a piece) and of the force (rows,)."""
+def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column], on: Part | None = None) -> Rows:
+    """What columns and unknowns leave of the rates (but for a constant a piece) and of the force (rows,).
+
+    Fitted to the task's own part; `on`: the part that is looked at, if another.
+    """
+    part = on or task.part
     everything = (*columns, *(given_column(name) for name in task.unknowns))
     values = solve_scaled(task.whole_design(frame, columns), task.raw_response)
     moments = [j for j, column in enumerate(everything) if column.mechanism != GIVEN]
     given = [j for j, column in enumerate(everything) if column.mechanism == GIVEN]
-    histories = side_by_side([task.given[everything[j].term].at(task.part.samples) for j in given])
-    rates = (frame.observed - frame.columns([everything[j] for j in moments]) @ values[moments])[
-        task.part.rows
-    ]
-    force = task.given[_OBSERVED].force[task.part.samples]
+    histories = side_by_side([task.given[everything[j].term].at(part.samples) for j in given])
+    rates = (frame.observed - frame.columns([everything[j] for j in moments]) @ values[moments])[part.rows]
+    force = task.given[_OBSERVED].force[part.samples]
     return Rows(rates - histories.rates @ values[given], force - histories.force @ values[given])
 
 

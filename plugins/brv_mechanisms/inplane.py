@@ -20,6 +20,7 @@ class InPlane(Mechanism):
     )
     source = "report, Table 2.1 (b) and Table 5.5"
     time_variation = ("jump", "ramp")
+    characteristic = ("C_N0",)
     wind_fixed = True
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:

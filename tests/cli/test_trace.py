@@ -7,7 +7,7 @@ import json
 import pytest
 
 from brv_hypo.cli.session import Session
-from brv_hypo.cli.trace import starting_hypothesis
+from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
 
 STEP_KEYS = "step residual candidates added error_before error_after error_ratio_held_out"
@@ -81,7 +81,7 @@ def test_the_report_shows_the_residual_before_and_after(traced):
 def test_a_model_starts_with_its_mechanisms(tmp_path, content, hypothesis):
     path = tmp_path / "model.json"
     path.write_text(json.dumps(content))
-    assert starting_hypothesis(path, Session()) == hypothesis
+    assert starting_model(path, Session()) == hypothesis
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "other/1"}', '{"schema": "brv-hypo/trace/1"}'])
@@ -89,9 +89,9 @@ def test_what_is_no_model_is_refused(tmp_path, text):
     path = tmp_path / "model.json"
     path.write_text(text)
     with pytest.raises(UsageError, match=r"model|expected"):
-        starting_hypothesis(path, Session())
+        starting_model(path, Session())
 
 
 def test_a_missing_model_is_refused(tmp_path):
     with pytest.raises(UsageError, match="cannot be read"):
-        starting_hypothesis(tmp_path / "nowhere.json", Session())
+        starting_model(tmp_path / "nowhere.json", Session())

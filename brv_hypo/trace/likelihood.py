@@ -1,0 +1,46 @@
+"""The final model of a trace, refined by maximum likelihood on the measurements themselves."""
+
+from __future__ import annotations
+
+from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.ranking.likelihood import MOST_ITERATIONS
+from brv_hypo.ranking.result import DerivedEstimate, MaximumLikelihood
+from brv_hypo.trace.state import State
+from brv_hypo.trace.summary import term_estimates
+
+# Errors of the instruments were candidates of the loop: the likelihood looks for no more of them.
+_OPTIONS = IdentificationConfig(candidates=(), max_iterations=MOST_ITERATIONS)
+
+
+def maximum_likelihood(state: State) -> MaximumLikelihood:
+    """The likelihood's block of the result, in the form of `compare`'s; a failure is its status and message.
+
+    Where columns look into the past, or the reconstruction is degraded, the search takes long and is left out.
+    """
+    seen, columns = state.seen, state.model.columns
+    if any(column.theta for column in columns) or seen.reconstruction.status == "degraded":
+        return MaximumLikelihood(
+            status="left out",
+            iterations=0,
+            log_likelihood=None,
+            message="its search takes long where terms look into the past or the record has limits: use "
+            "`brv-hypo compare` with maximum_likelihood: full",
+        )
+    values = seen.values(seen.whole, columns, state.noise)
+    return _block(state, identify(seen.frame, columns, values, _OPTIONS))
+
+
+def _block(state: State, found: Identification) -> MaximumLikelihood:
+    terms = term_estimates(state.seen, found.columns, found.values, found.covariance)
+    return MaximumLikelihood(
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        log_likelihood=found.log_likelihood,
+        terms=terms,
+        derived=tuple(
+            DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units)
+            for e in found.nonlinear
+        ),
+        seconds=found.seconds,
+    )

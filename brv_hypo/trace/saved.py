@@ -1,0 +1,44 @@
+"""A traced model as data, from which another trace can start."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from brv_hypo.mechanisms.contract import TimeVariation
+from brv_hypo.mechanisms.filed import MechanismFile
+
+
+class _Saved(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SavedColumn(_Saved):
+    """A column of the moment model; `start`, `stop` s, None where its course has no such end."""
+
+    mechanism: str
+    term: str
+    units: str
+    theta: dict[str, float] = {}
+    kind: TimeVariation = "constant"
+    start: float | None = None
+    stop: float | None = None
+    tied: bool = False
+
+
+class SavedRecordError(_Saved):
+    """A component of a record effect with its value (SI); `options` are the effect's own, such as its time."""
+
+    effect: str
+    component: str
+    value: float
+    options: dict[str, Any] = {}
+
+
+class SavedModel(_Saved):
+    """Moment columns, errors of the record, and the files of mechanisms that no plugin holds."""
+
+    columns: tuple[SavedColumn, ...]
+    record: tuple[SavedRecordError, ...] = ()
+    files: tuple[MechanismFile, ...] = ()
