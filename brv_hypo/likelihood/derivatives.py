@@ -28,6 +28,11 @@ _AGREEMENT = 1e-4
 _BLOCK_ROUNDING = 1e-8
 """Rounding of central differences, against the largest derivative of a block."""
 
+_NEXT_TO_ZERO = 1e-8
+"""Magnitude of a start value below which it may be meant as 0."""
+_NEGLIGIBLE = 1e-6
+"""Magnitude of a parameter, against what moves a function by its own size, that is too small for a step."""
+
 
 class Delayed(NamedTuple):
     """States (n_states, n) and inputs (n_inputs, n) a delay earlier, as the user's functions see them."""
@@ -127,14 +132,17 @@ def jacobian(
     for course in points.courses:
         if any(weight in names for weight in course.weights):
             own = derivative(along_course(course), max(_size_of(w, theta, scale) for w in course.weights))
-            through |= {w: own * shape[:, None] for w, shape in zip(course.weights, course.shapes, strict=True)}
+            through |= {
+                w: own * shape[:, None] for w, shape in zip(course.weights, course.shapes, strict=True)
+            }
     columns += [
         through[name] if name in through else derivative(along_parameter(name), _size_of(name, theta, scale))
         for name in names
     ]
     for name, before in delayed.items():
         columns += [
-            derivative(along_row(before.x, row), _size(points.delayed[name].x[row])) for row in range(n_states)
+            derivative(along_row(before.x, row), _size(points.delayed[name].x[row]))
+            for row in range(n_states)
         ]
     if not value:
         value.append(evaluate(function, points, theta))
@@ -171,24 +179,26 @@ def choose_method(
 def parameter_scales(
     functions: tuple[Function, ...], points: Points, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> dict[str, float]:
-    """A size for each parameter, so that one that starts at 0 still gets a sensible difference step.
+    """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
 
-    A nonzero parameter has its own magnitude; a zero one the change that would move a function by as much
-    as the function's own size.
+    A parameter has its own magnitude, unless that is next to nothing against the change that would move a function
+    by as much as the function's own size, at most 1: then it has that change.
     """
-    scale: dict[str, float] = {}
-    reference = [evaluate(f, points, theta) for f in functions]
-    for name in names:
-        if theta[name] != 0.0:
-            scale[name] = abs(theta[name])
-            continue
+    scale = {name: abs(theta[name]) for name in names}
+    small = [name for name in names if scale[name] < _NEGLIGIBLE]
+    if not small:
+        return scale
+    origin = dict(theta) | {name: 0.0 for name in small if scale[name] < _NEXT_TO_ZERO}
+    reference = [evaluate(f, points, origin) for f in functions]
+    for name in small:
+        change = origin | {name: origin[name] + _CENTRAL_STEP}
         ratios = [1.0]
         for function, value in zip(functions, reference, strict=True):
-            change = np.linalg.norm(evaluate(function, points, dict(theta) | {name: _CENTRAL_STEP}) - value)
-            size = np.linalg.norm(value)
-            if change > 0 and size > 0:
-                ratios.append(float(_CENTRAL_STEP * size / change))
-        scale[name] = min(ratios)
+            moved, size = np.linalg.norm(evaluate(function, points, change) - value), np.linalg.norm(value)
+            if 0 < moved < np.inf and size > 0:
+                ratios.append(float(_CENTRAL_STEP * size / moved))
+        if scale[name] < _NEGLIGIBLE * min(ratios):
+            scale[name] = min(ratios)
     return scale
 
 

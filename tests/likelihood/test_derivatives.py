@@ -84,14 +84,15 @@ def test_a_function_may_return_its_own_argument_or_a_view_of_it(method: Method) 
     )
 
 
-def test_a_parameter_at_zero_gets_a_step_in_the_functions_own_scale() -> None:
+@pytest.mark.parametrize("start", [0.0, 1e-14])
+def test_a_parameter_next_to_zero_gets_a_step_in_the_functions_own_scale(start: float) -> None:
     def stiff(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return x + 1e6 * theta["tiny"] * x**2
 
     points = Points(np.ones((1, 4)), np.zeros((0, 4)), np.arange(4.0))
-    scale = parameter_scales((stiff,), points, {"tiny": 0.0}, ("tiny",))
+    scale = parameter_scales((stiff,), points, {"tiny": start}, ("tiny",))
     assert scale["tiny"] == pytest.approx(1e-6, rel=0.01)
-    found = jacobian(stiff, points, {"tiny": 0.0}, ("tiny",), "central", scale)
+    found = jacobian(stiff, points, {"tiny": start}, ("tiny",), "central", scale)
     np.testing.assert_allclose(found.by_parameter, 1e6, rtol=1e-8)
 
 
@@ -128,3 +129,25 @@ def test_a_weight_of_two_courses_is_refused() -> None:
 def test_shapes_of_the_wrong_size_are_refused() -> None:
     with pytest.raises(UsageError, match="one row for each weight"):
         sampled((Course("drift", ("a", "b"), lambda t: np.ones((1, t.size))),), np.arange(5.0), 0)
+
+
+def test_a_small_parameter_of_a_sensitive_function_keeps_its_own_magnitude() -> None:
+    points = Points(np.ones((1, 4)), np.zeros((0, 4)), np.arange(4.0))
+    scale = parameter_scales(
+        (lambda x, u, theta, t: x * (1.0 + 1e9 * theta["fine"]),), points, {"fine": 2e-9}, ("fine",)
+    )
+    assert scale["fine"] == 2e-9
+
+
+def test_parameters_next_to_zero_do_not_set_each_others_scale() -> None:
+    """All start at 1e-14, so that the function is as small; beside a state of size 1 such steps would be lost."""
+    points = Points(np.zeros((1, 4)), np.ones((1, 4)), np.arange(4.0))
+    start = {"slope": 1e-14, "drive": 1e-14, "bias": 1e-14}
+
+    def function(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return theta["slope"] * x + theta["drive"] * u + theta["bias"]
+
+    scale = parameter_scales((function,), points, start, tuple(start))
+    later = Points(np.ones((1, 4)), points.u, points.t)
+    found = jacobian(function, later, start | {"slope": 1.0}, tuple(start), "central", scale)
+    np.testing.assert_allclose(found.by_parameter, 1.0, rtol=1e-8)
