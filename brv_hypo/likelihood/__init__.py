@@ -9,8 +9,8 @@
 Data flow through: segment and parameters (checked input), derivatives (complex step or central differences),
 interpolation and collocation (Hermite-Simpson defects), elimination (the states, by one banded solve, or by
 condensation where delays reach far), step (Gauss-Newton in theta), merit (how far), start (smoothed states),
-noise and filtering (B, R, Q), search, then uncertainty and assessment (covariance, coloured residuals,
-near-null directions, whiteness).
+noise and filtering (B, R, Q), search, then uncertainty, initial and assessment (covariance, initial states,
+coloured residuals, near-null directions, whiteness).
 
 Commands: `python -m brv_hypo.likelihood.benchmark` (speed) and `.study` (coverage, convergence, delays), both
 on the model problems of problems.py.

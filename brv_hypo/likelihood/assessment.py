@@ -9,6 +9,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.colour import coloured_covariance, inflation
 from brv_hypo.likelihood.filtering import kalman_innovations
+from brv_hypo.likelihood.initial import initial_state_errors
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Outcome, residuals
@@ -41,6 +42,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     theta = parameters.as_mapping(iterate.theta)
     at_bound = (iterate.theta <= parameters.lower) | (iterate.theta >= parameters.upper)
     p = len(parameters.names)
+    estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
     try:
@@ -49,9 +51,8 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         segments = ()
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
-        white, coloured = _covariances(
-            problem, segments, triangle, samples, np.flatnonzero(~at_bound), options
-        )
+        white, coloured = _covariances(problem, segments, triangle, samples, estimated, options)
+    taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
     return FitResult(
         status=outcome.status,
         message=outcome.message,
@@ -72,6 +73,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
         whiteness=whiteness(innovations, min(_LAGS, together.shape[1] // 4)),
         states=iterate.x,
+        initial_state_std_error=initial_state_errors(problem, iterate, segments, white, taken_out),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
@@ -93,9 +95,9 @@ def _covariances(
     them.
     """
     parameters = problem.parameters
-    unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
-    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise else 1.0)
+    unknowns = _unknowns(problem, estimated)
+    white = raw * (_taken_out(samples, unknowns) if options.estimate_noise else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if np.any(problem.process_noise) or not known.size:
         return white, white
@@ -108,6 +110,16 @@ def _covariances(
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured
+
+
+def _unknowns(problem: Problem, estimated: IntArray) -> int:
+    """Parameters and free initial states."""
+    return len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+
+
+def _taken_out(samples: int, unknowns: int) -> float:
+    """Factor for what fitting the unknowns took out of the variance of white residuals."""
+    return samples / max(samples - unknowns, 1)
 
 
 def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:

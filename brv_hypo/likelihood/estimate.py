@@ -64,16 +64,16 @@ def fit(
         segments: the record, in one or more continuous stretches.
         theta0: start values by name; 0 is as good a start as any.
         process_noise: standard deviation of the white noise that drives each state, (n_states,), state units
-            per root
-            second; None, or 0 for a state, makes its dynamics exact (output error).
+            per root second; None, or 0 for a state, makes its dynamics exact (output error). Not together with
+            `delays`.
         bounds: (lower, upper) by name.
         fixed: names held at their start value.
         per_segment: names that take a value of their own in each segment.
         priors: (mean, standard deviation) by name.
         delays: names whose value is a delay in s. Both functions then take a fifth argument, `delayed`, with
             `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if
-            negative);
-            the derivatives by the delay and by the earlier states are carried in full.
+            negative); the derivatives by the delay and by the earlier states are carried in full. Not together
+            with process noise.
         noise: shape of B, "diagonal" or "full".
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11.
         estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
@@ -88,8 +88,8 @@ def fit(
         The estimate, its errors and a status; failure to converge is a status, not an exception.
 
     Raises:
-        UsageError: arguments that do not fit together: shapes, names, bounds, functions that are not finite
-            at the start.
+        UsageError: arguments that do not fit together: shapes, names, bounds, delays with process noise,
+            functions that are not finite at the start.
     """
     grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
     if not grids:
@@ -104,6 +104,7 @@ def fit(
         raise UsageError(
             f"process_noise is {driving}; expected {n_states} values, one per state, none negative"
         )
+    _refuse_late_process_noise(delays, driving)
     problem = Problem(
         model, grids, parameters, state_sizes(histories), driving, np.full(len(parameters.names), np.inf)
     )
@@ -139,6 +140,17 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
             problem,
             iterate,
         )  # the search starts from the states as they are, and says so if they stay undetermined
+
+
+def _refuse_late_process_noise(delays: Sequence[str], driving: FloatArray) -> None:
+    """The filter's state would have to hold all that lies within the delay; it holds one sample."""
+    if delays and np.any(driving):
+        raise UsageError(
+            f"delays {list(delays)} were given together with process noise {driving}: the likelihood of delayed "
+            "states that noise drives is not implemented. Leave process_noise out (output error, whose coloured "
+            "residuals std_error_coloured accounts for), or hold the delay: without it in `delays`, pass the "
+            "delayed quantity, taken from the measurements, as an input u"
+        )
 
 
 def _delay_bounds(delays: Sequence[str], grids: tuple[Grid, ...]) -> dict[str, tuple[float, float]]:

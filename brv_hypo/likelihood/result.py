@@ -39,6 +39,8 @@ class FitResult:
         identifiability: condition, and near-null directions by name.
         whiteness: test of each output's innovations.
         states: by segment, (n_states, n).
+        initial_state_std_error: by segment, (n_states,), state units: standard errors of `states[:, 0]`, those of
+            theta accounted for, residuals taken as white; 0 where it was held, nan where it is not determined.
         innovations: by segment, measured minus predicted output, (n_outputs, n); nan in gaps.
         at_bound: parameters that ended at a bound: their errors, and the meaning of the others', are
             conditional.
@@ -63,6 +65,7 @@ class FitResult:
     identifiability: Identifiability
     whiteness: tuple[Whiteness, ...]
     states: tuple[FloatArray, ...]
+    initial_state_std_error: tuple[FloatArray, ...]
     innovations: tuple[FloatArray, ...]
     at_bound: tuple[str, ...]
     derivatives: Method

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import History, fit
 from brv_hypo.likelihood.problems import lagging_body, short_period
 
@@ -83,3 +84,17 @@ def test_a_delay_stays_within_a_quarter_of_the_record_unless_told_otherwise() ->
     segment = BODY.simulate(200, seed=0)
     result = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth) | {"late": 0.0}, delays=("delay",))
     assert abs(result.theta["delay"]) <= (segment.t[-1] - segment.t[0]) / 4 + 1e-9
+
+
+@pytest.mark.parametrize("fixed", [(), ("delay",)])
+def test_delays_with_process_noise_are_refused_with_a_remedy(fixed: tuple[str, ...]) -> None:
+    segment = BODY.simulate(200, seed=0)
+    with pytest.raises(UsageError, match=r"delays \['delay'\] .* process noise .* Leave process_noise out"):
+        fit(
+            BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), process_noise=[0.0, 0.01],
+            delays=("delay",), fixed=fixed,
+        )  # fmt: skip
+    exact = fit(
+        BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), process_noise=[0.0, 0.0], delays=("delay",)
+    )
+    assert exact.converged

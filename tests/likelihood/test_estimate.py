@@ -105,11 +105,44 @@ def test_covariance_and_likelihood_against_their_formulas() -> None:
         rows.append((model(*(at + step)) - model(*(at - step))) / 2e-6)
     information = np.array(rows) @ np.array(rows).T / sigma**2
     np.testing.assert_allclose(result.covariance, np.linalg.inv(information)[:3, :3], rtol=1e-4)
+    # x(0) = b response(0) + transient
+    start = np.array(
+        [(at[1] * (response(at[0] + 1e-6) - response(at[0] - 1e-6))[0]) / 2e-6, response(at[0])[0], 0, 1]
+    )
+    expected = np.sqrt(start @ np.linalg.inv(information) @ start)
+    np.testing.assert_allclose(result.initial_state_std_error[0], [expected], rtol=1e-4)
     v = result.innovations[0][0]
     assert result.log_likelihood == pytest.approx(
         -0.5 * np.sum(v**2 / sigma**2 + np.log(sigma**2)), rel=1e-12
     )
     np.testing.assert_allclose(v, y - model(*at), atol=1e-6)
+
+
+@pytest.mark.parametrize("derivatives", ["auto", "central"])
+@pytest.mark.parametrize("start", [0.0, 1e-14, 1e-9])
+def test_a_parameter_that_starts_next_to_zero_moves_like_one_that_starts_at_zero(
+    start: float, derivatives: str
+) -> None:
+    """Beside a state of 300 a step in proportion to such a start is lost in rounding."""
+    t = np.arange(200) / 20
+    speed = 300.0 * np.exp(-0.1 * t) + 20.0 * t
+    y = np.stack([speed, speed + 2.5]) + 0.1 * np.random.default_rng(6).standard_normal((2, 200))
+    segment = Segment(t, np.zeros((0, 200)), y, np.array([300.0]))
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return -theta["drag"] * x + theta["thrust"] + theta["growth"] * t
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.concatenate([x, x + theta["bias"]])
+
+    result = fit(
+        dynamics, outputs, [segment], {"drag": 0.1, "thrust": 15.0, "growth": start, "bias": start},
+        derivatives=derivatives,
+    )  # fmt: skip
+    assert result.converged, result.message
+    for name, value in (("drag", 0.1), ("thrust", 20.0), ("growth", 2.0), ("bias", 2.5)):
+        assert abs(result.theta[name] - value) < 4.0 * result.std_error[name]
+    assert result.std_error["bias"] == pytest.approx(0.1 * np.sqrt(2.0 / 200), rel=0.2)
 
 
 def test_central_differences_reach_the_same_estimate() -> None:
