@@ -6,8 +6,9 @@ determinant. For linear dynamics, and to the order of Laplace's approximation ot
     NLLF = objective + 1/2 log|det K(Q)| - 1/2 log|det K(0)| + 1/2 sum log det R
 
 with K the matrix of `elimination` and the initial state held. The last determinant is that of the dynamics
-alone; at Q = 0 the two cancel and output error remains. Derivatives of the determinants are also the
-smoothed covariances that the estimates of R and Q need: no smoother has to be run.
+alone: the square of that of D, which without delays is block triangular. At Q = 0 the two cancel and output
+error remains. Derivatives of the determinants are also the smoothed covariances that the estimates of R and Q
+need: no smoother has to be run.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import evaluate_segment, linearise_segment
+from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import log_determinant
 from brv_hypo.likelihood.noise import Shape, whitening
 from brv_hypo.likelihood.quadratic import Quadratic
@@ -36,8 +37,9 @@ def determinant_term(problem: Problem, iterate: Iterate) -> float:
     """What integrating the states out adds to the objective; 0 for output error."""
     if not np.any(problem.process_noise):
         return 0.0
-    exact = replace(problem, process_noise=np.zeros_like(problem.process_noise))
-    return 0.5 * (_determinant(problem, iterate) - _determinant(exact, iterate))
+    linear = _linearised(problem, iterate)
+    exact = sum(2.0 * float(np.linalg.slogdet(each.defect_by_state.blocks[:, 1])[1].sum()) for each in linear)
+    return 0.5 * (_determinant(_held(problem, iterate, linear)) - exact)
 
 
 def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
@@ -70,13 +72,14 @@ def output_spread(problem: Problem, iterate: Iterate, shape: Shape) -> FloatArra
     n_outputs = r.shape[0]
     gradient = np.zeros((n_outputs, n_outputs))
     if np.any(problem.process_noise):
+        linear = _linearised(problem, iterate)
         for a in range(n_outputs):
             for b in range(a, n_outputs if shape == "full" else a + 1):
                 step = _RELATIVE * np.sqrt(r[a, a] * r[b, b])
                 change = np.zeros_like(r)
                 change[a, b] = change[b, a] = step
                 up, down = (
-                    _determinant(problem, replace(iterate, covariance=r + sign * change))
+                    _determinant(_held(problem, replace(iterate, covariance=r + sign * change), linear))
                     for sign in (1.0, -1.0)
                 )
                 gradient[a, b] = gradient[b, a] = (up - down) / (2 * step) / (1.0 if a == b else 2.0)
@@ -92,14 +95,15 @@ def updated_process_noise(problem: Problem, iterate: Iterate) -> tuple[FloatArra
     noise = problem.process_noise.copy()
     count = sum(g.n - 1 for g in problem.grids)
     squares = _disturbance_squares(problem, iterate)
-    middle = _determinant(problem, iterate)
+    held = _held(problem, iterate, _linearised(problem, iterate))
+    middle = _determinant(held)
     largest = 0.0
     for i in np.flatnonzero(noise):
         ends = []
         for sign in (1.0, -1.0):
-            moved = problem.process_noise.copy()
-            moved[i] *= np.exp(0.5 * sign * 0.1)
-            ends.append(_determinant(replace(problem, process_noise=moved), iterate))
+            factor = np.ones_like(noise)
+            factor[i] = np.exp(sign * 0.1)
+            ends.append(_determinant([replace(q, variance=q.variance * factor) for q in held]))
         first, second = (ends[0] - ends[1]) / 0.2, (ends[0] - 2 * middle + ends[1]) / 0.01
         score = 0.5 * (squares[i] - first)
         information = max(0.5 * (first - second), 1e-3 * count)
@@ -120,19 +124,25 @@ def _disturbance_squares(problem: Problem, iterate: Iterate) -> FloatArray:
     return total
 
 
-def _determinant(problem: Problem, iterate: Iterate) -> float:
-    """log|det K| over all segments, initial states held."""
-    return float(sum(log_determinant(q) for q in _held(problem, iterate)))
+def _determinant(held: Sequence[Quadratic]) -> float:
+    """log|det K| over all segments."""
+    return float(sum(log_determinant(q) for q in held))
 
 
-def _held(problem: Problem, iterate: Iterate) -> list[Quadratic]:
+def _linearised(problem: Problem, iterate: Iterate) -> list[Linearisation]:
+    """Every segment about its states, without derivatives by theta."""
+    return [
+        linearise_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta), ())
+        for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True))
+    ]
+
+
+def _held(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> list[Quadratic]:
+    """The quadratic problem of every segment, its initial state held."""
     found = []
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        theta = problem.parameters.of_segment(s, iterate.theta)
-        linearisation = linearise_segment(problem.model, grid, x, theta, ())
-        quadratic = quadratic_of(
-            problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured)
-        )
+    for grid, x, linearisation in zip(problem.grids, iterate.x, linear, strict=True):
+        whitener = whitening(iterate.covariance, grid.measured)
+        quadratic = quadratic_of(problem, grid, x, linearisation, whitener)
         variance = quadratic.variance.copy()
         variance[0] = 0.0
         found.append(replace(quadratic, variance=variance))
@@ -169,9 +179,7 @@ class Filtered:
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ...]:
     """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on."""
     found = []
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        theta = problem.parameters.of_segment(s, iterate.theta)
-        linear = linearise_segment(problem.model, grid, x, theta, ())
+    for grid, linear in zip(problem.grids, _linearised(problem, iterate), strict=True):
         after = np.linalg.inv(linear.defect_by_state.blocks[:, 1])
         transition = -after @ linear.defect_by_state.blocks[:, 0]
         shift = -(after @ linear.defect[:, :, None])[:, :, 0]
