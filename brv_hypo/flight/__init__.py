@@ -4,6 +4,7 @@
 - `Flight`, `Vehicle` (record.py): what the rest of the library sees
 - schema.py: what a valid record holds (pydantic)
 - assemble.py: from record to flight through spikes.py, resample.py (gaps too) and derive.py
+- noise.py: the one estimate of white noise
 - `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
 - `import_record` (foreign.py): csv, parquet and mat through a map of names and units
 - `write_tree`, `Tree`, `Dataset` (hdf5.py): any other HDF5 output, with units, whole or not at all

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,17 +9,17 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.assemble import assemble, unassemble
+from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.resample import dominant_frequency, runs
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
-from brv_hypo.flight.spikes import MAD_TO_SIGMA, find_spikes, without_spikes
+from brv_hypo.flight.spikes import find_spikes, without_spikes
 from brv_hypo.flight.store import read_record, windowed
 from brv_hypo.flight.units import SI
 
-ORDER = 6
 LEVEL_WITHIN = 1.5
 AGREES_WITHIN = 1.25
-FEWEST_DIFFERENCES = 50
+FEWEST_SAMPLES = 50
 FEWEST_SAMPLES_PER_CYCLE = 10.0
 
 
@@ -129,18 +128,14 @@ def _inspection(record: Record, ready: Flight) -> Inspection:
 
 
 def white_noise(values: FloatArray) -> Noise:
-    """White-noise sigma of `values` (n,), NaN where missing, from the median absolute sixth difference.
+    """White-noise sigma of `values` (n,), NaN where missing, from their differences of high order.
 
-    The sixth difference scales a sinusoid by (2 sin(w h / 2))^6 and white noise by sqrt(binomial(12, 6)): at
-    16 samples a cycle, 1e-4 of the amplitude is left beside the noise. It is trusted where the periodogram of
-    the longest run is level (within 1.5) over the upper half of the band, and at that sigma (within 1.25).
-    Spikes spoil the periodogram: take them out first.
+    It is trusted where the periodogram of the longest run is level (within 1.5) over the upper half of the
+    band, and at that sigma (within 1.25). Spikes spoil the periodogram: take them out first.
     """
-    differences = np.diff(values, ORDER)
-    differences = differences[np.isfinite(differences)]
-    if differences.size < FEWEST_DIFFERENCES:
-        return Noise(_sigma(differences) if differences.size else float("nan"), trusted=False)
-    sigma = _sigma(differences)
+    sigma = sigma_of_differences([values])
+    if np.isnan(sigma):
+        return Noise(sigma, trusted=False)
     start, stop = max(runs(np.isfinite(values)), key=lambda run: run[1] - run[0])
     levels = _upper_band(values[start:stop])
     level = float(np.median(levels))
@@ -148,13 +143,9 @@ def white_noise(values: FloatArray) -> Noise:
     return Noise(sigma, trusted=agrees and bool(levels.max() <= LEVEL_WITHIN * levels.min()))
 
 
-def _sigma(differences: FloatArray) -> float:
-    return MAD_TO_SIGMA * float(np.median(np.abs(differences))) / math.sqrt(math.comb(2 * ORDER, ORDER))
-
-
 def _upper_band(values: FloatArray) -> FloatArray:
     """White-noise sigma (4,) that each quarter of the upper half of the band would have; Hann window."""
-    if values.size < FEWEST_DIFFERENCES:
+    if values.size < FEWEST_SAMPLES:
         return np.zeros(4)
     window = np.hanning(values.size)
     power = np.abs(np.fft.rfft((values - np.mean(values)) * window)) ** 2 / np.sum(window**2)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.flight.noise import MAD_TO_SIGMA
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.resample import bridge
 
@@ -26,7 +27,6 @@ NEIGHBOURS = 4
 LONGEST_SPIKE = 2
 LARGEST_FRACTION = 0.02
 PASSES = 4
-MAD_TO_SIGMA = 1.4826
 
 
 def find_spikes(values: FloatArray) -> BoolArray:

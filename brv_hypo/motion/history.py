@@ -9,20 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.motion.frames import angle_of_attack, crossflow, windward_meridian
-from brv_hypo.motion.motion import Motion
-
-_SMOOTH = (
-    "alpha_rate",
-    "windward_meridian_rate",
-    "p",
-    "q",
-    "r",
-    "velocity",
-    "dynamic_pressure",
-    "mach",
-    "reynolds",
-    "in_plane_moment",
-)
+from brv_hypo.motion.motion import SMOOTH, Motion
 
 
 def recorded(motion: Motion) -> Motion:
@@ -32,7 +19,7 @@ def recorded(motion: Motion) -> Motion:
     alpha passes through zero.
     """
     time = motion.time
-    names = [name for name in _SMOOTH if np.all(np.isfinite(getattr(motion, name)))]
+    names = [name for name in (*SMOOTH, "in_plane_moment") if np.all(np.isfinite(getattr(motion, name)))]
     xi = crossflow(motion.alpha, motion.windward_meridian)
     stacked = np.column_stack([xi.real, xi.imag, *(getattr(motion, name) for name in names)])
     spline = CubicSpline(time, stacked)

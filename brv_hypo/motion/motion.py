@@ -9,6 +9,12 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 
+SMOOTH = (
+    *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
+    *("velocity", "dynamic_pressure", "mach", "reynolds"),
+)
+"""Quantities of a motion that vary smoothly and are no angles: those may jump or turn."""
+
 
 @dataclass(frozen=True)
 class Motion:
