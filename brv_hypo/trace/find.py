@@ -10,6 +10,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.design.frame import remove_levels
 from brv_hypo.design.whitening import effective_samples, white
 from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.motion import SMOOTH
 from brv_hypo.trace.judge import ResidualMoments
 from brv_hypo.trace.result import Correlation, Residual
 from brv_hypo.trace.step import Look
@@ -133,22 +134,7 @@ def _name_frequency(look: Look, frequency: float) -> str:
 def _correlations(look: Look, channels: dict[str, FloatArray], usable: BoolArray) -> tuple[Correlation, ...]:
     """The most telling correlations of the in-plane and out-of-plane residual with motion and record."""
     motion, flight = look.seen.reconstruction.motion, look.seen.flight
-    others = {
-        name: getattr(motion, name)
-        for name in (
-            "time",
-            "alpha",
-            "alpha_rate",
-            "windward_meridian_rate",
-            "p",
-            "q",
-            "r",
-            "velocity",
-            "dynamic_pressure",
-            "mach",
-            "reynolds",
-        )
-    }
+    others = {name: getattr(motion, name) for name in ("time", "alpha", *SMOOTH)}
     others |= {name: getattr(flight, name) for name in ("ax", "ay", "az")}
     found = []
     for moment in ("C_N'", "C_Z'"):
