@@ -20,6 +20,10 @@ A plugin is a module that an entry point of the group `brv_hypo.mechanisms` name
     [project.entry-points."brv_hypo.mechanisms"]
     ablation = "my_package.ablation"
 
+Class variables say what else is known of the mechanism (contract.py): how coefficients may change in time,
+whether its terms enter together, and which of them are `characteristic`. Where a fit uses none of those, the
+residual loop prefers a description in generic terms that fits as well, and states the mechanism as its look-alike.
+
 The built-in mechanisms are registered in this way and in no other. `brv-hypo mechanisms new NAME` writes such
 a package, `brv-hypo mechanisms check NAME` tests one against the contract.
 """

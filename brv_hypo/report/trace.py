@@ -9,6 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.report.compare import add_columns, term_table
 from brv_hypo.report.style import bullets, interval, number, plain_table, share, warning_list
 from brv_hypo.trace.result import Residual, Step, Trace, TriedCandidate
@@ -33,6 +34,9 @@ def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
         parts.append(Text(f"\nLeft over: {residual_text(result.final_residual)}"))
     if verbose:
         parts.extend(term_table("model, fitted to the whole record", result.model.terms))
+    if verbose and result.ml is not None:
+        parts.append(Text(f"\n{likelihood_text(result.ml)}"))
+        parts.extend(term_table("model, by maximum likelihood", result.ml.terms))
     panel = Panel(
         Text(conclusion(result)),
         title="Found: " + (", ".join(result.added) or "nothing"),
@@ -97,13 +101,32 @@ def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:
 
 
 def outcome_text(step: Step) -> str:
-    """What was added, and the errors before and after."""
+    """What was added, and the errors before and after; those of the specific force where an error of the record was."""
     before = step.error_before
     if step.added is None or step.error_after is None:
-        return f"added nothing; error {number(before.fit)} in the fit, {number(before.held_out)} held out"
+        refused = f" ({', '.join(step.refused)} did not lower the held-out error)" if step.refused else ""
+        return f"added nothing{refused}; error {number(before.fit)} in the fit, {number(before.held_out)} held out"
     after = step.error_after
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
+    ratio = number(step.error_ratio_held_out)
+    if step.error_ratio_std_error is not None:
+        ratio += f" ± {number(step.error_ratio_std_error, 2)}"
     return (
         f"{what}: error in the fit {number(before.fit)} → {number(after.fit)}, held out "
-        f"{number(before.held_out)} → {number(after.held_out)} (ratio {number(step.error_ratio_held_out)})"
+        f"{number(before.held_out)} → {number(after.held_out)} (ratio {ratio}){_force_text(step)}"
     )
+
+
+def _force_text(step: Step) -> str:
+    kind = next((c.kind for c in step.candidates if c.effect == step.added), None)
+    after = step.force_error_after
+    if kind not in ("instrument", "environment") or after is None:
+        return ""
+    before = step.force_error_before
+    return f"; specific force held out {number(before.held_out)} → {number(after.held_out)} m²/s⁴"
+
+
+def likelihood_text(likelihood: MaximumLikelihood) -> str:
+    """How the refinement of the final model by maximum likelihood ended."""
+    said = f"Maximum likelihood of the final model: {likelihood.status}"
+    return said if likelihood.status == "converged" else f"{said} ({likelihood.message})"

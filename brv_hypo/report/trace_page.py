@@ -8,6 +8,7 @@ from brv_hypo.report.trace import (
     CANDIDATE_HEADINGS,
     candidate_row,
     conclusion,
+    likelihood_text,
     outcome_text,
     residual_text,
 )
@@ -26,6 +27,11 @@ def trace_page(result: Trace) -> str:
     if result.model.terms:
         terms = table(rows.TERM_HEADINGS, rows.term_rows(result.model.terms))
         blocks.append(Block("Model, fitted to the whole record", terms))
+    if result.ml is not None:
+        refined = bullets([likelihood_text(result.ml)]) + table(
+            rows.TERM_HEADINGS, rows.term_rows(result.ml.terms)
+        )
+        blocks.append(Block("Model, by maximum likelihood", refined))
     blocks.append(Block("Caveats", bullets(result.caveats)))
     subtitle = f"{flight.samples} samples at {flight.sample_rate_hz:.4g} Hz"
     return page(f"Residual traced: {flight.title or flight.path}", subtitle, conclusion(result), blocks)

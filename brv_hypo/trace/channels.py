@@ -68,15 +68,30 @@ class Part:
 
     def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
         """The rates filtered, their constants of integration removed (2 thinned rows, columns)."""
-        rows = _columns(rates)
-        level = np.concatenate(
-            [noise.rates.whiten(np.ones((b - a, 1), dtype=complex)) for a, b in self.pieces]
-        ).real
-        white = np.concatenate([noise.rates.whiten(rows[a:b]) for a, b in self.pieces]) / noise.rates.sigma
-        for a, b in self.levels:
-            own = level[a:b, 0]
-            white[a:b] -= np.outer(own, (own @ white[a:b]) / (own @ own))
+        white = self._filtered(rates, noise)
+        level = self._level(noise)
+        for (a, b), constant in zip(self.levels, self.constants(rates, noise), strict=True):
+            white[a:b] -= np.outer(level[a:b], constant)
         return np.concatenate([self._thinned(white.real, noise), self._thinned(white.imag, noise)])
+
+    def white_rates_as_they_are(self, rates: ComplexArray, noise: Noise) -> FloatArray:
+        """The rates filtered, constants of integration and all (2 thinned rows, columns)."""
+        white = self._filtered(rates, noise)
+        return np.concatenate([self._thinned(white.real, noise), self._thinned(white.imag, noise)])
+
+    def constants(self, rates: ComplexArray, noise: Noise) -> ComplexArray:
+        """Constants of integration (levels, columns), in the units of the rates."""
+        white, level = self._filtered(rates, noise), self._level(noise)
+        return np.array([level[a:b] @ white[a:b] / (level[a:b] @ level[a:b]) for a, b in self.levels])
+
+    def _filtered(self, rates: ComplexArray, noise: Noise) -> ComplexArray:
+        rows = _columns(rates)
+        white = [noise.rates.whiten(rows[a:b]) for a, b in self.pieces]
+        return np.asarray(np.concatenate(white) / noise.rates.sigma, dtype=complex)
+
+    def _level(self, noise: Noise) -> FloatArray:
+        """A constant of one (n,), filtered."""
+        return self._filtered(np.ones(self.rows.size, dtype=complex), noise)[:, 0].real
 
     def white_force(self, force: ComplexArray, noise: Noise) -> FloatArray:
         """The force filtered (2 thinned rows, columns)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from brv_hypo.trace.candidates import NEAR, Candidate, adjusted, alike, look_alikes
 from brv_hypo.trace.discover import Discovery
-from brv_hypo.trace.judge import force_errors, ratio, score
+from brv_hypo.trace.judge import force_errors, ratio, residuals_of, score
 from brv_hypo.trace.state import State
 from brv_hypo.trace.step import Look
 
@@ -100,12 +100,13 @@ def choose(
 
 def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidate], State]) -> Tried:
     after, held_out = add(candidate), state.seen.held_out
+    first, second = (residuals_of(here.task, held_out, fit) for fit in (here.null, candidate.fit))
     return Tried(
         candidate,
         after,
-        score(here.task, held_out, here.null, candidate.fit),
+        score(here.task, held_out, first, second),
         *ratio(state.held_out, after.held_out),
-        force_errors(here.task, held_out, candidate.fit),
+        force_errors(here.task, held_out, second),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,12 @@ from scipy.signal import savgol_filter
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame
+from brv_hypo.design.frame import Piece, RateFrame
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.fit import HypothesisFit
-from brv_hypo.ranking.linear import solve_scaled
-from brv_hypo.trace.channels import Part
-from brv_hypo.trace.task import TraceTask, residual
+from brv_hypo.trace.channels import Part, Rows
+from brv_hypo.trace.task import TraceTask, residuals
 
 # Rows that are summed before their squares are, so that short correlations count.
 _CLUSTER = 8
@@ -34,14 +34,27 @@ class Prediction:
         return float(self.squares.sum() / max(self.sizes.sum(), 1.0))
 
 
-def score(task: TraceTask, held_out: Part, before: HypothesisFit, after: HypothesisFit) -> float:
+@dataclass(frozen=True)
+class Residuals:
+    """What a fit to the fitted part leaves, there and on the held-out part (samples,): rates rad/s, force m/s^2."""
+
+    fitted: Rows
+    held_out: Rows
+
+
+def residuals_of(task: TraceTask, held_out: Part, fit: HypothesisFit) -> Residuals:
+    """The residuals of a fit; the rates but for a constant of integration a segment of the record."""
+    return Residuals(*residuals(task, fit.frame, fit.columns, (task.part, held_out)))
+
+
+def score(task: TraceTask, held_out: Part, before: Residuals, after: Residuals) -> float:
     """Fall of the held-out squared error in both channels, in standard errors.
 
     The difference of two predictions d and the later residual e give it: sum of d^2 + 2 e d, whose noise is
     that of the second part alone; it is summed over clusters of neighbours (White, Econometrica 48:817,
     1980).
     """
-    first, second = (_held_out_residual(task, held_out, fit) for fit in (before, after))
+    first, second = (_whitened(task, held_out, left) for left in (before, after))
     gain = first**2 - second**2
     noise = 2.0 * second * (first - second)
     starts = np.arange(0, noise.size, _CLUSTER)
@@ -49,22 +62,31 @@ def score(task: TraceTask, held_out: Part, before: HypothesisFit, after: Hypothe
     return float(gain.sum() / max(np.sqrt(np.sum(clusters**2)), 1e-300))
 
 
-def _held_out_residual(task: TraceTask, held_out: Part, fit: HypothesisFit) -> FloatArray:
-    values = solve_scaled(task.whole_design(fit.frame, fit.columns), task.raw_response)
-    other = task.on(held_out)
-    rows = 4 * held_out.thinned_pieces(task.both)[-1][1]
-    predicted = other.whole_design(fit.frame, fit.columns)[:rows] @ values
-    return np.asarray(other.raw_response[:rows] - predicted, dtype=float)
+def _whitened(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
+    """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has.
+
+    With constants of their own the held-out stretches would be blind to what changes slowly.
+    """
+    constants = task.part.constants(left.fitted.rates, task.both)[:, 0]
+    level_of = dict(zip(_segments(task, task.part.levels, task.part), constants, strict=True))
+    rates = left.held_out.rates.copy()
+    for (a, b), segment in zip(held_out.pieces, _segments(task, held_out.pieces, held_out), strict=True):
+        rates[a:b] -= level_of.get(segment, rates[a:b].mean())
+    white = held_out.white_rates_as_they_are(rates, task.both)
+    return np.concatenate([white[:, 0], held_out.white_force(left.held_out.force, task.both)[:, 0]])
 
 
-def force_errors(task: TraceTask, held_out: Part, fit: HypothesisFit) -> tuple[float, float]:
+def _segments(task: TraceTask, ranges: Sequence[Piece], part: Part) -> list[int]:
+    """The segment of the record that each range of a part's samples lies in."""
+    ends = np.cumsum([b - a for a, b in task.frame.pieces])
+    return [int(np.searchsorted(ends, part.rows[a], side="right")) for a, _ in ranges]
+
+
+def force_errors(task: TraceTask, held_out: Part, left: Residuals) -> tuple[float, float]:
     """Mean squares (m/s^2)^2 of the transverse specific force's errors, fitted and held out, both axes together."""
-
-    def mean_square(part: Part) -> float:
-        left = residual(task, fit.frame, fit.columns, part).force[part.seen]
-        return float(np.mean(np.abs(left) ** 2) / 2.0)
-
-    return mean_square(task.part), mean_square(held_out)
+    parts = ((task.part, left.fitted), (held_out, left.held_out))
+    fitted, other = (float(np.mean(np.abs(rows.force[part.seen]) ** 2) / 2.0) for part, rows in parts)
+    return fitted, other
 
 
 def moment_errors(part: Part, left: ResidualMoments) -> Prediction:

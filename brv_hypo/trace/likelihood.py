@@ -15,16 +15,15 @@ _OPTIONS = IdentificationConfig(candidates=(), max_iterations=MOST_ITERATIONS)
 def maximum_likelihood(state: State) -> MaximumLikelihood:
     """The likelihood's block of the result, in the form of `compare`'s; a failure is its status and message.
 
-    Where columns look into the past, or the reconstruction is degraded, the search takes long and is left out.
+    On a record that limits the reconstruction the search takes long and seldom ends: it is left out.
     """
     seen, columns = state.seen, state.model.columns
-    if any(column.theta for column in columns) or seen.reconstruction.status == "degraded":
+    if seen.reconstruction.status == "degraded":
         return MaximumLikelihood(
             status="left out",
             iterations=0,
             log_likelihood=None,
-            message="its search takes long where terms look into the past or the record has limits: use "
-            "`brv-hypo compare` with maximum_likelihood: full",
+            message="the record limits the reconstruction, where its search seldom ends",
         )
     values = seen.values(seen.whole, columns, state.noise)
     return _block(state, identify(seen.frame, columns, values, _OPTIONS))

@@ -240,20 +240,24 @@ def _mean_square(parts: Sequence[ComplexArray]) -> float:
     return float(np.mean(np.abs(np.concatenate(list(parts))) ** 2))
 
 
-def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column], on: Part | None = None) -> Rows:
-    """What columns and unknowns leave of the rates (but for a constant a piece) and of the force (rows,).
+def residual(task: TraceTask, frame: RateFrame, columns: Sequence[Column]) -> Rows:
+    """What columns and unknowns leave of the rates (but for a constant a piece) and of the force (rows,)."""
+    return residuals(task, frame, columns, (task.part,))[0]
 
-    Fitted to the task's own part; `on`: the part that is looked at, if another.
-    """
-    part = on or task.part
+
+def residuals(
+    task: TraceTask, frame: RateFrame, columns: Sequence[Column], parts: Sequence[Part]
+) -> tuple[Rows, ...]:
+    """The same on other parts of the record, fitted to the task's own."""
     everything = (*columns, *(given_column(name) for name in task.unknowns))
     values = solve_scaled(task.whole_design(frame, columns), task.raw_response)
     moments = [j for j, column in enumerate(everything) if column.mechanism != GIVEN]
     given = [j for j, column in enumerate(everything) if column.mechanism == GIVEN]
-    histories = side_by_side([task.given[everything[j].term].at(part.samples) for j in given])
-    rates = (frame.observed - frame.columns([everything[j] for j in moments]) @ values[moments])[part.rows]
-    force = task.given[_OBSERVED].force[part.samples]
-    return Rows(rates - histories.rates @ values[given], force - histories.force @ values[given])
+    rates = frame.observed - frame.columns([everything[j] for j in moments]) @ values[moments]
+    histories = side_by_side([task.given[everything[j].term] for j in given])
+    force = task.given[_OBSERVED].force - histories.force @ values[given]
+    explained = histories.rates @ values[given]
+    return tuple(Rows(rates[p.rows] - explained[p.samples], force[p.samples]) for p in parts)
 
 
 def solution(

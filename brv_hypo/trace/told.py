@@ -5,7 +5,7 @@ from __future__ import annotations
 from brv_hypo.trace.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.trace.choice import Choice
 from brv_hypo.trace.discover import Discovery
-from brv_hypo.trace.judge import force_errors
+from brv_hypo.trace.judge import force_errors, residuals_of
 from brv_hypo.trace.result import Errors, Residual, Step, TriedCandidate
 from brv_hypo.trace.state import State
 from brv_hypo.trace.step import Look
@@ -18,7 +18,8 @@ _SHOWN = 12.0
 def step_of(number: int, residual: Residual, here: Look, state: State, choice: Choice) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     leading = choice.leading
-    force_before = force_errors(here.task, state.seen.held_out, here.null)
+    held_out = state.seen.held_out
+    force_before = force_errors(here.task, held_out, residuals_of(here.task, held_out, here.null))
     chances = adjusted(choice.ranked)
     return Step(
         step=number,

@@ -130,6 +130,8 @@ def has_the_same_terms_for_every_theta(mechanism: Mechanism) -> None:
     expect(len(signatures) == 1, f"the terms change with theta: {sorted(signatures)}")
     names = [name for name, _ in signatures.pop()]
     expect(bool(names) and len(set(names)) == len(names), f"terms need names, each its own: {names}")
+    unknown = set(mechanism.characteristic) - set(names)
+    expect(not unknown, f"`characteristic` names {sorted(unknown)}, which is none of the terms {names}")
 
 
 def states_its_units(mechanism: Mechanism) -> None:
