@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,15 +16,8 @@ from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid
-from brv_hypo.likelihood.start import (
-    approach,
-    delay_reach,
-    looseness,
-    smooth,
-    state_sizes,
-    states_from_outputs,
-)
-from brv_hypo.likelihood.step import Iterate, Problem, SingularStatesError
+from brv_hypo.likelihood.start import begin, state_sizes, states_from_outputs
+from brv_hypo.likelihood.step import Iterate, Problem
 
 
 def fit(
@@ -97,7 +89,7 @@ def fit(
     limits = _delay_bounds(delays, grids) | dict(bounds or {})
     parameters = build_parameters(theta0, len(grids), limits, priors or {}, fixed, per_segment)
     model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives)
-    histories = states_from_outputs(model, grids, parameters)
+    histories = states_from_outputs(model, grids, parameters, parameters.start)
     n_states = grids[0].start.shape[0]
     driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
     if driving.shape != (n_states,) or np.any(driving < 0):
@@ -122,24 +114,7 @@ def fit(
         progress=progress,
     )
     iterate = Iterate(histories, parameters.start, covariance)
-    return assess(search(*_prepared(problem, iterate, near_start), options), options)
-
-
-def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
-    """Smoothed states, parameters brought near, and the scales that follow from them."""
-    grids = problem.grids
-    loose = looseness(grids, iterate.x, problem.size)
-    try:
-        if any(g.start.ndim == 1 for g in grids):
-            iterate = smooth(problem, iterate, loose)
-        reach = delay_reach(problem.model.delays, problem.parameters, grids, iterate.x)
-        problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
-        return problem, iterate if near else approach(problem, iterate, loose)
-    except SingularStatesError:
-        return (
-            problem,
-            iterate,
-        )  # the search starts from the states as they are, and says so if they stay undetermined
+    return assess(search(*begin(problem, iterate, near_start), options), options)
 
 
 def _refuse_late_process_noise(delays: Sequence[str], driving: FloatArray) -> None:

@@ -12,7 +12,15 @@ from brv_hypo.likelihood.collocation import Model, linearise_segment
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.segment import Grid
-from brv_hypo.likelihood.step import Iterate, Problem, gauss_newton_step, moved, sensitivities
+from brv_hypo.likelihood.step import (
+    Iterate,
+    Problem,
+    SingularStatesError,
+    gauss_newton_step,
+    moved,
+    objective,
+    sensitivities,
+)
 
 _SMOOTHING_STEPS = 2
 _TIGHTENING = (1.0, 0.3, 0.1)
@@ -20,12 +28,53 @@ _WAITING = 1e-9
 """Reach of a delay while it waits, s."""
 _LEAST_LOOSENESS = 1e-2
 """Least change of a state between samples that smoothing grants it, as a fraction of its size."""
+_POOR = 3.0
+"""Mean square of whitened residuals above which a beginning fits so poorly that another is tried."""
+_FAR_LESS = 0.5
+
+
+def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
+    """Where the search begins: smoothed states, parameters brought near, and the scales that follow from them.
+
+    An output that the start values make far too small a function of a state makes that state far too large. Where
+    the start fits poorly, all parameters but delays at 0 are tried too, and taken where they violate the dynamics
+    far less. `near` is that of `fit`.
+    """
+    first = _prepared(problem, iterate, near)
+    given = all(grid.start.ndim == 2 for grid in problem.grids)
+    if near or given or _mean_square(*first) < _POOR:
+        return first
+    zero = _at_zero(problem, iterate)
+    if zero is None:
+        return first
+    second = _prepared(replace(problem, size=state_sizes(zero.x)), zero, near)
+    size = np.minimum(first[0].size, second[0].size)
+    here, there = (_violation(replace(p, size=size), i) for p, i in (first, second))
+    return second if there < _FAR_LESS * here else first
+
+
+def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
+    """Parameters at 0, or as near as their bounds let them, and the states that the outputs then show.
+
+    None where the functions are not defined there.
+    """
+    parameters = problem.parameters
+    delay = np.isin([name.partition("[")[0] for name in parameters.names], problem.model.delays)
+    theta = np.where(delay, iterate.theta, np.clip(0.0, parameters.lower, parameters.upper))
+    with np.errstate(all="ignore"):
+        try:
+            histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
+        except np.linalg.LinAlgError:
+            return None
+    if not all(np.all(np.isfinite(x)) for x in histories):
+        return None
+    return replace(iterate, x=histories, theta=theta)
 
 
 def states_from_outputs(
-    model: Model, grids: Sequence[Grid], parameters: Parameters
+    model: Model, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
 ) -> tuple[FloatArray, ...]:
-    """A state history for each segment, (n_states, n).
+    """A state history for each segment, (n_states, n), with the parameters at `vector`, (p,).
 
     The one given, or the initial state moved to meet the outputs.
 
@@ -37,8 +86,7 @@ def states_from_outputs(
             histories.append(grid.start.copy())
             continue
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
-        theta = parameters.of_segment(s, parameters.start)
-        linear = linearise_segment(model, grid, x, theta, ())
+        linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), ())
         here = -linear.output_by_state.offset
         difference = _without_gaps(grid) - linear.output.T
         pseudo_inverse = np.linalg.pinv(linear.output_by_state.blocks[:, here], rcond=1e-6)
@@ -100,6 +148,33 @@ def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
         step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate, anchored=True))
         iterate, _ = line_search(loosened, iterate, step, penalty=0.0)
     return iterate
+
+
+def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
+    """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
+    grids = problem.grids
+    loose = looseness(grids, iterate.x, problem.size)
+    try:
+        if any(g.start.ndim == 1 for g in grids):
+            iterate = smooth(problem, iterate, loose)
+        reach = delay_reach(problem.model.delays, problem.parameters, grids, iterate.x)
+        problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
+        return problem, iterate if near else approach(problem, iterate, loose)
+    except SingularStatesError:
+        return problem, iterate  # the search says so if they stay undetermined
+
+
+def _mean_square(problem: Problem, iterate: Iterate) -> float:
+    """Of the whitened residuals, priors and process noise among them."""
+    measured = sum(int(grid.measured.sum()) for grid in problem.grids)
+    return 2.0 * objective(problem, iterate)[0] / max(measured, 1)
+
+
+def _violation(problem: Problem, iterate: Iterate) -> float:
+    """How far the states are from exact dynamics, in their sizes; infinite where that is not finite."""
+    exact = replace(problem, process_noise=np.zeros_like(problem.process_noise))
+    violation = objective(exact, iterate)[1]
+    return violation if np.isfinite(violation) else np.inf
 
 
 def _without_gaps(grid: Grid) -> FloatArray:

@@ -57,6 +57,18 @@ def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor:
     assert all(test.white for test in result.whiteness)
 
 
+@pytest.mark.parametrize("start", [1e-8, 1e-5, 1e-3])
+@pytest.mark.parametrize(
+    ("problem", "samples"), [(spinning_body(), 400), (growing_body(), 75)], ids=["spinning", "growing"]
+)
+def test_a_small_start_is_as_good_as_zero(problem: ModelProblem, samples: int, start: float) -> None:
+    """A force slope of 1e-3 makes the accelerometers ask for an angle of attack of many turns."""
+    segment = problem.simulate(samples, seed=5)
+    result = fit(problem.dynamics, problem.outputs, [segment], dict.fromkeys(problem.truth, start))
+    assert result.converged, result.message
+    assert np.abs(errors_in_sigma(result, problem)).max() < 4
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_unstable_motion_converges_from_half_off(seed: int) -> None:
     body = growing_body()
@@ -336,3 +348,21 @@ def test_the_units_of_the_states_do_not_matter() -> None:
     for name in body.truth:
         assert other.theta[name] == pytest.approx(one.theta[name], abs=1e-5 * one.std_error[name])
         assert other.std_error[name] == pytest.approx(one.std_error[name], rel=1e-5)
+
+
+def test_a_start_that_fits_poorly_stands_where_zero_is_not_defined() -> None:
+    """x' = -x / tau, of which both x and its rate are measured: nothing can be tried at tau = 0."""
+    t = np.arange(100) / 20
+    decay = np.exp(-t / 0.8)
+    y = np.stack([decay, -decay / 0.8]) + 1e-3 * np.random.default_rng(0).standard_normal((2, 100))
+    segment = Segment(t, np.zeros((0, 100)), y, np.zeros(1))
+
+    def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return -x / theta["tau"]
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.concatenate([x, -x / theta["tau"]])
+
+    result = fit(dynamics, outputs, [segment], {"tau": 3.0})
+    assert result.converged, result.message
+    assert abs(result.theta["tau"] - 0.8) < 4 * result.std_error["tau"]
