@@ -31,6 +31,7 @@ _LEAST_LOOSENESS = 1e-2
 _POOR = 3.0
 """Mean square of whitened residuals above which a beginning fits so poorly that another is tried."""
 _FAR_LESS = 0.5
+"""Violation of the dynamics, against that of the start values, at which 0 is the better start."""
 
 
 def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
