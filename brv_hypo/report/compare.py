@@ -76,8 +76,10 @@ def hypothesis_tables(hypothesis: RankedHypothesis) -> Iterable[RenderableType]:
         yield Text(f"  {line}")
     if hypothesis.ml is not None:
         fit = hypothesis.ml
-        heading = f"{hypothesis.mechanism} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
+        heading = rows.likelihood_heading(hypothesis.mechanism, fit)
         yield from term_table(heading, (*fit.terms, *fit.instrument))
+        for line in rows.derived_texts(fit.derived):
+            yield Text(f"  {line}")
         if fit.message:
             yield Text(f"  {fit.message}", "dim")
 

@@ -33,7 +33,8 @@ def comparison_page(comparison: Comparison) -> str:
         for name in leading(comparison):
             own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
             blocks.extend(_coefficients(own, which))
-    blocks.extend(Block(f"Terms of {row.mechanism}", _terms(row)) for row in comparison.ranking if row.terms)
+    for row in comparison.ranking:
+        blocks.extend(_terms(row))
     headings = ("criterion", *(row.mechanism for row in comparison.ranking))
     blocks.append(Block("Criteria, in whitened rates", table(headings, rows.criteria_rows(comparison))))
     blocks.append(Block("Notes", bullets(rows.note_texts(comparison))))
@@ -72,6 +73,16 @@ def _coefficients(series: Sequence[CoefficientSeries], which: str) -> list[Block
     return [Block(heading, picture + bullets(rows.coefficient_texts(shown)))]
 
 
-def _terms(hypothesis: RankedHypothesis) -> str:
-    terms = table(rows.TERM_HEADINGS, rows.term_rows(hypothesis.terms))
-    return terms + bullets(rows.derived_texts(hypothesis.derived))
+def _terms(hypothesis: RankedHypothesis) -> list[Block]:
+    """Terms and what follows from them, by regression and, where it was tried, by maximum likelihood."""
+    own = table(rows.TERM_HEADINGS, rows.term_rows(hypothesis.terms)) if hypothesis.terms else ""
+    blocks = [
+        Block(f"Terms of {hypothesis.mechanism}", own + bullets(rows.derived_texts(hypothesis.derived)))
+    ]
+    if hypothesis.ml is not None:
+        fit = hypothesis.ml
+        estimates = (*fit.terms, *fit.instrument)
+        found = table(rows.TERM_HEADINGS, rows.term_rows(estimates)) if estimates else ""
+        texts = bullets([*rows.derived_texts(fit.derived), *([fit.message] if fit.message else [])])
+        blocks.append(Block(f"Terms of {rows.likelihood_heading(hypothesis.mechanism, fit)}", found + texts))
+    return blocks

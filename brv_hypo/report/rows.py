@@ -6,7 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from brv_hypo.ranking.result import CoefficientSeries, Comparison, DerivedEstimate, TermEstimate
+from brv_hypo.ranking.result import (
+    CoefficientSeries,
+    Comparison,
+    DerivedEstimate,
+    MaximumLikelihood,
+    TermEstimate,
+)
 from brv_hypo.report.style import interval, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
@@ -59,6 +65,11 @@ def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
         )
         for term in terms
     ]
+
+
+def likelihood_heading(mechanism: str, fit: MaximumLikelihood) -> str:
+    """Whose likelihood, and how its search ended."""
+    return f"{mechanism} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
 
 
 def criteria_rows(comparison: Comparison) -> list[tuple[str, ...]]:

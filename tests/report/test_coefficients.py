@@ -36,6 +36,7 @@ def test_a_page_has_every_flights_coefficients_by_their_method(comparison) -> No
         method = "maximum likelihood" if converged else "regression"
         assert page.count(f"<h2>Coefficients of {row.mechanism} by {method}") == len(comparison.flights)
     assert "C_Nalpha_force: " in page
+    assert "by maximum likelihood: converged" in page
 
 
 def test_what_a_model_does_not_have_is_not_drawn(comparison) -> None:
