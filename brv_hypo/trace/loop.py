@@ -25,7 +25,7 @@ from brv_hypo.trace.likelihood import maximum_likelihood
 from brv_hypo.trace.restore import restored
 from brv_hypo.trace.result import Step, Stop, Trace
 from brv_hypo.trace.seen import Seen, see, start_columns, start_model, with_in_plane_moment
-from brv_hypo.trace.state import State, state_of, with_candidate
+from brv_hypo.trace.state import State, refitted, state_of, with_candidate
 from brv_hypo.trace.step import Look, generic_name, look
 from brv_hypo.trace.summary import Ending, summary
 from brv_hypo.trace.told import step_of
@@ -71,11 +71,11 @@ def _trace(flight: Flight, config: TraceConfig, say: Progress) -> Trace:
             stopped = turn.reason
             break
     assert first is not None
-    end = Ending(state, tuple(steps), stopped, discovery)
+    end = Ending(refitted(flight, config, state), tuple(steps), stopped, discovery)
     result = summary(flight, first.left, end)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
-        result = result.model_copy(update={"ml": maximum_likelihood(state)})
+        result = result.model_copy(update={"ml": maximum_likelihood(end.state)})
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 

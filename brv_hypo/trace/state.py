@@ -14,7 +14,11 @@ from brv_hypo.trace.config import TraceConfig
 from brv_hypo.trace.judge import Prediction, ResidualMoments, moment_errors, residual_moments
 from brv_hypo.trace.seen import Applied, Model, Seen, see, with_in_plane_moment
 from brv_hypo.trace.step import Look, bare_look
-from brv_hypo.trace.task import TraceTask, solution
+from brv_hypo.trace.task import TraceTask, solution, unknown_values
+
+# How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
+_CORRECTIONS = 2
+_TRIFLE = 1.01
 
 
 @dataclass(frozen=True)
@@ -75,3 +79,24 @@ def with_candidate(
     seen = with_in_plane_moment(see(flight, model, config), model.columns)
     task = bare_look(seen, model, state.values, here.task.both).task
     return state_of(model, seen, here.task.noise, task)
+
+
+def refitted(flight: Flight, config: TraceConfig, state: State) -> State:
+    """The state with its errors of the record fitted once more, all together and under the final noise.
+
+    Their first values are those of a reconstruction that the errors themselves had spoilt. The state itself where that
+    fits no better.
+    """
+    best = state
+    for _ in range(_CORRECTIONS if state.model.applied else 0):
+        assert best.task is not None
+        wrong = unknown_values(best.task, best.seen.frame, best.model.columns)
+        applied = tuple(replace(a, value=a.value + wrong[a.name]) for a in best.model.applied)
+        model = replace(best.model, applied=applied)
+        seen = with_in_plane_moment(see(flight, model, config), model.columns)
+        task = bare_look(seen, model, best.values, best.task.both).task
+        found = state_of(model, seen, best.noise, task)
+        if found.errors.mean_square > best.errors.mean_square * _TRIFLE:
+            break
+        best = found
+    return best

@@ -269,6 +269,12 @@ def solution(
     return values[: len(columns)], histories.rates @ values[len(columns) :]
 
 
+def unknown_values(task: TraceTask, frame: RateFrame, columns: tuple[Column, ...]) -> dict[str, float]:
+    """The unknowns by name, as fitted along with the columns."""
+    values = solve_scaled(task.whole_design(frame, columns), task.raw_response)[len(columns) :]
+    return dict(zip(task.unknowns, (float(value) for value in values), strict=True))
+
+
 def with_efficiency(task: TraceTask, fit: HypothesisFit) -> TraceTask:
     """The task with the effective share of samples that a fit's residual shows."""
     pieces = task.part.thinned_pieces(task.both)
