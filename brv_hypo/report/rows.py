@@ -13,7 +13,7 @@ from brv_hypo.ranking.result import (
     MaximumLikelihood,
     TermEstimate,
 )
-from brv_hypo.report.style import interval, number, probability, share
+from brv_hypo.report.style import interval, known_to, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
 TEXT_COLUMNS = (
@@ -57,7 +57,7 @@ def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
             term.name,
             _PLANES.get(term.channel, term.channel),
             term.units,
-            number(term.value, 4),
+            known_to(term.value, term.std_error),
             number(term.std_error, 2),
             number(term.f_ratio),
             interval(term.region_s),
@@ -83,7 +83,7 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
     lines = []
     for item in derived:
         unit = "" if item.units == "1" else f" {item.units}"
-        line = f"{item.name} = {number(item.value, 4)} ± {number(item.std_error, 2)}{unit}"
+        line = f"{item.name} = {known_to(item.value, item.std_error)} ± {number(item.std_error, 2)}{unit}"
         if item.units == "rad":
             line += f" ({np.degrees(item.value):.1f} ± {np.degrees(item.std_error):.1f} deg)"
         lines.append(line + (f" in {interval(item.region_s)} s" if item.region_s else ""))

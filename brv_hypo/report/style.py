@@ -35,6 +35,14 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
 
 
+def known_to(value: float, sigma: float) -> str:
+    """An estimate to the second digit of its standard error, at least at 4 and at most at 9 digits."""
+    if not (math.isfinite(value) and math.isfinite(sigma) and value != 0.0 and sigma > 0.0):
+        return number(value, 4)
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
+    return number(value, min(max(digits, 4), 9))
+
+
 def probability(value: float | None) -> str:
     """A probability in percent, never rounded to certainty."""
     if value is None or not math.isfinite(value):

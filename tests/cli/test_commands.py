@@ -146,7 +146,7 @@ class TestCompare:
             assert set(ROW_KEYS.split()) <= set(row)
             assert all(set(TERM_KEYS.split()) <= set(term) for term in row["terms"])
         assert all(set(TERM_KEYS.split()) <= set(term) for term in result["baseline"]["terms"])
-        assert "series" not in result
+        assert not {"series", "coefficients"} & set(result)
 
     def test_none_is_always_compared_and_ranks_count_from_one(self, compared):
         ranking = compared[1]["ranking"]
@@ -165,7 +165,9 @@ class TestCompare:
         assert html.count("<script>/**") == 1
         assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)\s*=\s*[\"']?https?:", html)
         assert compared[1]["verdict"]["reason"] in html
-        assert html.count('class="plotly-graph-div"') == 4
+        histories = len(compared[1]["ranking"])
+        assert html.count("<h2>Coefficients of") == histories
+        assert html.count('class="plotly-graph-div"') == 4 + histories
 
     def test_json_on_standard_output_is_alone_there(self, brv_hypo, simulated_file):
         done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "--json", "-")

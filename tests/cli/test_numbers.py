@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from brv_hypo.report.style import interval, number, probability, share
+from brv_hypo.report.style import interval, known_to, number, probability, share
 
 
 @pytest.mark.parametrize(
@@ -24,6 +24,22 @@ from brv_hypo.report.style import interval, number, probability, share
 )
 def test_numbers_have_an_exponent_only_where_they_need_one(value, digits, text):
     assert number(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (0.5999712, 7.7e-5, "0.599971"),
+        (3.99986412, 3.1e-5, "3.999864"),
+        (0.60123, 0.1, "0.6012"),
+        (-9.09812345e-5, 3e-10, "-9.098123e-05"),
+        (1.25, 1e-15, "1.25"),
+        (0.0, 0.1, "0"),
+        (2.0, float("nan"), "2"),
+    ],
+)
+def test_an_estimate_has_the_digits_that_its_error_leaves(value, sigma, text):
+    assert known_to(value, sigma) == text
 
 
 @pytest.mark.parametrize(
