@@ -48,13 +48,24 @@ def residuals_of(task: TraceTask, held_out: Part, fit: HypothesisFit) -> Residua
 
 
 def score(task: TraceTask, held_out: Part, before: Residuals, after: Residuals) -> float:
-    """Fall of the held-out squared error in both channels, in standard errors.
+    """Fall of the held-out squared error in both channels, in standard errors: the larger of two measures.
+
+    Rates from the constant of integration that the fitted part has show what changes slowly; where the record itself
+    drifts, that drowns the rest, and rates from a constant of each stretch's own show what changes within it.
+    """
+    return max(
+        _fall(*(whitened(task, held_out, left) for left in (before, after)))
+        for whitened in (_from_fitted_constants, _from_own_constants)
+    )
+
+
+def _fall(first: FloatArray, second: FloatArray) -> float:
+    """Fall of the sum of squares from one residual to the later one, in standard errors.
 
     The difference of two predictions d and the later residual e give it: sum of d^2 + 2 e d, whose noise is
     that of the second part alone; it is summed over clusters of neighbours (White, Econometrica 48:817,
     1980).
     """
-    first, second = (_whitened(task, held_out, left) for left in (before, after))
     gain = first**2 - second**2
     noise = 2.0 * second * (first - second)
     starts = np.arange(0, noise.size, _CLUSTER)
@@ -62,11 +73,8 @@ def score(task: TraceTask, held_out: Part, before: Residuals, after: Residuals) 
     return float(gain.sum() / max(np.sqrt(np.sum(clusters**2)), 1e-300))
 
 
-def _whitened(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
-    """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has.
-
-    With constants of their own the held-out stretches would be blind to what changes slowly.
-    """
+def _from_fitted_constants(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
+    """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
     constants = task.part.constants(left.fitted.rates, task.both)[:, 0]
     level_of = dict(zip(_segments(task, task.part.levels, task.part), constants, strict=True))
     rates = left.held_out.rates.copy()
@@ -74,6 +82,11 @@ def _whitened(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
         rates[a:b] -= level_of.get(segment, rates[a:b].mean())
     white = held_out.white_rates_as_they_are(rates, task.both)
     return np.concatenate([white[:, 0], held_out.white_force(left.held_out.force, task.both)[:, 0]])
+
+
+def _from_own_constants(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
+    """The same with the constant of each held-out stretch taken out."""
+    return held_out.whitened(left.held_out, task.both)[:, 0]
 
 
 def _segments(task: TraceTask, ranges: Sequence[Piece], part: Part) -> list[int]:
