@@ -1,4 +1,8 @@
-"""Fixed-step Runge-Kutta of fourth order, landing on every instant at which the moments may jump or kink."""
+"""Runge-Kutta of fourth order at fixed nodes, landing on every instant at which the moments may jump or kink.
+
+Where the windward meridian turns fast, near alpha = 0, a step is cut: moments that follow the meridian turn
+with it.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.motion.motion import Motion
 from brv_hypo.simulate.dynamics import ATTITUDE, System
 from brv_hypo.simulate.history import History
 from brv_hypo.simulate.planting import Planted
@@ -16,6 +21,9 @@ from brv_hypo.simulate.rotation import dot
 # Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
 _ASIDE = 1e-10
 _SAME = 1e-9
+# Angle (rad) by which the meridian may turn in one step, and into how many parts a step is cut at most.
+_TURN = 0.1
+_MOST_PARTS = 64
 
 Progress = Callable[[float], None]
 
@@ -71,32 +79,54 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
     history = History(system, nodes, on.breaks, flights)
     looks_back = bool(system.planted)
 
-    def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, Motion]:
         instant = np.full(flights, time)
         air = system.air_data(instant, value)
         motion = system.motion(instant, value, air, near, history.past if looks_back else None)
-        return system.state_rate(value, air, motion), motion.windward_meridian
+        return system.state_rate(value, air, motion), motion
 
     near = np.zeros(flights)
     history.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
     for node in range(nodes.size - 1):
         begin, end = nodes[node], nodes[node + 1]
-        step = end - begin
         after = begin + _ASIDE if on.breaks[node] else begin
         before = end - _ASIDE if on.breaks[node + 1] else end
-        k1, near = rate(after, state, near)
+        k1, motion = rate(after, state, near)
+        near = motion.windward_meridian
         history.store(node, state, k1, near)
-        k2, _ = rate(begin + 0.5 * step, state + (0.5 * step) * k1, near)
-        k3, _ = rate(begin + 0.5 * step, state + (0.5 * step) * k2, near)
-        k4, _ = rate(before, state + step * k3, near)
-        state = _normalised(state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+        parts = _parts(motion, end - begin)
+        step = (end - begin) / parts
+        for part in range(parts):
+            now = begin + part * step
+            if part > 0:
+                k1, motion = rate(now, state, near)
+                near = motion.windward_meridian
+            k2, _ = rate(now + 0.5 * step, state + (0.5 * step) * k1, near)
+            k3, _ = rate(now + 0.5 * step, state + (0.5 * step) * k2, near)
+            k4, _ = rate(before if part == parts - 1 else now + step, state + step * k3, near)
+            state = _normalised(state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
         if on.breaks[node + 1]:
             history.store_before(node + 1, rate(before, state, near)[0])
         if progress is not None and node % 64 == 0:
             progress(node / nodes.size)
     final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
-    history.store(nodes.size - 1, state, *rate(final, state, near))
+    k1, motion = rate(final, state, near)
+    history.store(nodes.size - 1, state, k1, motion.windward_meridian)
     return Trajectory(nodes, history.states, history.rates, on.samples)
+
+
+def _parts(motion: Motion, step: float) -> int:
+    """Into how many parts a step (s) is cut, for the flight whose meridian turns fastest.
+
+    The crossflow is taken to go on in a straight line; it turns fastest where that is nearest to zero.
+    """
+    alpha, turning = motion.alpha, motion.alpha * motion.windward_meridian_rate
+    speed_squared = np.maximum(motion.alpha_rate**2 + turning**2, 1e-300)
+    ahead = np.clip(-alpha * motion.alpha_rate / speed_squared, 0.0, step)
+    nearest = (alpha + motion.alpha_rate * ahead) ** 2 + (turning * ahead) ** 2
+    turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
+    largest = float(np.max(np.minimum(np.nan_to_num(turn, nan=0.0), np.pi), initial=0.0))
+    return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
 
 
 def _normalised(state: FloatArray) -> FloatArray:
