@@ -1,62 +1,105 @@
 """Measured inputs freed of noise: roll rate, speed and pressure enter the equations of motion, and their
 noise accumulates.
 
-What is left of it is slow: a polynomial in time per input, whose coefficients are known beforehand to the
-noise over the root of the number of samples. They are parameters with just that prior (`NOISY_INPUTS`), so
-that standard errors know of them.
+What is left of it is slow: a few shapes in time per input, scaled so that the weight of each is known
+beforehand to be of unit standard deviation. The weights are parameters with just that prior, so that standard
+errors know of them.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.linalg import eigh
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.identification.instruments import of_flight
+from brv_hypo.likelihood import Course
 from brv_hypo.motion.attitude import running_integral
+from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.motion import Motion
 
-_INTERVALS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-_PATIENCE = 3
+_INTERVALS = 64
 _SAMPLES_PER_INTERVAL = 6
+_ROUGHNESS = np.logspace(-14.0, 15.0, 117)
+_RIDGE = 1e-14
+_LEAST_ROUGHNESS = 1e-15
+_ORDER = 3
+_MOST_SHAPES = 10
+"""Shapes of an input's error; finer ones have less effect on the motion than the gyros' noise."""
+_PASSES = 3
+_LEAST_DENSITY = 1e-3
+"""Of the largest: where the pressure is lost in its noise its logarithm means nothing."""
+
+ROLL_RATE = "roll rate noise"
+PRESSURE = "pressure noise"
 
 
-NOISY_INPUTS = ("roll rate", "pressure")
-NOISE_DEGREE = 2
+@dataclass(frozen=True)
+class Smooth:
+    """A smoothed signal: `values` (n,), and the independent shapes of its error as coefficients of a spline.
 
-
-def noise_name(channel: str, degree: int) -> str:
-    """Name of the Legendre coefficient of the error that smoothing leaves in an input."""
-    return f"{channel} noise {degree}"
-
-
-def noise_size(values: FloatArray, smooth: FloatArray, degree: int) -> float:
-    """Standard deviation of that coefficient, in the units of the input."""
-    return float(np.sqrt((2 * degree + 1) * np.mean((values - smooth) ** 2) / values.size))
-
-
-def smoothed(values: FloatArray) -> FloatArray:
-    """Cubic least-squares spline (n,) through evenly spaced samples; its number of intervals by BIC.
-
-    What varies faster than the finest spline stays as it was measured, where it is more than noise.
+    `scale` (coefficients, shapes) has shapes of unit standard deviation, the smoothest first.
     """
-    n = values.size
-    best, least, worse = values, np.inf, 0
-    for intervals in _INTERVALS:
-        if intervals * _SAMPLES_PER_INTERVAL > n:
-            break
-        basis = _orthonormal(n, intervals)
-        fitted = basis @ (basis.T @ values)
-        rss = float(np.sum((values - fitted) ** 2))
-        score = n * np.log(max(rss, 1e-24 * float(values @ values))) + basis.shape[1] * np.log(n)
-        if score < least:
-            best, least, worse = fitted, score, 0
-        else:
-            worse += 1
-        if worse == _PATIENCE:
-            break
-    return np.asarray(best)
+
+    values: FloatArray
+    scale: FloatArray
+
+
+@dataclass(frozen=True)
+class InputError:
+    """What smoothing leaves of an input's noise, as a course of unit weights: rad/s of the roll rate, a
+    fraction of the pressure.
+
+    `scale` are the shapes as coefficients of a cubic spline over `span` (s).
+    """
+
+    name: str
+    span: tuple[float, float]
+    scale: FloatArray
+
+    @property
+    def course(self) -> Course:
+        """The course, by whose name the equations of motion know it."""
+        return Course(self.name, self.weights, self.shapes)
+
+    @property
+    def weights(self) -> tuple[str, ...]:
+        """Names of the weights."""
+        return tuple(f"{self.name} {k}" for k in range(self.scale.shape[1]))
+
+    def shapes(self, time: FloatArray) -> FloatArray:
+        """The shapes (count, n) at times (n,) s."""
+        place = np.clip((time - self.span[0]) / (self.span[1] - self.span[0]), 0.0, 1.0)
+        return np.asarray((_splines(place, self.scale.shape[0]) @ self.scale).T, dtype=float)
+
+
+@dataclass(frozen=True)
+class SmoothInputs:
+    """One flight's inputs as the equations of motion take them: roll rate rad/s, speed m/s, dynamic pressure
+    Pa, each (n,); `errors` what is left of their noise.
+    """
+
+    roll_rate: FloatArray
+    speed: FloatArray
+    pressure: FloatArray
+    errors: tuple[InputError, ...]
+
+
+def smooth_inputs(flight: Flight, motion: Motion, number: int) -> SmoothInputs:
+    """The inputs of flight `number`, at its reconstructed motion."""
+    span = (float(flight.time[0]), float(flight.time[-1]))
+    roll_rate = smoothed(flight.p)
+    speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
+    density = log_density(flight, speed)
+    errors = (
+        InputError(of_flight(ROLL_RATE, number), span, roll_rate.scale),
+        InputError(of_flight(PRESSURE, number), span, density.scale),
+    )
+    return SmoothInputs(roll_rate.values, speed, np.exp(density.values) * speed**2, errors)
 
 
 def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
@@ -69,17 +112,58 @@ def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     along = flight.ax * forward + ((flight.ay + 1j * flight.az) * np.conj(xi)).real
     impulse = running_integral(flight.time, along)
-    return smoothed(flight.velocity - impulse) + impulse
+    return smoothed(flight.velocity - impulse).values + impulse
 
 
-def smooth_pressure(flight: Flight, speed: FloatArray) -> FloatArray:
-    """Dynamic pressure (n,), Pa: a slow density times the square of the speed."""
-    return smoothed(flight.dynamic_pressure / speed**2) * speed**2
+def log_density(flight: Flight, speed: FloatArray) -> Smooth:
+    """Logarithm of dynamic pressure over the square of the speed.
+
+    It is far smoother than the pressure; the noise is that of the pressure, so that it is fitted by least
+    squares of the pressure (Gauss-Newton).
+    """
+    measured = flight.dynamic_pressure / speed**2
+    density = smoothed(measured).values
+    density = np.maximum(density, _LEAST_DENSITY * float(np.max(density)))
+    for _ in range(_PASSES):
+        found = smoothed(np.log(density) + measured / density - 1.0, density * speed**2)
+        density = np.exp(np.clip(found.values, np.log(density) - 1.0, np.log(density) + 1.0))
+    return replace(found, values=np.log(density))
 
 
-@lru_cache(maxsize=32)
-def _orthonormal(n: int, intervals: int) -> FloatArray:
-    """Orthonormal basis (n, intervals + 3) of the cubic splines on evenly spaced intervals."""
-    inner = np.linspace(0.0, n - 1.0, intervals + 1)
-    knots = np.concatenate([[0.0] * 3, inner, [n - 1.0] * 3])
-    return np.linalg.qr(BSpline.design_matrix(np.arange(n, dtype=float), knots, 3).toarray())[0]
+def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
+    """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,).
+
+    Roughness (third differences of the coefficients) and noise are those of greatest likelihood (Wahba,
+    Ann. Statist. 13:1378, 1985): error bands then hold on average, the bias of smoothing included. What varies
+    faster than the spline can is taken for noise.
+    """
+    n = values.size
+    weight = np.ones(n) if weight is None else weight / np.sqrt(np.mean(weight**2))
+    count = min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
+    basis = _splines(np.linspace(0.0, 1.0, n), count)
+    weighted = weight[:, None] * basis
+    normal = weighted.T @ weighted
+    normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
+    penalty = np.diff(np.eye(count), _ORDER, axis=0)
+    rough, modes = eigh(penalty.T @ penalty, normal)
+    relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
+    relative[:_ORDER] = 0.0
+    level = float(np.mean(values))
+    seen = weight * (values - level)
+    size = modes.T @ (weighted.T @ seen)
+    rest = max(float(seen @ seen - size @ size), 0.0)
+    shrink = 1.0 / (1.0 + _ROUGHNESS[:, None] * relative)
+    power = (rest + (1.0 - shrink[:, _ORDER:]) @ size[_ORDER:] ** 2) / (n - _ORDER)
+    power = np.maximum(power, 1e-28 * float(np.mean((weight * values) ** 2)) + 1e-300)
+    misfit = (n - _ORDER) * np.log(power) + np.sum(np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[_ORDER:])), axis=1)
+    best = int(np.argmin(misfit))
+    scale = modes * np.sqrt(power[best] * shrink[best])
+    return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale[:, :_MOST_SHAPES])
+
+
+def _splines(place: FloatArray, count: int) -> FloatArray:
+    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and as evenly three more on each
+    side.
+    """
+    knots = np.arange(-3, count + 1) / (count - 3)
+    return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)

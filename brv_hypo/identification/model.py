@@ -23,7 +23,7 @@ from numpy.polynomial.legendre import legval
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.design.columns import Column
 from brv_hypo.identification.courses import averaged, kink, on_grid
-from brv_hypo.identification.inputs import NOISE_DEGREE, NOISY_INPUTS, noise_name
+from brv_hypo.identification.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.identification.instruments import (
     ROLL_RATE_ERRORS,
     TIME_SKEW,
@@ -193,8 +193,9 @@ class VehicleModel:
         return Shapes(columns, planes * turn, planes, now, tuple(past.values()))
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
-        """The motion of a point; it depends on the parameters of forces and gravity through its rates
-        only.
+        """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
+
+        What noise leaves in the inputs does too little to the rates for a mechanism to feel it.
         """
         rates = self._rate_values(context, theta) if self.moments.uses_rates else ()
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, rates)
@@ -234,19 +235,14 @@ class VehicleModel:
         """Time from -1 to 1 over the span."""
         return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
 
-    def _noise(self, channel: str, at: Point, context: Context, theta: Values) -> FloatArray:
-        """Error that smoothing leaves in an input (n,), in its units."""
-        names = (of_flight(noise_name(channel, degree), context.flight) for degree in range(NOISE_DEGREE + 1))
-        return np.asarray(legval(self.scaled(at.time), [theta[name] for name in names]), dtype=float)
-
     def _roll_rate_error(self, at: Point, context: Context, theta: Values) -> FloatArray:
         """Measured less true roll rate (n,), rad/s."""
         instrument = InstrumentReadings(theta, context.flight).roll_rate_error(at.input("p"))
-        return np.asarray(instrument + self._noise("roll rate", at, context, theta))
+        return np.asarray(instrument + theta[of_flight(ROLL_RATE, context.flight)])
 
     def _pressure(self, at: Point, context: Context, theta: Values) -> FloatArray:
         """True dynamic pressure (n,), Pa."""
-        return np.asarray(at.input("pressure") - self._noise("pressure", at, context, theta))
+        return np.asarray(at.input("pressure") * (1.0 - theta[of_flight(PRESSURE, context.flight)]))
 
     def _late(self, here: Point, context: Context, theta: Values, delayed: Mapping[str, Delayed]) -> Point:
         """Where the accelerometers' clock stands."""
@@ -257,16 +253,14 @@ class VehicleModel:
 
     def _rate_values(self, context: Context, theta: Values) -> tuple[float | None, ...]:
         """Parameters that change the rates of alpha and of the meridian at given states."""
-        noise = [
-            noise_name(channel, degree) for channel in NOISY_INPUTS for degree in range(NOISE_DEGREE + 1)
-        ]
-        own = (*ROLL_RATE_ERRORS, *noise, *(f"gravity {axis}" for axis in "xyz"))
+        own = (*ROLL_RATE_ERRORS, *(f"gravity {axis}" for axis in "xyz"))
         return (
             *(theta[n] for n in self.force_names),
             *(theta.get(of_flight(n, context.flight)) for n in own),
         )
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
+        theta = {**theta, **_quiet(context.flight)}
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
         slowing = at.zeta * at.input("speed_rate") / speed
@@ -296,6 +290,11 @@ class VehicleModel:
 def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
     """States (4, n) and inputs as pairs."""
     return Point(time, x[0] + 1j * x[1], x[2] + 1j * x[3], u)
+
+
+def _quiet(flight: int) -> dict[str, float]:
+    """Inputs without what noise leaves in them."""
+    return {of_flight(ROLL_RATE, flight): 0.0, of_flight(PRESSURE, flight): 0.0}
 
 
 def _rows(first: ComplexArray, second: ComplexArray) -> FloatArray:

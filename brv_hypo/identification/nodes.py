@@ -1,9 +1,10 @@
 """From flight records to the segments of the likelihood: block means as measurements, smooth inputs.
 
-States are wanted at nodes only as far apart as the motion allows. The measurement at a node is the mean of
-the samples around it, taken in de-rolled axes, less what the mean of the predicted motion differs from its
-value at the node. That difference is of second order in the block and comes from the regression, which knows
-it to far below the noise but where a knot lies in the block: such blocks are left out.
+States are wanted at nodes as far apart as the motion allows (`placing`). The measurement at the node in the
+middle of a block is the mean of its samples, taken in de-rolled axes, less what the mean of the predicted
+motion differs from its value at the node. That difference is of second order in the block and comes from the
+regression, which knows it to far below the noise but where a knot lies in the block: such blocks are left
+out. Nodes in between measure nothing.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.design.weakform import WeakSegment
-from brv_hypo.flight.record import Vehicle
-from brv_hypo.identification.inputs import smooth_pressure, smooth_speed, smoothed
+from brv_hypo.flight.record import Flight, Vehicle
+from brv_hypo.identification.inputs import SmoothInputs
 from brv_hypo.identification.instruments import lever_force
+from brv_hypo.identification.placing import FEWEST_NODES, Meridian, derolled_crossflow, knots_of
 from brv_hypo.likelihood import Segment
 from brv_hypo.motion.attitude import derolled_attitude, running_integral
 from brv_hypo.motion.frames import angle_of_attack, crossflow
@@ -53,11 +55,6 @@ SLOPES = len(INPUTS)
 """First of the rows that hold, for each column with a knot, first and second derivative by time of the
 angular acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and
 rad/s^4."""
-FEWEST_NODES = 12
-LARGEST_BLOCK = 5
-NODES_IN_A_DELAY = 48
-"""The cost of a step grows with the square of the nodes that a delay spans."""
-
 
 @dataclass(frozen=True)
 class Context:
@@ -104,64 +101,17 @@ class NodeRecord:
         return _pairs(list(residual))
 
 
-def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, tolerance: float) -> int:
-    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples
-    do.
-
-    The largest difference between the two angular rates may be `tolerance` times the gyros' white noise. The
-    number is odd, so that a sample stands in the middle.
-    """
-    moments, knots = frame.moments(columns) @ values, knots_of(columns)
-    longest = max(segment.time.size for segment in frame.segments)
-    size = _least_block(frame, columns)
-    for trial in range(size + 2, min(LARGEST_BLOCK, longest // FEWEST_NODES) + 1, 2):
-        for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
-            allowed = tolerance * frame.reconstructions[part.flight].gyro_sigma
-            if _quadrature_error(part, moments[a:b], trial, knots) > allowed:
-                return size
-        size = trial
-    return size
-
-
-def _least_block(frame: RateFrame, columns: Sequence[Column]) -> int:
-    """The smallest odd block with which no delay spans too many nodes."""
-    longest = max((column.delay or 0.0 for column in columns), default=0.0)
-    step = min(frame.reconstructions[segment.flight].flight.step for segment in frame.segments)
-    wanted = int(np.ceil(longest / (NODES_IN_A_DELAY * step)))
-    return min(max(wanted + (wanted + 1) % 2, 1), LARGEST_BLOCK)
-
-
-def knots_of(columns: Sequence[Column]) -> list[float]:
-    """Times (s) at which a column has a jump or a kink."""
-    return sorted({edge for c in columns for edge in (c.course.start, c.course.stop) if np.isfinite(edge)})
-
-
-def _quadrature_error(part: WeakSegment, moments: ComplexArray, size: int, knots: Sequence[float]) -> float:
-    """Largest error of the angular rate, rad/s, by Simpson's rule on every `size`-th sample; intervals with
-    knots left out.
-    """
-    acceleration = CubicSpline(part.time, part.factor * moments)
-    nodes = part.time[size // 2 :: size]
-    if nodes.size < 2:
-        return 0.0
-    step = nodes[1] - nodes[0]
-    values, between = acceleration(nodes), acceleration(0.5 * (nodes[1:] + nodes[:-1]))
-    simpson = step / 6.0 * (values[:-1] + 4.0 * between + values[1:])
-    error = simpson - np.diff(acceleration.antiderivative()(nodes))
-    for knot in knots:
-        error[(nodes[:-1] - step <= knot) & (knot <= nodes[1:] + step)] = 0.0
-    return float(np.max(np.abs(np.cumsum(error))))
-
-
 def node_records(
     frame: RateFrame,
     columns: Sequence[Column],
     values: FloatArray,
+    inputs: Sequence[SmoothInputs],
     gravity_turn: Sequence[FloatArray],
     size: int,
+    delays: tuple[float, ...],
 ) -> tuple[NodeRecord, ...]:
-    """Every segment long enough; `gravity_turn` are each flight's axes of the first sample in its de-rolled
-    axes.
+    """Every segment long enough; `inputs` are each flight's, `gravity_turn` each flight's axes of the first
+    sample in its de-rolled axes; `delays` (s) those for which nodes are placed.
     """
     predicted, moments = frame.columns(columns) @ values, frame.moments(columns) @ values
     shapes = frame.moments(
@@ -181,25 +131,22 @@ def node_records(
                 moments[a:b],
                 shapes[a:b],
                 local,
+                inputs[part.flight],
                 gravity_turn[part.flight],
                 len(found),
                 knots_of(columns),
+                Meridian(derolled_crossflow(frame, part), delays),
             )
         )
     return tuple(found)
 
 
-def roll_angle(reconstruction: Reconstruction) -> FloatArray:
-    """Integral of the smoothed roll rate (n,), rad, from the first sample."""
-    flight = reconstruction.flight
-    return running_integral(flight.time, smoothed(flight.p))
-
-
-def gravity_axes(reconstruction: Reconstruction) -> FloatArray:
+def gravity_axes(reconstruction: Reconstruction, inputs: SmoothInputs) -> FloatArray:
     """(n, 3, 3): row j holds the axes of the first sample along de-rolled axis j at each sample."""
     flight = reconstruction.flight
     omega = reconstruction.motion.q + 1j * reconstruction.motion.r
-    turn = derolled_attitude(flight.time, omega * np.exp(1j * roll_angle(reconstruction)))
+    roll = running_integral(flight.time, inputs.roll_rate)
+    turn = derolled_attitude(flight.time, omega * np.exp(1j * roll))
     return np.asarray(np.transpose(turn, (0, 2, 1)))
 
 
@@ -210,15 +157,17 @@ def _node_record(
     moments: ComplexArray,
     shapes: ComplexArray,
     local: IntArray,
+    inputs: SmoothInputs,
     gravity_turn: FloatArray,
     number: int,
     knots: Sequence[float],
+    meridian: Meridian,
 ) -> NodeRecord:
     reconstruction = frame.reconstructions[part.flight]
     flight, motion = reconstruction.flight, frame.motions[part.flight]
     samples = slice(part.rows.start, part.rows.start + local.size)
     kept = slice(0, local.size)
-    roll = roll_angle(reconstruction)[samples]
+    roll = running_integral(flight.time, inputs.roll_rate)[samples]
     turn = np.exp(1j * roll)
     spin = np.exp(
         -1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p)[samples]
@@ -230,16 +179,16 @@ def _node_record(
     )
     measured = np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])[:, samples] * turn
     middle = local[:, local.shape[1] // 2]
-    mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
-    nodes = flight.time[samples][middle]
-    tables = _inputs(reconstruction, motion, samples, local, gravity_turn, roll, number)
+    time = flight.time[samples]
+    nodes = meridian.with_nodes_between(time[middle])
+    measuring = np.searchsorted(nodes, time[middle])
+    halfway = 0.5 * (nodes[1:] + nodes[:-1])
     acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
-    slopes = CubicSpline(nodes, shapes[middle] * acceleration[:, None])
-    at_nodes, halfway = (
-        np.concatenate([table, _slope_rows(slopes, at)])
-        for table, at in zip(tables, (nodes, 0.5 * (nodes[1:] + nodes[:-1])), strict=True)
-    )
-    state = np.stack([omega, xi * flight.velocity[samples] * turn])[:, middle]
+    slopes = CubicSpline(time[middle], shapes[middle] * acceleration[:, None])
+    table = _InputTable(flight, motion, inputs, samples, local, gravity_turn, roll, number)
+    at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
+    between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
+    state = CubicSpline(time, np.stack([omega, xi * flight.velocity[samples] * turn]), axis=1)(nodes)
     context = Context(
         part.flight,
         flight.vehicle,
@@ -247,12 +196,16 @@ def _node_record(
         float(motion.windward_meridian_rate[samples][middle[0]]),
         flight.step * local.shape[1],
     )
-    outputs = _pairs(list(mean * np.conj(turn[middle])))
+    mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
+    outputs = np.full((4, nodes.size), np.nan)
+    outputs[:, measuring] = _pairs(list(mean * np.conj(turn[middle])))
     if local.shape[1] > 1:
         for knot in knots:
             outputs[:, np.abs(nodes - knot) < context.block] = np.nan
-    segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=halfway)
-    return NodeRecord(context, segment, flight.time[samples], turn, measured, expected, middle)
+    courses = tuple(error.course for error in inputs.errors)
+    segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, courses=courses)
+    nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
+    return NodeRecord(context, segment, time, turn, measured, expected, nearest)
 
 
 def _expected_force(
@@ -278,48 +231,52 @@ def _expected_force(
     )
 
 
-def _inputs(
-    reconstruction: Reconstruction,
-    motion: Motion,
-    rows: slice,
-    local: IntArray,
-    gravity_turn: FloatArray,
-    roll: FloatArray,
-    number: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Inputs at the nodes (inputs, n) and halfway between them (inputs, n - 1)."""
-    flight = reconstruction.flight
-    middle = local[:, local.shape[1] // 2]
-    nodes = flight.time[rows][middle]
-    halfway = 0.5 * (nodes[1:] + nodes[:-1])
-    speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
-    mean = {
-        name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
-        for name, values in (
-            ("p", smoothed(flight.p)),
-            ("speed", speed),
-            ("pressure", smooth_pressure(flight, speed)),
-            ("axial", flight.ax),
-            ("mach", motion.mach),
-            ("reynolds", motion.reynolds),
-        )
-    }
-    exact = {
-        "roll": CubicSpline(nodes, roll[middle]),
-        "meridian": CubicSpline(nodes, motion.windward_meridian[rows][middle]),
-        **{
-            f"gravity_{first}{second}": CubicSpline(nodes, gravity_turn[rows][middle, i, j])
-            for i, second in ((1, "y"), (2, "z"))
-            for j, first in enumerate("xyz")
-        },
-    }
-    tables = []
-    for time, half in ((nodes, 0.0), (halfway, 0.5 * float(nodes[1] - nodes[0]))):
-        table = {name: spline(time) for name, spline in {**mean, **exact}.items()}
-        table |= {"p_rate": mean["p"](time, 1), "speed_rate": mean["speed"](time, 1)}
-        table |= {"segment": np.full(time.size, float(number)), "half": np.full(time.size, half)}
-        tables.append(np.stack([table[name] for name in INPUTS]))
-    return tables[0], tables[1]
+class _InputTable:
+    """Inputs of one segment at any times: means over blocks where the instruments are noisy, splines
+    between.
+    """
+
+    def __init__(
+        self,
+        flight: Flight,
+        motion: Motion,
+        smooth: SmoothInputs,
+        rows: slice,
+        local: IntArray,
+        gravity_turn: FloatArray,
+        roll: FloatArray,
+        number: int,
+    ) -> None:
+        middle = local[:, local.shape[1] // 2]
+        nodes = flight.time[rows][middle]
+        self._number = float(number)
+        self._mean = {
+            name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
+            for name, values in (
+                ("p", smooth.roll_rate),
+                ("speed", smooth.speed),
+                ("pressure", smooth.pressure),
+                ("axial", flight.ax),
+                ("mach", motion.mach),
+                ("reynolds", motion.reynolds),
+            )
+        }
+        self._exact = {
+            "roll": CubicSpline(nodes, roll[middle]),
+            "meridian": CubicSpline(nodes, motion.windward_meridian[rows][middle]),
+            **{
+                f"gravity_{first}{second}": CubicSpline(nodes, gravity_turn[rows][middle, i, j])
+                for i, second in ((1, "y"), (2, "z"))
+                for j, first in enumerate("xyz")
+            },
+        }
+
+    def __call__(self, time: FloatArray, half: FloatArray) -> FloatArray:
+        """The inputs (inputs, n) at times (n,) s, in the middle of intervals of twice `half` (n,) s."""
+        table = {name: spline(time) for name, spline in {**self._mean, **self._exact}.items()}
+        table |= {"p_rate": self._mean["p"](time, 1), "speed_rate": self._mean["speed"](time, 1)}
+        table |= {"segment": np.full(time.size, self._number), "half": half}
+        return np.stack([table[name] for name in INPUTS])
 
 
 def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:

@@ -14,23 +14,15 @@ from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.inputs import (
-    NOISE_DEGREE,
-    NOISY_INPUTS,
-    noise_name,
-    noise_size,
-    smooth_pressure,
-    smooth_speed,
-    smoothed,
-)
+from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
 from brv_hypo.identification.model import VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
-from brv_hypo.identification.nodes import NodeRecord, block_size, gravity_axes, node_records
+from brv_hypo.identification.nodes import NodeRecord, gravity_axes, node_records
+from brv_hypo.identification.placing import block_size, delays_of
 from brv_hypo.identification.structure import Structure, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
-from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.wind import gravity_magnitude
 
 _UNKNOWN_GRAVITY = 30.0
@@ -43,9 +35,12 @@ Instrument = tuple[InstrumentError, int]
 
 @dataclass(frozen=True)
 class Problem:
-    """What is estimated from what; `theta` are start values by name."""
+    """What is estimated from what; `theta` are start values by name, `placed_delays` (s) those that nodes
+    were placed for.
+    """
 
     frame: RateFrame
+    inputs: tuple[SmoothInputs, ...]
     records: tuple[NodeRecord, ...]
     model: VehicleModel
     theta: dict[str, float]
@@ -54,6 +49,7 @@ class Problem:
     instruments: tuple[Instrument, ...]
     block: int
     config: IdentificationConfig
+    placed_delays: tuple[float, ...]
     states: tuple[FloatArray, ...] = field(default=())
 
     @property
@@ -89,8 +85,7 @@ class Problem:
     def refreshed(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> Problem:
         """The problem with nodes and block means laid out by another model of the motion."""
         block = block_size(frame, columns, values, self.config.quadrature)
-        axes = [gravity_axes(reconstruction) for reconstruction in frame.reconstructions]
-        records = node_records(frame, columns, values, axes, block)
+        records = _records(frame, columns, values, self.inputs, block, self.placed_delays)
         model = replace(self.model, contexts=tuple(record.context for record in records))
         states = self.states if block == self.block else ()
         return replace(self, frame=frame, records=records, model=model, block=block, states=states)
@@ -139,8 +134,13 @@ def build_problem(
     Raises UnanswerableError where no segment is long enough.
     """
     size = block_size(frame, columns, values, config.quadrature)
-    axes = [gravity_axes(reconstruction) for reconstruction in frame.reconstructions]
-    records = node_records(frame, columns, values, axes, size)
+    inputs = tuple(
+        smooth_inputs(reconstruction.flight, motion, number)
+        for number, (reconstruction, motion) in enumerate(
+            zip(frame.reconstructions, frame.motions, strict=True)
+        )
+    )
+    records = _records(frame, columns, values, inputs, size, delays_of(columns))
     if not records:
         raise UnanswerableError(
             f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
@@ -159,11 +159,21 @@ def build_problem(
     theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
     theta |= {mover.name: mover.value for mover in structure.movers}
     theta |= dict(zip(forces, _force_start(frame, span, config.force_degree).tolist(), strict=True))
-    nuisances = _nuisances(frame, tuple(dict.fromkeys(record.context.flight for record in records)))
+    nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
     theta |= {name: start for name, (start, _, _) in nuisances.items()}
     priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
     problem = Problem(
-        frame, records, model, theta, priors, {m.name: m.bounds for m in structure.movers}, (), size, config
+        frame=frame,
+        inputs=inputs,
+        records=records,
+        model=model,
+        theta=theta,
+        priors=priors,
+        bounds={mover.name: mover.bounds for mover in structure.movers},
+        instruments=(),
+        block=size,
+        config=config,
+        placed_delays=delays_of(columns),
     )
     return problem.with_instruments(
         [
@@ -175,26 +185,31 @@ def build_problem(
     )
 
 
-def _nuisances(frame: RateFrame, flights: Sequence[int]) -> dict[str, tuple[float, float, float]]:
+def _records(
+    frame: RateFrame,
+    columns: Sequence[Column],
+    values: FloatArray,
+    inputs: tuple[SmoothInputs, ...],
+    block: int,
+    delays: tuple[float, ...],
+) -> tuple[NodeRecord, ...]:
+    axes = [gravity_axes(*pair) for pair in zip(frame.reconstructions, inputs, strict=True)]
+    return node_records(frame, columns, values, inputs, axes, block, delays)
+
+
+def _nuisances(
+    frame: RateFrame, inputs: Sequence[SmoothInputs], flights: Sequence[int]
+) -> dict[str, tuple[float, float, float]]:
     """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by
     name.
     """
     found: dict[str, tuple[float, float, float]] = {}
     for index in flights:
         reconstruction = frame.reconstructions[index]
-        flight = reconstruction.flight
-        size = gravity_magnitude(flight) or _UNKNOWN_GRAVITY
+        size = gravity_magnitude(reconstruction.flight) or _UNKNOWN_GRAVITY
         for axis, value in zip("xyz", reconstruction.gravity_body.tolist(), strict=True):
             found[of_flight(f"gravity {axis}", index)] = (value, value if axis == "x" else 0.0, size)
-        motion = reconstruction.motion
-        speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
-        inputs = (flight.p, smoothed(flight.p)), (flight.dynamic_pressure, smooth_pressure(flight, speed))
-        for channel, (values, smooth) in zip(NOISY_INPUTS, inputs, strict=True):
-            for degree in range(NOISE_DEGREE + 1):
-                sigma = max(
-                    noise_size(values, smooth, degree), 1e-12 * float(np.max(np.abs(values), initial=1.0))
-                )
-                found[of_flight(noise_name(channel, degree), index)] = (0.0, 0.0, sigma)
+        found |= {weight: (0.0, 0.0, 1.0) for error in inputs[index].errors for weight in error.weights}
     return found
 
 
