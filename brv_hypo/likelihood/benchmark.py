@@ -1,8 +1,7 @@
 """Speed of `fit`: `python -m brv_hypo.likelihood.benchmark`.
 
 Each problem is fitted several times after a first fit that loads and compiles nothing more; the median wall
-and
-processor times are shown. Start values are the truth off by a fifth, initial states free.
+and processor times are shown. Start values are the truth off by a fifth, initial states free.
 """
 
 from __future__ import annotations

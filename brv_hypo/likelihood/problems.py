@@ -142,8 +142,8 @@ def spinning_body(
     """A spinning axisymmetric body with gyros and accelerometers: 10 parameters.
 
     States q, r (rad/s), alpha, beta (rad); roll rate and velocity are inputs. The damping M_q changes its
-    sign at the
-    total angle of attack `limit`, rad: a positive M_q makes small motion grow up to a limit cycle.
+    sign at the total angle of attack `limit`, rad: a positive M_q makes small motion grow up to a limit
+    cycle.
     """
     inertia = 0.8
 

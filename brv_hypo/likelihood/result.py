@@ -28,8 +28,7 @@ class FitResult:
         covariance: (p, p), residuals taken as white.
         covariance_coloured: (p, p), corrected.
         log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the
-            constant
-            -1/2 N log(2 pi) is left out, as in the report.
+            constant -1/2 N log(2 pi) is left out, as in the report.
         innovation_covariance: B of Eq. 3.11, (n_outputs, n_outputs).
         noise_covariance: covariance of the measurement noise; B itself in output error.
         process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in

@@ -1,10 +1,8 @@
 """Statistics of `fit` over many simulated records: `python -m brv_hypo.likelihood.study`.
 
 coverage: how often 95 % intervals hold the truth, with white and with coloured noise, and the spread of the
-estimates
-against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting. delay: a delay
-started a
-tenth of a second off. filter: coverage with process noise.
+estimates against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting.
+delay: a delay started a tenth of a second off. filter: coverage with process noise.
 """
 
 from __future__ import annotations
@@ -38,8 +36,8 @@ class Coverage:
     """Share of trials in which each parameter's 95 % interval holds the truth.
 
     `white` and `coloured` (p,) are the shares without and with the correction; `efficiency` (p,) the rms
-    error over the
-    Cramer-Rao bound (white noise of known covariance); `converged` the share of trials that converged.
+    error over the Cramer-Rao bound (white noise of known covariance); `converged` the share of trials that
+    converged.
     """
 
     names: tuple[str, ...]
