@@ -38,7 +38,8 @@ class Outcome:
     """What the loop said of a case.
 
     `first`: what step 1 added or, where it added nothing, its first candidate that counts; `alike` what step 1 cannot
-    tell from it. `found`: all that was added, and its stated look-alikes. `second_ratio`: of the held-out error of
+    tell from it. `named`: the first of each step's candidates that count, added or not. `found`: all that was added, and
+    its stated look-alikes. `second_ratio`: of the held-out error of
     another flight, with what was discovered on this one; `second_added` whether that was added there.
     """
 
@@ -46,6 +47,7 @@ class Outcome:
     effects: tuple[str, ...]
     first: str | None
     alike: tuple[str, ...]
+    named: tuple[str, ...]
     added: tuple[str, ...]
     found: tuple[str, ...]
     stopped: str
@@ -90,6 +92,7 @@ def run(case: Case) -> Outcome:
         effects=case.effects,
         first=_named(first),
         alike=first.look_alikes,
+        named=tuple(dict.fromkeys(name for step in result.steps if (name := _named(step)) is not None)),
         added=result.added,
         found=tuple(dict.fromkeys(name for names in known for name in names)),
         stopped=result.stopped,
@@ -124,11 +127,13 @@ def _second(config: SimulationConfig, seed: int, discovered: MechanismFile) -> t
 def table(outcomes: Sequence[Outcome]) -> str:
     """One line for each planted combination, in shares of its flights.
 
-    first: named first; alike: or a stated look-alike of that; added: all that was planted was added; found: or stated
-    look-alikes; any: something was added; noise: held-out error within 20 % of the noise; second: the held-out error
-    of another flight fell with what was discovered.
+    first: named first; alike: or a stated look-alike of that; named: all that was planted was named first by some step;
+    added: was added; found: or stated look-alikes; any: something was added; noise: held-out error within 20 % of the noise; ratio: mean of the one over
+    the other; second: the held-out error of another flight fell with what was discovered.
     """
-    lines = ["effect                      flights  first  alike  added  found    any  noise second"]
+    lines = [
+        "effect                      flights  first  alike  named  added  found    any  noise  ratio second"
+    ]
     for name in dict.fromkeys("+".join(o.effects) or "none" for o in outcomes):
         own = [o for o in outcomes if ("+".join(o.effects) or "none") == name]
         planted = bool(own[0].effects) and not set(own[0].effects) & set(UNNAMED)
@@ -137,10 +142,12 @@ def table(outcomes: Sequence[Outcome]) -> str:
             np.mean([o.first in o.effects or bool(set(o.effects) & set(o.alike)) for o in own])
             if planted
             else np.nan,
+            np.mean([set(o.effects) <= set(o.named) for o in own]) if planted else np.nan,
             np.mean([set(o.effects) <= set(o.added) for o in own]) if planted else np.nan,
             np.mean([set(o.effects) <= set(o.found) for o in own]) if planted else np.nan,
             np.mean([bool(o.added) for o in own]),
             np.mean([o.held_out < 1.2 * o.noise_floor for o in own]),
+            np.mean([o.held_out / o.noise_floor for o in own]),
             np.mean([bool(o.second_added) for o in own]) if set(own[0].effects) & set(UNNAMED) else np.nan,
         ]
         lines.append(f"{name:28s}{len(own):7d}" + "".join(f"{share:7.2f}" for share in shares))

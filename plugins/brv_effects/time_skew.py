@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from scipy.interpolate import CubicSpline
+import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -32,13 +32,33 @@ class TimeSkew(RecordEffect):
         return tuple((name, "s", 1e-3) for name in _INSTRUMENTS)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with that instrument late by `value` s more."""
+        """The record with that instrument late by `value` s more.
+
+        Shifted in the spectrum, so that white noise stays white: interpolation between samples would smooth it.
+        """
         late: dict[str, FloatArray] = {
-            name: CubicSpline(flight.time, channel)(flight.time - value)
+            name: _late(channel, flight.segments, value / flight.step)
             for name in _INSTRUMENTS[component]
             if (channel := getattr(flight, name)) is not None
         }
         return replace(flight, **late)  # type: ignore[arg-type]
+
+
+def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: float) -> FloatArray:
+    """The channel (n,) some samples later, each segment by itself.
+
+    What is left of a straight line between its ends, continued as an odd function, is periodic and smooth.
+    """
+    out = np.array(channel, dtype=float)
+    for a, b in segments:
+        place = np.arange(b - a) / max(b - a - 1, 1)
+        first, last = channel[a], channel[b - 1]
+        left = channel[a:b] - first - (last - first) * place
+        periodic = np.concatenate([left, -left[-2:0:-1]])
+        turn = np.exp(-2j * np.pi * np.fft.rfftfreq(periodic.size) * samples)
+        shifted = np.fft.irfft(np.fft.rfft(periodic) * turn, periodic.size)[: b - a]
+        out[a:b] = shifted + first + (last - first) * (place - samples / max(b - a - 1, 1))
+    return out
 
 
 @hookimpl
