@@ -37,10 +37,10 @@ _SIGNIFICANT = TraceConfig().significance
 class Outcome:
     """What the loop said of a case.
 
-    `first`: what step 1 added or, where it added nothing, its first candidate that counts; `alike` what step 1 cannot
-    tell from it. `named`: the first of each step's candidates that count, added or not. `found`: all that was added, and
-    its stated look-alikes. `second_ratio`: of the held-out error of
-    another flight, with what was discovered on this one; `second_added` whether that was added there.
+    `first`: what step 1 added or, where it added nothing, its first candidate that counts; `alike` what step 1
+    cannot tell from it. `named`: the first of each step's candidates that count, added or not. `found`: all that was
+    added, and its stated look-alikes. `second_ratio`: of the held-out error of another flight, with what was
+    discovered on this one; `second_added` whether that was added there.
     """
 
     key: str
@@ -127,9 +127,10 @@ def _second(config: SimulationConfig, seed: int, discovered: MechanismFile) -> t
 def table(outcomes: Sequence[Outcome]) -> str:
     """One line for each planted combination, in shares of its flights.
 
-    first: named first; alike: or a stated look-alike of that; named: all that was planted was named first by some step;
-    added: was added; found: or stated look-alikes; any: something was added; noise: held-out error within 20 % of the noise; ratio: mean of the one over
-    the other; second: the held-out error of another flight fell with what was discovered.
+    first: named first; alike: or a stated look-alike of that; named: all that was planted was named first by some
+    step; added: was added; found: or stated look-alikes; any: something was added; noise: held-out error within 20 %
+    of the noise; ratio: mean of the one over the other; second: the held-out error of another flight fell with what
+    was discovered.
     """
     lines = [
         "effect                      flights  first  alike  named  added  found    any  noise  ratio second"
