@@ -28,7 +28,9 @@ _STALE = 0.1
 """Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which
 bounds the change of any estimate in standard errors), from which the fit is repeated."""
 _ROUNDS = 6
-_KNOTS_HELD = "the knots were held at the last: the data hardly tell one of them, which has no standard error"
+_HELD = "held at the last, since the data hardly tell where it is, and without a standard error: {}"
+_CLOSE = 0.3
+"""Length of the last step, in standard errors, below which a search that stalled is at its end but for the knots."""
 _POOR_START = 2.0
 """Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several
 minima."""
@@ -82,8 +84,13 @@ def _search(
         problem = _refreshed(problem, first)
     found = problem.solve(progress=progress)
     iterations += found.iterations
-    if not found.converged:
+    if not found.converged and not _near(found):
         found = problem.solve(near_start=False, progress=progress)
+        iterations += found.iterations
+    held = _loose_knots(problem, found)
+    if held:
+        problem = _refreshed(problem, found)
+        found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
     evidence: tuple[Evidence, ...] = ()
     for attempt in range(_ROUNDS):
@@ -98,14 +105,25 @@ def _search(
             stale = bool(instruments)
         if not stale or attempt == _ROUNDS - 1:
             break
-        found = problem.solve(progress=progress)
+        found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
-    if found.status == "stalled" and problem.structure.knots:
-        problem = _refreshed(problem, found)
-        found = problem.solve(fixed=problem.structure.knots, progress=progress)
-        found = replace(found, message=f"{found.message}; {_KNOTS_HELD}")
-        iterations += found.iterations
+    if held:
+        found = replace(found, message=f"{found.message}; {_HELD.format(', '.join(held))}")
     return problem.warm(found), found, iterations, evidence
+
+
+def _near(found: FitResult) -> bool:
+    """Whether a search that stalled did so within a fraction of the standard errors of its end."""
+    return found.status == "stalled" and bool(found.history) and found.history[-1].step_length < _CLOSE
+
+
+def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
+    """Knots that kept a search from its end: the data hardly tell them, or, failing that, all of them."""
+    if found.status != "stalled":
+        return ()
+    block = min(record.context.block for record in problem.records)
+    knots = problem.structure.knots
+    return tuple(name for name in knots if not found.std_error[name] < block) or knots
 
 
 def _misfit(problem: Problem) -> float:

@@ -27,6 +27,11 @@ class InstrumentError:
     units: str
     size: float
 
+    @property
+    def affine(self) -> bool:
+        """Whether it enters a reading alone, and as it is."""
+        return self.group in ("gyro_bias", "accel_bias")
+
 
 INSTRUMENT_ERRORS = (
     InstrumentError("gyro_bias q", "gyro_bias", "rad/s", 5e-3),

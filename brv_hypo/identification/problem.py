@@ -28,6 +28,9 @@ from brv_hypo.motion.wind import gravity_magnitude
 _UNKNOWN_GRAVITY = 30.0
 _TOLERANCE = 0.03
 _ROUNDING = 1e-9
+_KNOT_REACH = 3.0
+"""Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see
+the knot, and an unbounded step would throw it far."""
 
 Instrument = tuple[InstrumentError, int]
 """An instrument error and the flight whose instrument it is."""
@@ -96,6 +99,18 @@ class Problem:
             return tuple(record.segment for record in self.records)
         return tuple(replace(r.segment, x0=x) for r, x in zip(self.records, self.states, strict=True))
 
+    @property
+    def _affine(self) -> frozenset[str]:
+        """Parameters in which moments and readings are affine: coefficients, noise of inputs, some biases."""
+        noise = {weight for inputs in self.inputs for error in inputs.errors for weight in error.weights}
+        biases = {of_flight(error.name, flight) for error, flight in self.instruments if error.affine}
+        return frozenset({*self.structure.names, *noise, *biases})
+
+    @property
+    def _knot_reach(self) -> float:
+        """How far (s) a knot may move in one step: over a longer way the moment that jumps there changes."""
+        return _KNOT_REACH * min(record.context.block for record in self.records)
+
     def solve(
         self,
         *,
@@ -115,6 +130,8 @@ class Problem:
             bounds=self.bounds,
             priors=self.priors,
             delays=self.delays,
+            reach=dict.fromkeys(self.structure.knots, self._knot_reach),
+            affine=self._affine,
             noise=self.config.noise,
             noise_covariance=noise,
             derivatives="central",

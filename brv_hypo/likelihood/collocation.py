@@ -24,13 +24,16 @@ from brv_hypo.likelihood.segment import Grid, History, LookBack
 
 @dataclass(frozen=True)
 class Model:
-    """The user's functions and how they are differentiated; `delays` names the parameters that are delays."""
+    """The user's functions and how they are differentiated; `delays` names the parameters that are delays,
+    `affine` those in which both functions are affine.
+    """
 
     dynamics: Function
     outputs: Function
     delays: tuple[str, ...] = ()
     method: Method = "complex"
     scale: Mapping[str, float] | None = None
+    affine: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,8 @@ def linearise_segment(
     f = evaluate(model.dynamics, at_samples, theta)
     everywhere = _points(grid, x, back, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
     scale = model.scale or {}
-    slope = jacobian(model.dynamics, everywhere, theta, names, model.method, scale)
-    output = jacobian(model.outputs, at_samples, theta, names, model.method, scale)
+    slope = jacobian(model.dynamics, everywhere, theta, names, model.method, scale, model.affine)
+    output = jacobian(model.outputs, at_samples, theta, names, model.method, scale, model.affine)
     by_state, by_parameter = _defect_derivatives(grid, slope, back)
     n = grid.n
     return Linearisation(

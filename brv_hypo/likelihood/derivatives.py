@@ -8,7 +8,7 @@ are not, central differences take over, each step scaled by the variable that it
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -81,10 +81,12 @@ def jacobian(
     names: tuple[str, ...],
     method: Method,
     scale: Mapping[str, float],
+    affine: Collection[str] = (),
 ) -> Jacobian:
     """Value and first derivatives at all points; weights of a course through that course.
 
-    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
+    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences;
+    in those of `affine` the function is, so that one difference is exact.
     """
     n_states = points.x.shape[0]
     kind: type = complex if method == "complex" else float
@@ -92,7 +94,11 @@ def jacobian(
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
 
-    def derivative(move: Callable[[Any], Any], size: float) -> FloatArray:
+    def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
+        if straight and method == "central":
+            if not value:
+                value.append(evaluate(function, points, theta))
+            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
             if not value:
@@ -131,12 +137,15 @@ def jacobian(
     through: dict[str, FloatArray] = {}
     for course in points.courses:
         if any(weight in names for weight in course.weights):
-            own = derivative(along_course(course), max(_size_of(w, theta, scale) for w in course.weights))
+            size = max(_size_of(w, theta, scale) for w in course.weights)
+            own = derivative(along_course(course), size, course.weights[0] in affine)
             through |= {
                 w: own * shape[:, None] for w, shape in zip(course.weights, course.shapes, strict=True)
             }
     columns += [
-        through[name] if name in through else derivative(along_parameter(name), _size_of(name, theta, scale))
+        through[name]
+        if name in through
+        else derivative(along_parameter(name), _size_of(name, theta, scale), name in affine)
         for name in names
     ]
     for name, before in delayed.items():
@@ -177,14 +186,20 @@ def choose_method(
 
 
 def parameter_scales(
-    functions: tuple[Function, ...], points: Points, theta: Mapping[str, float], names: tuple[str, ...]
+    functions: tuple[Function, ...],
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    known: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
     """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
 
     A parameter has its own magnitude, unless that is next to nothing against the change that would move a function
-    by as much as the function's own size, at most 1: then it has that change.
+    by as much as the function's own size, at most 1: then it has that change. `known` gives the size of some
+    beforehand.
     """
-    scale = {name: abs(theta[name]) for name in names}
+    known = known or {}
+    scale = {name: max(abs(theta[name]), known.get(name, 0.0)) for name in names}
     small = [name for name in names if scale[name] < _NEGLIGIBLE]
     if not small:
         return scale

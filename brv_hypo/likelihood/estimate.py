@@ -32,6 +32,8 @@ def fit(
     per_segment: Collection[str] = (),
     priors: Mapping[str, tuple[float, float]] | None = None,
     delays: Sequence[str] = (),
+    reach: Mapping[str, float] | None = None,
+    affine: Collection[str] = (),
     noise: Shape = "diagonal",
     noise_covariance: FloatArray | None = None,
     estimate_process_noise: bool = False,
@@ -49,8 +51,7 @@ def fit(
 
     Args:
         dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs,
-            n),
-            theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
+            n), theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
             derivatives; others central differences.
         outputs: h(x, u, theta, t) -> (n_outputs, n).
         segments: the record, in one or more continuous stretches.
@@ -66,6 +67,8 @@ def fit(
             `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if
             negative); the derivatives by the delay and by the earlier states are carried in full. Not together
             with process noise.
+        reach: largest change in one step by name, for parameters whose effect is linear over a short way only.
+        affine: names in which both functions are affine, all else held: one evaluation gives their derivative.
         noise: shape of B, "diagonal" or "full".
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11.
         estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
@@ -88,7 +91,7 @@ def fit(
         raise UsageError("no segments were given; expected at least one")
     limits = _delay_bounds(delays, grids) | dict(bounds or {})
     parameters = build_parameters(theta0, len(grids), limits, priors or {}, fixed, per_segment)
-    model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives)
+    model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives, frozenset(affine))
     histories = states_from_outputs(model, grids, parameters, parameters.start)
     n_states = grids[0].start.shape[0]
     driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
@@ -98,7 +101,7 @@ def fit(
         )
     _refuse_late_process_noise(delays, driving)
     problem = Problem(
-        model, grids, parameters, state_sizes(histories), driving, np.full(len(parameters.names), np.inf)
+        model, grids, parameters, state_sizes(histories), driving, parameters.spread(reach or {}, np.inf)
     )
     y = np.concatenate([g.y for g in grids], axis=1)
     covariance = (
@@ -141,6 +144,7 @@ def _model(
     parameters: Parameters,
     delays: tuple[str, ...],
     derivatives: str,
+    affine: frozenset[str],
 ) -> Model:
     """The functions, checked at the start values, with their way of differentiation."""
     theta = parameters.of_segment(0, parameters.start)
@@ -155,8 +159,8 @@ def _model(
         check_shape(outputs, points, theta, grid.y.shape[0], "outputs")
     functions = (dynamics, outputs)
     points = start_points(grids[0], theta, delays)
-    scale = parameter_scales(functions, points, theta, parameters.base)
+    scale = parameter_scales(functions, points, theta, parameters.base, parameters.priors)
     method: Method = "central" if derivatives == "central" else "complex"
     if derivatives == "auto":
         method = choose_method(functions, points, theta, parameters.base, scale)
-    return Model(dynamics, outputs, delays, method, scale)
+    return Model(dynamics, outputs, delays, method, scale, affine)

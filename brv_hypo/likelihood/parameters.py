@@ -34,6 +34,26 @@ class Parameters:
         values.update(zip(self.base, vector[self.segment_index[number]].tolist(), strict=True))
         return values
 
+    @property
+    def priors(self) -> dict[str, float]:
+        """Standard deviation of the prior of those that have one, by the name that the user's functions see."""
+        stds = self.prior_std[self.segment_index[0]].tolist()
+        return {name: std for name, std in zip(self.base, stds, strict=True) if np.isfinite(std)}
+
+    def spread(self, values: Mapping[str, float], rest: float) -> FloatArray:
+        """One number a parameter, (p,), by the name that the user's functions see; `rest` for the others.
+
+        Raises:
+            UsageError: a name that theta0 does not have.
+        """
+        unknown = sorted(set(values) - {*self.base, *self.held})
+        if unknown:
+            raise UsageError(f"reach names {unknown}, which theta0 does not have; it has {sorted(self.base)}")
+        out = np.full(len(self.names), rest)
+        for index in self.segment_index:
+            out[index] = [values.get(name, rest) for name in self.base]
+        return out
+
     def as_mapping(self, vector: FloatArray) -> dict[str, float]:
         """Name to value, per-segment names expanded, held ones last."""
         return dict(zip(self.names, vector.tolist(), strict=True)) | dict(self.held)

@@ -123,8 +123,7 @@ def delay_reach(
     rms = np.sqrt(np.mean(rates**2, axis=1))
     times = spread[rms > 0] / rms[rms > 0]
     short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
-    late = [name.split("[")[0] in delays for name in parameters.names]
-    return np.where(late, short, np.inf)
+    return parameters.spread(dict.fromkeys(delays, short), np.inf)
 
 
 def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
@@ -159,6 +158,7 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
         if any(g.start.ndim == 1 for g in grids):
             iterate = smooth(problem, iterate, loose)
         reach = delay_reach(problem.model.delays, problem.parameters, grids, iterate.x)
+        reach = np.minimum(problem.reach, reach)
         problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
         return problem, iterate if near else approach(problem, iterate, loose)
     except SingularStatesError:

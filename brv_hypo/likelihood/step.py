@@ -35,9 +35,8 @@ class Problem:
 
     `size` (n_states,) is the magnitude of each state; `process_noise` (n_states,) the standard deviation of
     the noise that drives each state, per root second; 0 makes its dynamics a constraint. `reach` (p,) limits
-    the
-    change of each parameter in one step: infinite but for delays, whose effect is linear over a short time
-        only.
+    the change of each parameter in one step: infinite but for delays, whose effect is linear over a short
+    time only.
     """
 
     model: Model
@@ -62,9 +61,8 @@ class Sensitivity:
     """One segment at its linearisation point, states eliminated.
 
     `residual` (n, n_outputs, 1 + p) holds the whitened residual that a step of the states alone would leave,
-    and its derivative
-    by the p parameters of the segment with the states following; `disturbance` (n, n_states, 1 + p) likewise
-    the whitened process noise.
+    and its derivative by the p parameters of the segment with the states following; `disturbance` (n,
+    n_states, 1 + p) likewise the whitened process noise.
     """
 
     linearisation: Linearisation
@@ -78,9 +76,8 @@ class Step:
     """A Gauss-Newton step: in theta, in the states of each segment, and what it promises.
 
     `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in
-    standard errors
-    (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of the objective,
-    <= 0.
+    standard errors (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of
+    the objective, <= 0.
     """
 
     theta: FloatArray

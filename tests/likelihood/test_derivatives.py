@@ -151,3 +151,22 @@ def test_parameters_next_to_zero_do_not_set_each_others_scale() -> None:
     later = Points(np.ones((1, 4)), points.u, points.t)
     found = jacobian(function, later, start | {"slope": 1.0}, tuple(start), "central", scale)
     np.testing.assert_allclose(found.by_parameter, 1.0, rtol=1e-8)
+
+
+def test_one_difference_is_exact_where_the_function_is_affine() -> None:
+    rng = np.random.default_rng(4)
+    x, t = np.abs(rng.standard_normal((1, 30))) + 0.1, np.arange(30.0)
+    calls: list[dict[str, float]] = []
+
+    def function(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        calls.append(dict(theta))
+        return theta["k"] * np.abs(x) + theta["k"] * theta["c"] + theta["c"] * t
+
+    points, theta = Points(x, np.zeros((0, 30)), t), {"k": 0.3, "c": 0.0}
+    both = jacobian(function, points, theta, ("k", "c"), "central", {"c": 1e-3})
+    plain = len(calls)
+    once = jacobian(function, points, theta, ("k", "c"), "central", {"c": 1e-3}, {"k", "c"})
+    assert len(calls) - plain < plain
+    np.testing.assert_allclose(once.by_parameter[:, 0, 0], x[0] + theta["c"], rtol=1e-12)
+    np.testing.assert_allclose(once.by_parameter[:, 0, 1], theta["k"] + t, rtol=1e-11)
+    np.testing.assert_allclose(once.by_state, both.by_state, rtol=1e-12)
