@@ -38,8 +38,7 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
     """Where the search begins: smoothed states, parameters brought near, and the scales that follow from them.
 
     An output that the start values make far too small a function of a state makes that state far too large. Where
-    the start fits poorly, all parameters but delays at 0 are tried too, and taken where they violate the dynamics
-    far less. `near` is that of `fit`.
+    the start fits poorly, 0 is tried too, and taken where it violates the dynamics far less. `near` is that of `fit`.
     """
     first = _prepared(problem, iterate, near)
     given = all(grid.start.ndim == 2 for grid in problem.grids)
@@ -57,11 +56,12 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
 def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
     """Parameters at 0, or as near as their bounds let them, and the states that the outputs then show.
 
-    None where the functions are not defined there.
+    Delays, and what else acts alike over a short way only, stay. None where the functions are not defined there.
     """
     parameters = problem.parameters
-    delay = np.isin([name.partition("[")[0] for name in parameters.names], problem.model.delays)
-    theta = np.where(delay, iterate.theta, np.clip(0.0, parameters.lower, parameters.upper))
+    local = np.isfinite(parameters.spread(dict.fromkeys(problem.model.delays, 0.0), np.inf))
+    local |= np.isfinite(problem.reach)
+    theta = np.where(local, iterate.theta, np.clip(0.0, parameters.lower, parameters.upper))
     with np.errstate(all="ignore"):
         try:
             histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
