@@ -11,8 +11,9 @@ from brv_hypo.trace.judge import force_errors, ratio, residuals_of, score
 from brv_hypo.trace.state import State
 from brv_hypo.trace.step import Look
 
-# The held-out error has to fall by this many of its standard errors.
-_SIGMAS = 2.5
+# The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
+# among many was asked of the fitted part before.
+_SIGMAS = 1.645
 # How many effects may be tried on the held-out part in one step.
 _TRIES = 3
 

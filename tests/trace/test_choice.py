@@ -100,10 +100,10 @@ def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
     [
         (False, 3.0, 0.99, True),
         (False, 3.0, 1.01, False),
-        (False, 2.0, 0.5, False),
+        (False, 1.5, 0.5, False),
         (True, 3.0, 1.05, True),
         (True, 3.0, 1.15, False),
-        (True, 2.0, 0.5, False),
+        (True, 1.5, 0.5, False),
     ],
 )
 def test_errors_of_the_record_may_leave_the_moments_as_they_are(
