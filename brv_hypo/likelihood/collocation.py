@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.interpolation import Stencil
 from brv_hypo.likelihood.segment import Grid, History, LookBack
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+_MANY = 6
+"""Filled places along the width from which a sparse matrix is faster than one product for each."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +61,30 @@ class BlockRows:
     def dot(self, x: FloatArray) -> FloatArray:
         """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
         n = x.shape[0]
-        product = np.zeros((*self.blocks.shape[::2], x.shape[2] if x.ndim == 3 else 1))
+        columns = x.reshape(n, x.shape[1], -1)
+        if len(self.filled) > _MANY:
+            flat = self.matrix(n) @ columns.reshape(n * x.shape[1], -1)
+            return np.asarray(flat).reshape(*self.blocks.shape[::2], *x.shape[2:])
+        product = np.zeros((*self.blocks.shape[::2], columns.shape[2]))
         for w in self.filled:
             column = np.clip(np.arange(self.blocks.shape[0]) + self.offset + w, 0, n - 1)
-            operand = x[column] if x.ndim == 3 else x[column][:, :, None]
-            product += self.blocks[:, w] @ operand
-        return product if x.ndim == 3 else product[:, :, 0]
+            product += self.blocks[:, w] @ columns[column]
+        return product.reshape(*self.blocks.shape[::2], *x.shape[2:])
+
+    def matrix(self, n: int) -> csr_array[np.float64]:
+        """The whole, (n_rows m, n n_states), without its zeros."""
+        from scipy.sparse import csr_array  # here, for a cheap import of the package
+
+        count, _, m, n_states = self.blocks.shape
+        filled = np.array(self.filled, dtype=np.int64)
+        k, at = np.nonzero(self.blocks[:, filled].any(axis=(2, 3)))
+        w = filled[at]
+        rows = (k * m)[:, None, None] + np.arange(m)[:, None]
+        columns = ((k + self.offset + w) * n_states)[:, None, None] + np.arange(n_states)
+        rows, columns = np.broadcast_arrays(rows, columns)
+        return csr_array(
+            (self.blocks[k, w].ravel(), (rows.ravel(), columns.ravel())), shape=(count * m, n * n_states)
+        )
 
 
 @dataclass(frozen=True)

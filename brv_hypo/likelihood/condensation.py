@@ -56,8 +56,7 @@ def condense(problem: Quadratic) -> Eliminated | None:
     if follow is None:
         return None
     x = paths[:, :, : right.shape[2]] + paths[:, :, right.shape[2] :] @ follow
-    pull = _pull(problem, x).reshape(n * n_states, -1)
-    transposed = factor.solve(pull, trans="T")  # type: ignore[call-overload] # the stubs lack it
+    transposed = factor.solve(_pull(problem, x), trans="T")  # type: ignore[call-overload] # the stubs lack it
     multiplier = np.array(transposed, dtype=np.float64).reshape(n, n_states, -1)
     multiplier[0, np.isinf(problem.variance[0])] = 0.0
     return Eliminated(np.asarray(x), multiplier)
@@ -65,15 +64,9 @@ def condense(problem: Quadratic) -> Eliminated | None:
 
 def _matrix(rows: BlockRows, n: int, n_states: int) -> csc_array[np.float64]:
     """D with the unit matrix of the initial state as its first rows, in compressed columns."""
-    from scipy.sparse import csc_array
+    from scipy.sparse import eye_array, vstack
 
-    filled = np.array(rows.filled, dtype=np.int64)
-    k, w, i, j = np.nonzero(rows.blocks[:, filled])
-    first = np.arange(n_states)
-    line = np.concatenate([first, (k + 1) * n_states + i])
-    column = np.concatenate([first, (k + rows.offset + filled[w]) * n_states + j])
-    values = np.concatenate([np.ones(n_states), rows.blocks[k, filled[w], i, j]])
-    return csc_array((values, (line, column)), shape=(n * n_states, n * n_states))
+    return vstack([eye_array(n_states, n * n_states), rows.matrix(n)], format="csc")
 
 
 def _initial_state(
@@ -102,13 +95,7 @@ def _outputs(problem: Quadratic) -> FloatArray:
 
 
 def _pull(problem: Quadratic, x: FloatArray) -> FloatArray:
-    """Minus the gradient of the squared residual by the states, (n, n_states, 1 + p)."""
+    """Minus the gradient of the squared residual by the states, (n n_states, 1 + p)."""
     residual = _outputs(problem) + problem.by_state.dot(x)
-    pull = np.zeros(x.shape)
-    outputs = problem.by_state
-    n = x.shape[0]
-    for w in outputs.filled:
-        at = np.arange(n) + outputs.offset + w
-        inside = (at >= 0) & (at < n)
-        pull[at[inside]] -= outputs.blocks[inside, w].transpose(0, 2, 1) @ residual[inside]
-    return pull
+    outputs = problem.by_state.matrix(x.shape[0])
+    return np.asarray(-(outputs.T @ residual.reshape(outputs.shape[0], -1)))
