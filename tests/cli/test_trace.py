@@ -9,6 +9,7 @@ import pytest
 from brv_hypo.cli.session import Session
 from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
+from brv_hypo.trace import TraceConfig
 
 STEP_KEYS = "step residual candidates added error_before error_after error_ratio_held_out"
 RESIDUAL_KEYS = "rms white p_value worst_channel worst_region_s dominant_frequency_hz"
@@ -36,6 +37,25 @@ def test_json_follows_the_contract(traced):
         assert all(set(CANDIDATE_KEYS.split()) <= set(candidate) for candidate in step["candidates"])
         assert set(step["error_before"]) == {"fit", "held_out"}
     assert result["model"]["terms"]
+    assert set(result["ml"]) >= {"status", "iterations", "log_likelihood", "terms", "seconds"}
+
+
+def test_the_json_holds_a_model_that_another_trace_starts_from(traced, tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(traced[1]))
+    start = starting_model(path, Session())
+    assert {column.mechanism for column in start.columns} >= {"sticking"}
+    assert TraceConfig(start=start).start == start
+
+
+def test_instruments_of_a_comparison_are_said_to_be_found_anew(tmp_path, capsys):
+    path = tmp_path / "model.json"
+    ranked = {"mechanism": "lag", "ml": {"instrument": [{"name": "gyro bias p"}]}}
+    path.write_text(
+        json.dumps({"schema": "brv-hypo/compare/1", "verdict": {"winner": "lag"}, "ranking": [ranked]})
+    )
+    assert starting_model(path, Session()) == "lag"
+    assert "gyro bias p" in capsys.readouterr().err
 
 
 def test_prints_what_was_added_and_the_error_before_and_after(traced):
