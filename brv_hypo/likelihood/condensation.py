@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import BlockRows
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 
@@ -52,11 +52,17 @@ def condense(problem: Quadratic) -> Eliminated | None:
     paths = np.asarray(factor.solve(columns), dtype=float).reshape(n, n_states, -1)
     if not np.all(np.isfinite(paths)) or np.abs(paths[:, :, right.shape[2] :]).max(initial=0.0) > _GROWTH:
         return None
-    follow = _initial_state(problem, paths[:, :, : right.shape[2]], paths[:, :, right.shape[2] :], free)
+    count, known = right.shape[2], paths.reshape(n * n_states, -1)
+    outputs = problem.by_state.matrix(n)
+    direct = np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2)
+    seen = np.asarray(outputs @ known)
+    seen[:, :count] += direct.reshape(seen.shape[0], -1)
+    follow = _initial_state(seen[:, :count], seen[:, count:], problem.variance[0, free])
     if follow is None:
         return None
-    x = paths[:, :, : right.shape[2]] + paths[:, :, right.shape[2] :] @ follow
-    transposed = factor.solve(_pull(problem, x), trans="T")  # type: ignore[call-overload] # the stubs lack it
+    x = (known[:, :count] + known[:, count:] @ follow).reshape(n, n_states, -1)
+    pull = -(outputs.T @ (seen[:, :count] + seen[:, count:] @ follow))
+    transposed = factor.solve(pull, trans="T")  # type: ignore[call-overload] # the stubs lack it
     multiplier = np.array(transposed, dtype=np.float64).reshape(n, n_states, -1)
     multiplier[0, np.isinf(problem.variance[0])] = 0.0
     return Eliminated(np.asarray(x), multiplier)
@@ -69,18 +75,16 @@ def _matrix(rows: BlockRows, n: int, n_states: int) -> csc_array[np.float64]:
     return vstack([eye_array(n_states, n * n_states), rows.matrix(n)], format="csc")
 
 
-def _initial_state(
-    problem: Quadratic, known: FloatArray, unit: FloatArray, free: BoolArray
-) -> FloatArray | None:
-    """The free parts of the initial state (free, 1 + p) that the outputs, and what was known of it, ask for."""
-    seen = problem.by_state.dot(unit)
-    rest = _outputs(problem) + problem.by_state.dot(known)
-    count = unit.shape[2]
+def _initial_state(rest: FloatArray, unit: FloatArray, variance: FloatArray) -> FloatArray | None:
+    """The free parts of the initial state (free, 1 + p) that the outputs ask for, and what was known of it.
+
+    `rest` are the residuals without them, `unit` what the outputs see of each, `variance` (free,) the prior.
+    """
+    count = unit.shape[1]
     if count == 0:
-        return np.zeros((0, rest.shape[2]))
-    weight = np.diag(1.0 / np.sqrt(problem.variance[0, free]))
-    matrix = np.concatenate([seen.reshape(-1, count), weight])
-    right = np.concatenate([rest.reshape(-1, rest.shape[2]), np.zeros((count, rest.shape[2]))])
+        return np.zeros((0, rest.shape[1]))
+    matrix = np.concatenate([unit, np.diag(1.0 / np.sqrt(variance))])
+    right = np.concatenate([rest, np.zeros((count, rest.shape[1]))])
     norm = np.linalg.norm(matrix, axis=0)
     if not np.all(norm > 0.0):
         return None
@@ -88,14 +92,3 @@ def _initial_state(
     if singular[-1] < _SEEN * singular[0]:
         return None
     return np.asarray(-(rotation.T @ ((left.T @ right) / singular[:, None])) / norm[:, None])
-
-
-def _outputs(problem: Quadratic) -> FloatArray:
-    return np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2)
-
-
-def _pull(problem: Quadratic, x: FloatArray) -> FloatArray:
-    """Minus the gradient of the squared residual by the states, (n n_states, 1 + p)."""
-    residual = _outputs(problem) + problem.by_state.dot(x)
-    outputs = problem.by_state.matrix(x.shape[0])
-    return np.asarray(-(outputs.T @ residual.reshape(outputs.shape[0], -1)))
