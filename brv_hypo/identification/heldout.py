@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,14 +11,12 @@ from brv_hypo.design.frame import Piece
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.result import Identification
 
-_ITERATIONS = 4
-
 
 def coefficients_without(found: Identification, rows: Sequence[Piece]) -> FloatArray:
     """Coefficients (columns,) from the measurements outside of some rows [a, b) of the frame.
 
-    The model is that of `found`, with its delays, knots and instrument errors estimated anew too; the states
-    go on through the rows left out by the equations of motion.
+    The model is that of `found`, with its delays, knots and instrument errors estimated anew too, to first
+    order; the states go on through the rows left out by the equations of motion.
 
     Raises:
         UnanswerableError: the identification has not converged.
@@ -29,18 +26,16 @@ def coefficients_without(found: Identification, rows: Sequence[Piece]) -> FloatA
             f"held-out prediction needs a converged identification, got status '{found.status}': {found.message}"
         )
     intervals = _times(found, rows)
-    segments = []
-    for record, segment in zip(found.problem.records, found.problem.segments(), strict=True):
-        y = segment.y.copy()
+    left_out = []
+    for record in found.problem.records:
+        time = record.segment.t
+        mask = np.zeros(time.size, dtype=np.bool_)
         for flight, first, last in intervals:
             if flight == record.context.flight:
-                y[:, (segment.t >= first) & (segment.t <= last)] = np.nan
-        segments.append(replace(segment, y=y))
+                mask |= (time >= first) & (time <= last)
+        left_out.append(mask)
     assert found.fit is not None
-    fitted = found.problem.solve(
-        noise=found.fit.innovation_covariance, max_iterations=_ITERATIONS, segments=segments
-    )
-    return found.problem.structure.values(fitted.theta)
+    return found.problem.structure.values(found.fit.theta_without(left_out))
 
 
 def predicted_moments(found: Identification, values: FloatArray | None = None) -> ComplexArray:

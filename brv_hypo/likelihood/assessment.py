@@ -9,7 +9,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.colour import coloured_covariance, inflation
 from brv_hypo.likelihood.filtering import kalman_innovations
-from brv_hypo.likelihood.initial import initial_state_errors
+from brv_hypo.likelihood.initial import by_initial_states, initial_state_errors, linearised
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Outcome, residuals
@@ -52,6 +52,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
         white, coloured = _covariances(problem, segments, triangle, samples, estimated, options)
+    starts = by_initial_states(problem, iterate, segments)
     taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
     return FitResult(
         status=outcome.status,
@@ -73,11 +74,12 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
         whiteness=whiteness(innovations, min(_LAGS, together.shape[1] // 4)),
         states=iterate.x,
-        initial_state_std_error=initial_state_errors(problem, iterate, segments, white, taken_out),
+        initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
+        linear=linearised(problem, iterate, starts, segments, estimated),
     )
 
 

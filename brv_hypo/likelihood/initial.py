@@ -1,4 +1,4 @@
-"""How well the initial state of each segment is known.
+"""How well the initial state of each segment is known, and what the outputs make of it.
 
 With the initial state a held and made a parameter beside theta, its information given theta is M = S_a' S_a, S_a
 the whitened sensitivities of outputs and process noise, the other states following. Then
@@ -13,16 +13,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.elimination import eliminate
+from brv_hypo.likelihood.leave_out import Linearised, LinearRows
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, quadratic_of
 from brv_hypo.likelihood.uncertainty import covariance_from_information
 
+Starts = tuple[tuple[FloatArray, FloatArray] | None, ...]
+"""For each segment, derivatives of the whitened outputs (n, n_outputs, n_states) and process noise (n, n_states,
+n_states) by the scaled initial state, the other states following; None where they are not determined."""
+
+
+def by_initial_states(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> Starts:
+    """What the initial states do, theta held."""
+    return tuple(_by_initial_state(problem, iterate, segment, s) for s, segment in enumerate(segments))
+
 
 def initial_state_errors(
     problem: Problem,
-    iterate: Iterate,
+    starts: Starts,
     segments: Sequence[Sensitivity],
     covariance: FloatArray,
     taken_out: float,
@@ -36,7 +46,7 @@ def initial_state_errors(
         return tuple(np.full(grid.start.shape[0], np.nan) for grid in problem.grids)
     found = []
     for s, index in enumerate(problem.parameters.segment_index):
-        given_theta = taken_out * _variance_given_theta(problem, iterate, segments[s], s)
+        given_theta = taken_out * _variance_given_theta(problem, starts[s], s)
         follow = segments[s].eliminated.x[0, :, 1:] * problem.size[:, None]
         moved = np.isfinite(np.diag(covariance)[index])
         block = covariance[np.ix_(index[moved], index[moved])]
@@ -45,10 +55,59 @@ def initial_state_errors(
     return tuple(found)
 
 
+def linearised(
+    problem: Problem,
+    iterate: Iterate,
+    starts: Starts,
+    segments: Sequence[Sensitivity],
+    estimated: IntArray,
+) -> Linearised | None:
+    """The linear model at the solution; None with process noise, which couples what is left out to the rest."""
+    if not segments or np.any(problem.process_noise):
+        return None
+    rows = []
+    for s, (grid, segment) in enumerate(zip(problem.grids, segments, strict=True)):
+        by_start = starts[s]
+        if by_start is None:
+            return None
+        free = grid.start_std > 0.0
+        start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
+        rows.append(
+            LinearRows(
+                residual=segment.residual[:, :, 0],
+                by_parameter=segment.residual[:, :, 1:],
+                by_start=by_start[0][:, :, free],
+                index=problem.parameters.segment_index[s],
+                known=problem.size[free] / grid.start_std[free],
+                strayed=(iterate.x[s][free, 0] - start[free]) / grid.start_std[free],
+            )
+        )
+    parameters = problem.parameters
+    informed = np.isfinite(parameters.prior_std)
+    precision = np.where(informed, 1.0 / parameters.prior_std**2, 0.0)
+    away = np.where(informed, iterate.theta - parameters.prior_mean, 0.0)
+    return Linearised(tuple(rows), precision, away, estimated)
+
+
 def _variance_given_theta(
-    problem: Problem, iterate: Iterate, segment: Sensitivity, number: int
+    problem: Problem, found: tuple[FloatArray, FloatArray] | None, number: int
 ) -> FloatArray:
     """Diagonal of M^-1, (n_states,), with what was known of the initial state before."""
+    grid, size = problem.grids[number], problem.size
+    if found is None:
+        return np.full(size.size, np.nan)
+    rows = np.concatenate([part.reshape(-1, size.size) for part in found])
+    known = grid.start_std / size
+    estimated = np.flatnonzero(known > 0.0)
+    before = np.where(known > 0.0, known, np.inf)
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+    given = covariance_from_information(triangle, before, estimated)
+    return np.where(known > 0.0, np.diag(given), 0.0) * size**2
+
+
+def _by_initial_state(
+    problem: Problem, iterate: Iterate, segment: Sensitivity, number: int
+) -> tuple[FloatArray, FloatArray] | None:
     grid, x, size = problem.grids[number], iterate.x[number], problem.size
     whitener = whitening(iterate.covariance, grid.measured)
     free = quadratic_of(problem, grid, x, segment.linearisation, whitener)
@@ -64,13 +123,6 @@ def _variance_given_theta(
     )
     eliminated = eliminate(held)
     if eliminated is None:
-        return np.full(size.size, np.nan)
+        return None
     outputs = held.by_state.dot(eliminated.x)[:, :, 1:]
-    disturbance = np.sqrt(variance)[:, :, None] * eliminated.multiplier[:, :, 1:]
-    rows = np.concatenate([part.reshape(-1, size.size) for part in (outputs, disturbance)])
-    known = grid.start_std / size
-    estimated = np.flatnonzero(known > 0.0)
-    before = np.where(known > 0.0, known, np.inf)
-    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-    given = covariance_from_information(triangle, before, estimated)
-    return np.where(known > 0.0, np.diag(given), 0.0) * size**2
+    return outputs, np.sqrt(variance)[:, :, None] * eliminated.multiplier[:, :, 1:]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
+from brv_hypo.likelihood.leave_out import Linearised
 from brv_hypo.likelihood.search import Progress, Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
 
@@ -45,6 +48,8 @@ class FitResult:
             conditional.
         derivatives: how the functions were differentiated.
         samples: number of measured values, all outputs and segments.
+        linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
+            the samples; None with process noise.
     """
 
     status: Status
@@ -69,6 +74,22 @@ class FitResult:
     at_bound: tuple[str, ...]
     derivatives: Method
     samples: int
+    linear: Linearised | None
+
+    def theta_without(self, left_out: Sequence[BoolArray]) -> dict[str, float]:
+        """Estimate by name where the marked samples, (n,) a segment, take no part, to first order.
+
+        Raises:
+            UsageError: with process noise, or masks that do not fit.
+        """
+        if self.linear is None:
+            raise UsageError(
+                f"a fit of status {self.status!r} with process noise {self.process_noise} cannot say what it "
+                "would be without some samples: expected one without process noise whose states are determined. "
+                "Fit again, the samples as nan in y"
+            )
+        change = dict(zip(self.names, self.linear.change_without(left_out).tolist(), strict=True))
+        return {name: value + change.get(name, 0.0) for name, value in self.theta.items()}
 
     @property
     def converged(self) -> bool:

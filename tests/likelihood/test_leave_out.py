@@ -1,0 +1,80 @@
+"""The estimate without some samples, against fits that never saw them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood import FitResult, Segment, fit
+
+
+def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    return np.stack([x[1], theta["k"] * x[0] + theta["d"] * x[1] + theta["b"] * u[0]])
+
+
+def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    return np.stack([x[0] + theta["bias"], x[1]])
+
+
+def record(seed: int, x0_std: float = np.inf) -> Segment:
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 12.0, 0.05)
+    u = np.sin(0.7 * t)[None] + 0.4 * np.cos(2.3 * t)
+    truth = {"k": -4.0, "d": -0.5, "b": 2.0, "bias": 0.1}
+    x = np.zeros((2, t.size))
+    x[:, 0] = [1.0, 0.0]
+    for i in range(t.size - 1):
+        fine = x[:, i : i + 1]
+        for j in range(10):
+            now = u[:, i : i + 1] + (u[:, i + 1 : i + 2] - u[:, i : i + 1]) * (j + 0.5) / 10
+            half = fine + 0.0025 * dynamics(fine, now, truth, None)
+            fine = fine + 0.005 * dynamics(half, now, truth, None)
+        x[:, i + 1] = fine[:, 0]
+    y = outputs(x, u, truth, t) + 0.02 * rng.standard_normal((2, t.size))
+    return Segment(t, u, y, np.array([1.0, 0.0]), x0_std=x0_std)
+
+
+def fitted(segments: list[Segment], **options: Any) -> FitResult:
+    start = {"k": -3.5, "d": -0.4, "b": 1.8, "bias": 0.0}
+    return fit(dynamics, outputs, segments, start, noise_covariance=4e-4 * np.eye(2), **options)
+
+
+@pytest.mark.parametrize("x0_std", [np.inf, 0.05, 0.0])
+def test_it_is_the_fit_without_the_samples(x0_std: float) -> None:
+    segments = [record(1, x0_std), record(2, x0_std)]
+    priors = {"bias": (0.0, 0.05)}
+    found = fitted(segments, priors=priors)
+    for s, block in ((0, slice(0, 40)), (1, slice(100, 160))):
+        masks = [np.zeros(240, dtype=bool), np.zeros(240, dtype=bool)]
+        masks[s][block] = True
+        hidden = segments[s].y.copy()
+        hidden[:, block] = np.nan
+        kept = [replace(part, y=hidden) if i == s else part for i, part in enumerate(segments)]
+        again = fitted(kept, priors=priors)
+        without = found.theta_without(masks)
+        for name, error in found.std_error.items():
+            change = again.theta[name] - found.theta[name]
+            assert without[name] - found.theta[name] == pytest.approx(change, abs=0.03 * error, rel=0.05)
+
+
+def test_nothing_left_out_changes_nothing() -> None:
+    found = fitted([record(3)])
+    without = found.theta_without([np.zeros(240, dtype=bool)])
+    for name, error in found.std_error.items():
+        assert without[name] == pytest.approx(found.theta[name], abs=1e-3 * error)
+
+
+def test_masks_of_the_wrong_length_are_refused() -> None:
+    found = fitted([record(3)])
+    with pytest.raises(UsageError, match="one mark a sample"):
+        found.theta_without([np.zeros(10, dtype=bool)])
+
+
+def test_with_process_noise_it_is_refused() -> None:
+    found = fitted([record(3)], process_noise=[0.0, 0.05])
+    with pytest.raises(UsageError, match="without process noise"):
+        found.theta_without([np.zeros(240, dtype=bool)])
