@@ -14,8 +14,13 @@ from brv_hypo.trace.step import Look
 # The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
 # among many was asked of the fitted part before.
 _SIGMAS = 1.645
-# How many effects may be tried on the held-out part in one step.
+# Standard errors by which the moments' error may grow where an error of the record is added: 5 %, one-sided, of Student's
+# distribution for eight stretches held out.
+_WORSE = 1.9
+# How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
+# fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
+_IN_ITS_PLACE = 0.5
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ class Tried:
         The moments' error has to fall; an error of the record may show in the specific force alone, and then it must
         not make the moments significantly worse.
         """
-        most = 1.0 if self.candidate.effect is None else 1.0 + self.ratio_error
+        most = 1.0 if self.candidate.effect is None else 1.0 + _WORSE * self.ratio_error
         return self.score >= _SIGMAS and self.ratio < most
 
 
@@ -81,8 +86,8 @@ def choose(
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
-    Those that predict what a refused one did are passed over: they cannot do better. `before` holds what was tried
-    on this look already.
+    Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
+    less. `before` holds what was tried on this look already.
     """
     ranked = tuple(_ranked(here.candidates, discovery))
     chances = adjusted(ranked)
@@ -93,6 +98,8 @@ def choose(
             continue
         if any(alike(candidate, other.candidate) for other in tried):
             continue
+        if tried and candidate.gain < _IN_ITS_PLACE * tried[0].candidate.gain:
+            break
         tried.append(known.get(id(candidate)) or _try(here, state, candidate, add))
         if tried[-1].taken or len(tried) == _TRIES:
             break

@@ -63,8 +63,17 @@ def test_what_predicts_the_same_as_a_refused_one_is_passed_over(monkeypatch: pyt
     assert [one.candidate.name for one in chosen(found, "none", monkeypatch).tried] == ["lag", "trim"]
 
 
+def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 40.0, ACROSS)]
+    result = chosen(found, "trim", monkeypatch)
+    assert result.taken is None
+    assert result.told[0].name == "lag"
+
+
 def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = [candidate(f"effect {k}", 90.0 - k, np.eye(6)[k]) for k in range(6)]
+    found = [candidate(f"effect {k}", 90.0 - 4.0 * k, np.eye(6)[k]) for k in range(6)]
     result = chosen(found, "effect 5", monkeypatch)
     assert len(result.tried) == 3
     assert result.taken is None
@@ -102,7 +111,8 @@ def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
         (False, 3.0, 1.01, False),
         (False, 1.5, 0.5, False),
         (True, 3.0, 1.05, True),
-        (True, 3.0, 1.15, False),
+        (True, 3.0, 1.18, True),
+        (True, 3.0, 1.22, False),
         (True, 1.5, 0.5, False),
     ],
 )
