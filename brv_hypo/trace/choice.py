@@ -14,8 +14,8 @@ from brv_hypo.trace.step import Look
 # The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
 # among many was asked of the fitted part before.
 _SIGMAS = 1.645
-# Standard errors by which the moments' error may grow where an error of the record is added: 5 %, one-sided, of Student's
-# distribution for eight stretches held out.
+# Standard errors by which the moments' error may grow where an error of the record is added: 5 %, one-sided, of
+# Student's distribution for eight stretches held out.
 _WORSE = 1.9
 # How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
 # fitted part the next has to explain: what explains far less does not stand in its place.
