@@ -111,6 +111,8 @@ def outcome_text(step: Step) -> str:
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:
         ratio += f" ± {number(step.error_ratio_std_error, 2)}"
+    if step.held_out_score is not None:
+        ratio += f"; rates and force held out fall by {number(step.held_out_score, 2)} standard errors"
     return (
         f"{what}: error in the fit {number(before.fit)} → {number(after.fit)}, held out "
         f"{number(before.held_out)} → {number(after.held_out)} (ratio {ratio}){_force_text(step)}"
