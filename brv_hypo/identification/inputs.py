@@ -18,9 +18,9 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.instruments import of_flight
 from brv_hypo.likelihood import Course
-from brv_hypo.motion.attitude import running_integral
+from brv_hypo.motion.attitude import derolled_attitude, running_integral
 from brv_hypo.motion.frames import crossflow
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
 
 _INTERVALS = 64
 _SAMPLES_PER_INTERVAL = 6
@@ -89,12 +89,14 @@ class SmoothInputs:
     errors: tuple[InputError, ...]
 
 
-def smooth_inputs(flight: Flight, motion: Motion, number: int) -> SmoothInputs:
+def smooth_inputs(reconstruction: Reconstruction, number: int) -> SmoothInputs:
     """The inputs of flight `number`, at its reconstructed motion."""
+    flight, motion = reconstruction.flight, reconstruction.motion
     span = (float(flight.time[0]), float(flight.time[-1]))
     roll_rate = smoothed(flight.p)
     speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
-    density = log_density(flight, speed)
+    waves = scale_heights_risen(flight, _lifted(reconstruction, roll_rate.values))
+    density = log_density(flight, speed, waves)
     errors = (
         InputError(of_flight(ROLL_RATE, number), span, roll_rate.scale),
         InputError(of_flight(PRESSURE, number), span, density.scale),
@@ -115,8 +117,43 @@ def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
     return smoothed(flight.velocity - impulse).values + impulse
 
 
-def log_density(flight: Flight, speed: FloatArray) -> Smooth:
-    """Logarithm of dynamic pressure over the square of the speed.
+def gravity_axes(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray:
+    """(n, 3, 3): row j holds the axes of the first sample along de-rolled axis j at each sample."""
+    flight = reconstruction.flight
+    omega = reconstruction.motion.q + 1j * reconstruction.motion.r
+    roll = running_integral(flight.time, roll_rate)
+    turn = derolled_attitude(flight.time, omega * np.exp(1j * roll))
+    return np.asarray(np.transpose(turn, (0, 2, 1)))
+
+
+def _lifted(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray:
+    """Height (n,) m by which the force across the axis has raised the vehicle: a coning body flies a helix.
+
+    Zero where the direction of gravity is not known.
+    """
+    flight = reconstruction.flight
+    pull = float(np.linalg.norm(reconstruction.gravity_body))
+    if not pull > 0.0:
+        return np.zeros(flight.samples)
+    down = gravity_axes(reconstruction, roll_rate) @ (reconstruction.gravity_body / pull)
+    force = (flight.ay + 1j * flight.az) * np.exp(1j * running_integral(flight.time, roll_rate))
+    upward = -(force.real * down[:, 1] + force.imag * down[:, 2])
+    return running_integral(flight.time, running_integral(flight.time, upward))
+
+
+def scale_heights_risen(flight: Flight, height: FloatArray) -> FloatArray:
+    """A height (n,) m in scale heights of the density; zero where the record holds no altitude to tell them."""
+    if flight.altitude is None or not np.all(np.isfinite(flight.altitude)):
+        return np.zeros_like(height)
+    density = np.log(np.maximum(smoothed(flight.dynamic_pressure / flight.velocity**2).values, 1e-300))
+    rate = np.gradient(smoothed(flight.altitude).values)
+    fall = float(rate @ np.gradient(density) / (rate @ rate)) if np.any(rate) else 0.0
+    return np.asarray(-fall * height)
+
+
+def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
+    """Logarithm of dynamic pressure over the square of the speed: what varies slowly, less `risen` (n,), the
+    height that lift has raised the vehicle by, in scale heights.
 
     It is far smoother than the pressure; the noise is that of the pressure, so that it is fitted by least
     squares of the pressure (Gauss-Newton).
@@ -125,7 +162,8 @@ def log_density(flight: Flight, speed: FloatArray) -> Smooth:
     density = smoothed(measured).values
     density = np.maximum(density, _LEAST_DENSITY * float(np.max(density)))
     for _ in range(_PASSES):
-        found = smoothed(np.log(density) + measured / density - 1.0, density * speed**2)
+        slow = smoothed(np.log(density) + measured / density - 1.0 + risen, density * speed**2)
+        found = replace(slow, values=slow.values - risen)
         density = np.exp(np.clip(found.values, np.log(density) - 1.0, np.log(density) + 1.0))
     return replace(found, values=np.log(density))
 

@@ -25,7 +25,7 @@ from brv_hypo.identification.inputs import SmoothInputs
 from brv_hypo.identification.instruments import lever_force
 from brv_hypo.identification.placing import FEWEST_NODES, Meridian, derolled_crossflow, knots_of
 from brv_hypo.likelihood import Segment
-from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import angle_of_attack, crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -139,15 +139,6 @@ def node_records(
             )
         )
     return tuple(found)
-
-
-def gravity_axes(reconstruction: Reconstruction, inputs: SmoothInputs) -> FloatArray:
-    """(n, 3, 3): row j holds the axes of the first sample along de-rolled axis j at each sample."""
-    flight = reconstruction.flight
-    omega = reconstruction.motion.q + 1j * reconstruction.motion.r
-    roll = running_integral(flight.time, inputs.roll_rate)
-    turn = derolled_attitude(flight.time, omega * np.exp(1j * roll))
-    return np.asarray(np.transpose(turn, (0, 2, 1)))
 
 
 def _node_record(

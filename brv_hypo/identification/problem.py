@@ -14,11 +14,11 @@ from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
+from brv_hypo.identification.inputs import SmoothInputs, gravity_axes, smooth_inputs
 from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
 from brv_hypo.identification.model import VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
-from brv_hypo.identification.nodes import NodeRecord, gravity_axes, node_records
+from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
 from brv_hypo.identification.structure import Structure, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
@@ -151,12 +151,7 @@ def build_problem(
     Raises UnanswerableError where no segment is long enough.
     """
     size = block_size(frame, columns, values, config.quadrature)
-    inputs = tuple(
-        smooth_inputs(reconstruction.flight, motion, number)
-        for number, (reconstruction, motion) in enumerate(
-            zip(frame.reconstructions, frame.motions, strict=True)
-        )
-    )
+    inputs = tuple(smooth_inputs(r, number) for number, r in enumerate(frame.reconstructions))
     records = _records(frame, columns, values, inputs, size, delays_of(columns))
     if not records:
         raise UnanswerableError(
@@ -210,7 +205,9 @@ def _records(
     block: int,
     delays: tuple[float, ...],
 ) -> tuple[NodeRecord, ...]:
-    axes = [gravity_axes(*pair) for pair in zip(frame.reconstructions, inputs, strict=True)]
+    axes = [
+        gravity_axes(r, smooth.roll_rate) for r, smooth in zip(frame.reconstructions, inputs, strict=True)
+    ]
     return node_records(frame, columns, values, inputs, axes, block, delays)
 
 
