@@ -20,6 +20,7 @@ from brv_hypo.identification.moments import UnknownDelayError
 from brv_hypo.identification.problem import Problem, build_problem
 from brv_hypo.identification.result import Estimate, Evidence, Identification
 from brv_hypo.identification.selection import wanted_instruments
+from brv_hypo.identification.structure import unique
 from brv_hypo.likelihood import FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.search import Progress
@@ -187,7 +188,12 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
         values=values,
         covariance=_covariance(found, terms),
         terms=terms,
-        nonlinear=tuple(estimate(mover.name, mover.units) for mover in structure.movers),
+        nonlinear=tuple(
+            estimate(mover.name, mover.units, label)
+            for mover, label in zip(
+                structure.movers, unique([mover.label for mover in structure.movers]), strict=True
+            )
+        ),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
         instruments=tuple(
             estimate(of_flight(e.name, flight), e.units, shown(e.name, flight))

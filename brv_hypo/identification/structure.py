@@ -30,6 +30,11 @@ class Mover:
     is_delay: bool
     columns: tuple[int, ...]
 
+    @property
+    def label(self) -> str:
+        """Its name without its start value."""
+        return f"{self.mechanism} {self.theta or self.kind}"
+
 
 @dataclass(frozen=True)
 class Structure:
@@ -74,7 +79,7 @@ def structure_of(
     Columns that share a theta or a knot of one mechanism move together.
     """
     movers = _movers(columns, mechanisms, start, stop) if refine else ()
-    return Structure(tuple(columns), _unique([_name(column) for column in columns]), movers)
+    return Structure(tuple(columns), unique([_name(column) for column in columns]), movers)
 
 
 def _name(column: Column) -> str:
@@ -86,7 +91,8 @@ def _name(column: Column) -> str:
     return name
 
 
-def _unique(names: Sequence[str]) -> tuple[str, ...]:
+def unique(names: Sequence[str]) -> tuple[str, ...]:
+    """The names, a number after each that stood before."""
     seen: dict[str, int] = {}
     out = []
     for name in names:
@@ -110,7 +116,7 @@ def _movers(
         _mover(kind, mechanisms[mechanism], theta, value, (start, stop), tuple(members))
         for (kind, mechanism, theta, value), members in groups.items()
     ]
-    names = _unique([mover.name for mover in found])
+    names = unique([mover.name for mover in found])
     return tuple(replace(mover, name=name) for mover, name in zip(found, names, strict=True))
 
 

@@ -24,9 +24,9 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis, refit
-from brv_hypo.ranking.heldout import held_out
+from brv_hypo.ranking.heldout import HeldOut, held_out, held_out_by_likelihood
 from brv_hypo.ranking.histories import coefficient_series
-from brv_hypo.ranking.likelihood import identify_standing
+from brv_hypo.ranking.likelihood import Likelihoods, identify_standing
 from brv_hypo.ranking.noise import (
     baseline_columns,
     drift_degrees,
@@ -79,11 +79,11 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
         rival = min((fit.information for fit in fits), default=math.inf)
         fits.append(fit_hypothesis(task, each.name, each.mechanisms, rival))
     task, fits = settled(task, fits, likeliest.name)
-    say("predicting held-out blocks")
-    errors = [held_out(task, fit, config.held_out_blocks) for fit in fits]
     criteria = criteria_of(task, fits, config.held_out_blocks)
     selected = clock.perf_counter()
-    identified = identify_standing(fits, config, say) if config.maximum_likelihood != "none" else {}
+    likelihoods = identify_standing(fits, config, say)
+    say("predicting held-out blocks")
+    errors = [_held_out(task, fit, likelihoods, config.held_out_blocks) for fit in fits]
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -91,8 +91,14 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
         ml=finished - selected,
         total=finished - begun,
     )
-    comparison = summarise(task, fits, errors, criteria, seconds, identified, warnings)
-    return comparison.model_copy(update={"coefficients": coefficient_series(fits, identified)})
+    comparison = summarise(task, fits, errors, criteria, seconds, likelihoods, warnings)
+    return comparison.model_copy(update={"coefficients": coefficient_series(fits, likelihoods.found)})
+
+
+def _held_out(task: Task, fit: HypothesisFit, likelihoods: Likelihoods, blocks: int) -> HeldOut:
+    """By the likelihood where it converged, by regression where it did not."""
+    found = likelihoods.converged.get(fit.name)
+    return held_out(task, fit, blocks) if found is None else held_out_by_likelihood(task, found, blocks)
 
 
 def answerable(

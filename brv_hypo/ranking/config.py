@@ -18,8 +18,8 @@ class CompareConfig(BaseModel):
     goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre degree of the
     slow drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots become continuous.
     `maximum_likelihood`: hypotheses that stand are refined on the original measurements, with those groups of
-    `instrument_errors` (such as gyro_bias) that the evidence asks for; "quick" leaves out hypotheses with delays and
-    records with warnings, which take several seconds each.
+    `instrument_errors` (such as gyro_bias) that the evidence asks for; "quick" leaves out records with warnings,
+    which take several seconds each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

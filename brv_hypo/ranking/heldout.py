@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import Piece, RateFrame, whiten
+from brv_hypo.identification import Identification, coefficients_without
 from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.linear import solve_scaled
 from brv_hypo.ranking.task import Task
@@ -64,14 +67,38 @@ def measured_moments(frame: RateFrame) -> tuple[ComplexArray, BoolArray]:
 
 
 def held_out(task: Task, fit: HypothesisFit, count: int) -> HeldOut:
-    """Fit the hypothesis's columns without each block in turn, and predict the moments in it."""
-    frame = fit.frame
-    rates, moments = frame.columns(fit.columns), frame.moments(fit.columns)
+    """Regress the hypothesis's columns without each block in turn, and predict the moments in it."""
+    rates = fit.frame.columns(fit.columns)
+
+    def without(block: tuple[Piece, ...]) -> FloatArray:
+        return coefficients(task, fit.frame, rates, _without(fit.frame.pieces, block))
+
+    return _predicted(task, fit.frame, fit.columns, count, without)
+
+
+def held_out_by_likelihood(task: Task, found: Identification, count: int) -> HeldOut:
+    """The same where the likelihood converged: its coefficients without the measurements of each block."""
+
+    def without(block: tuple[Piece, ...]) -> FloatArray:
+        return coefficients_without(found, block)
+
+    return _predicted(task, found.frame, found.columns, count, without)
+
+
+def _predicted(
+    task: Task,
+    frame: RateFrame,
+    columns: Sequence[Column],
+    count: int,
+    without: Callable[[tuple[Piece, ...]], FloatArray],
+) -> HeldOut:
+    """Errors of the moments and of the whitened rates in each block, with the coefficients had `without` it."""
+    rates, moments = frame.columns(columns), frame.moments(columns)
     measured, usable = measured_moments(frame)
     square, size = 0.0, 0
     by_block = []
     for block in blocks(frame, count):
-        values = coefficients(task, frame, rates, _without(frame.pieces, block))
+        values = without(block)
         rows = np.concatenate([np.arange(a, b) for a, b in block])
         rows = rows[usable[rows]]
         square += float(np.sum(np.abs(measured[rows] - moments[rows] @ values) ** 2)) / 2.0

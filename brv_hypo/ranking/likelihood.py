@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.ranking.config import CompareConfig
@@ -15,31 +16,50 @@ MOST_ITERATIONS = 4
 MOST_HYPOTHESES = 2
 
 
+@dataclass(frozen=True)
+class Likelihoods:
+    """What the likelihood made of the standing hypotheses, by name, and which it left out to save time."""
+
+    found: Mapping[str, Identification]
+    left_out: frozenset[str]
+
+    @property
+    def converged(self) -> dict[str, Identification]:
+        """Those whose estimates may be used."""
+        return {name: found for name, found in self.found.items() if found.status == CONVERGED}
+
+
 def identify_standing(
     fits: Sequence[HypothesisFit], config: CompareConfig, say: Callable[[str], None]
-) -> dict[str, Identification]:
-    """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach."""
+) -> Likelihoods:
+    """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach.
+
+    "quick" leaves out records with limits, where it takes several seconds.
+    """
+    if config.maximum_likelihood == "none":
+        return Likelihoods({}, frozenset())
     chances = probabilities({fit.name: fit.information for fit in fits})
     standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
     options = IdentificationConfig(candidates=config.instrument_errors, max_iterations=MOST_ITERATIONS)
-    found = {}
+    found: dict[str, Identification] = {}
+    left_out: set[str] = set()
     for fit in standing[:MOST_HYPOTHESES]:
-        if config.maximum_likelihood == "quick" and takes_long(fit):
+        if config.maximum_likelihood == "quick" and _takes_long(fit):
+            left_out.add(fit.name)
             continue
         say(f"maximum likelihood of {fit.name}")
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, options)
-    return found
+    return Likelihoods(found, frozenset(left_out))
 
 
-def takes_long(fit: HypothesisFit) -> bool:
-    """Whether the likelihood takes several seconds: terms that look into the past, or a record with limits."""
-    degraded = any(reconstruction.status == "degraded" for reconstruction in fit.frame.reconstructions)
-    return degraded or any(column.delay is not None for column in fit.selected)
+def _takes_long(fit: HypothesisFit) -> bool:
+    """Whether the likelihood takes several seconds: a record with limits."""
+    return any(reconstruction.status == "degraded" for reconstruction in fit.frame.reconstructions)
 
 
 def informations(
-    fits: Sequence[HypothesisFit], identified: Mapping[str, Identification]
+    fits: Sequence[HypothesisFit], likelihoods: Likelihoods
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Extended BIC of every hypothesis, and the names of those where it rests on the likelihood.
 
@@ -48,9 +68,9 @@ def informations(
     """
     information = {fit.name: fit.information for fit in fits}
     converged = {
-        fit.name: _likelihood_information(fit, identified[fit.name])
+        fit.name: _likelihood_information(fit, likelihoods.converged[fit.name])
         for fit in fits
-        if fit.name in identified and identified[fit.name].status == CONVERGED
+        if fit.name in likelihoods.converged
     }
     leader = min(information, key=lambda name: information[name])
     if len(converged) < 2 or leader not in converged:

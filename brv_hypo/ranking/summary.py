@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.heldout import HeldOut, measured_moments
-from brv_hypo.ranking.likelihood import informations, takes_long
+from brv_hypo.ranking.likelihood import Likelihoods, informations
 from brv_hypo.ranking.result import (
     BaselineSummary,
     Comparison,
@@ -37,11 +37,11 @@ def summarise(
     errors: Sequence[HeldOut],
     criteria: Sequence[Criteria],
     seconds: Seconds,
-    identified: Mapping[str, Identification],
+    likelihoods: Likelihoods,
     warnings: Sequence[str] = (),
 ) -> Comparison:
     """Rank the fits, judge them, and gather all that the result holds."""
-    information, by_likelihood = informations(fits, identified)
+    information, by_likelihood = informations(fits, likelihoods)
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
     verdict = judge(
         [
@@ -55,7 +55,11 @@ def summarise(
             update={
                 "bic": information[fits[i].name],
                 "ranked_by": "maximum likelihood" if fits[i].name in by_likelihood else "regression",
-                "ml": _likelihood(fits[i], identified.get(fits[i].name)),
+                "predicted_by": "maximum likelihood"
+                if fits[i].name in likelihoods.converged
+                else "regression",
+                "ml": _likelihood(fits[i], likelihoods.found.get(fits[i].name)),
+                "notes": _notes(fits[i], likelihoods),
             }
         )
         for rank, i in enumerate(order, start=1)
@@ -109,7 +113,6 @@ def _ranked(
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
         derived=_derived(fit),
         criteria=asdict(criteria),
-        notes=_notes(fit),
         status="term limit" if len(fit.selected) >= task.max_terms else "ok",
     )
 
@@ -139,11 +142,11 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
     return tuple(found)
 
 
-def _notes(fit: HypothesisFit) -> tuple[str, ...]:
+def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
     found = []
     if fit.ended_early:
         found.append("its search ended early: it stayed far behind the leader")
-    if takes_long(fit):
+    if fit.name in likelihoods.left_out:
         found.append("ranked by regression: its likelihood is left out unless maximum_likelihood is full")
     return tuple(found)
 

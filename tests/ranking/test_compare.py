@@ -143,11 +143,33 @@ def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
     assert comparison.seconds.ml > 0.0
 
 
-def test_delays_keep_to_the_regression_unless_asked() -> None:
+def test_a_delay_is_refined_and_predicts_what_was_held_out() -> None:
+    """Delay and fraction of the likelihood, and held-out prediction by it where it converged."""
     flight = simulate("research_cone", seed=68, plant=("sticking",)).flight
-    comparison = compare([flight], CompareConfig(mechanisms=("sticking",)))
-    assert comparison.ranking[0].ml is None
-    assert any("maximum_likelihood" in note for note in comparison.ranking[0].notes)
+    comparison = compare([flight], CompareConfig(mechanisms=("sticking", "damping")))
+    first, others = comparison.ranking[0], comparison.ranking[1:]
+    assert first.mechanism == "sticking"
+    assert first.ml is not None
+    assert first.ml.status == "converged"
+    (delay,) = (each for each in first.ml.derived if each.name == "sticking delay")
+    assert delay.value == pytest.approx(0.12, abs=4.0 * delay.std_error)
+    assert delay.std_error < 1e-4
+    assert first.predicted_by == "maximum likelihood"
+    assert {row.predicted_by for row in others if row.ml is None} == {"regression"}
+    regression = compare(
+        [flight], CompareConfig(mechanisms=("sticking", "damping"), maximum_likelihood="none")
+    )
+    assert regression.ranking[0].predicted_by == "regression"
+    assert first.prediction_error < 1.1 * regression.ranking[0].prediction_error
+
+
+@pytest.mark.parametrize("setting", ["quick", "none"])
+def test_a_record_with_limits_keeps_to_the_regression(setting: str) -> None:
+    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    config = CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood=setting)
+    first = compare([flight], config).ranking[0]
+    assert first.ml is None
+    assert any("maximum_likelihood" in note for note in first.notes) == (setting == "quick")
 
 
 class Confident(find("damping").__class__):  # type: ignore[misc]
