@@ -94,18 +94,19 @@ def _search(
         found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
     evidence: tuple[Evidence, ...] = ()
-    for attempt in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         if not found.converged:
             break
         refreshed = _refreshed(problem, found)
-        stale = _stale(problem, refreshed, found)
-        problem = refreshed
-        if not stale and not evidence:
+        if not _stale(problem, refreshed, found):
+            problem = refreshed
+            if evidence:
+                break
             instruments, evidence = wanted_instruments(problem, found)
-            problem = problem.with_instruments(instruments)
-            stale = bool(instruments)
-        if not stale or attempt == _ROUNDS - 1:
-            break
+            if not instruments:
+                break
+            refreshed = problem.with_instruments(instruments)
+        problem = refreshed
         found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
     if held:

@@ -86,8 +86,11 @@ class Problem:
         return replace(self, theta=theta, states=found.states)
 
     def refreshed(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> Problem:
-        """The problem with nodes and block means laid out by another model of the motion."""
-        block = block_size(frame, columns, values, self.config.quadrature)
+        """The problem with nodes and block means laid out by another model of the motion.
+
+        Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
+        """
+        block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
         records = _records(frame, columns, values, self.inputs, block, self.placed_delays)
         model = replace(self.model, contexts=tuple(record.context for record in records))
         states = self.states if block == self.block else ()
