@@ -190,6 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--colour", type=float, default=0.0, help="AR(1) coefficient of the instruments' noise"
     )
     parser.add_argument("--delay-error", type=float, default=0.0, help="how far off delays start, s")
+    parser.add_argument("--delay", type=float, default=None, help="planted delay, s; the mechanism's own by default")
     parser.add_argument("--no-evidence", action="store_true", help="do not look for instrument errors")
     parser.add_argument(
         "--plant",
@@ -202,24 +203,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     planted = {path: float(value) for path, value in (item.split("=") for item in chosen.plant)}
     options = IdentificationConfig(candidates=() if chosen.no_evidence else None)
     for case in chosen.case or CASES:
-        _report(case, chosen.flights, chosen.seed, chosen.colour, chosen.delay_error, planted, options)
+        planned = flights(
+            case, chosen.flights, chosen.seed, colour=chosen.colour, instruments=planted, delay=chosen.delay
+        )
+        _report(case, planned, chosen.delay_error, options)
 
 
 def _report(
     case: str,
-    count: int,
-    seed: int,
-    colour: float,
+    planned: Iterator[tuple[SimulatedFlight, Flight]],
     delay_error: float,
-    planted: Mapping[str, float],
     options: IdentificationConfig,
 ) -> None:
     scaled: dict[str, list[float]] = {}
     plain: dict[str, list[float]] = {}
     regression: dict[str, list[float]] = {}
     added: dict[str, int] = {}
-    seconds, converged = [], 0
-    for simulated, flight in flights(case, count, seed, colour=colour, instruments=planted):
+    seconds: list[float] = []
+    converged = 0
+    for simulated, flight in planned:
         work = trial(simulated, flight, delay_error)
         found = identify(work.frame, work.columns, work.values, options)
         seconds.append(found.seconds)
@@ -234,7 +236,7 @@ def _report(
             regression.setdefault(f"{column.mechanism} {column.term}", []).append(float(value - true))
         for item in found.evidence:
             added[item.group] = added.get(item.group, 0) + item.added
-    print(f"{case}: {converged} of {count} converged, median {np.median(seconds):.2f} s a fit")
+    print(f"{case}: {converged} of {len(seconds)} converged, median {np.median(seconds):.2f} s a fit")
     print(
         "  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing")
     )
