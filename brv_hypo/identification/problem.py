@@ -98,9 +98,16 @@ class Problem:
 
     def segments(self) -> tuple[Segment, ...]:
         """The likelihood's segments, started from the states."""
-        if not self.states:
-            return tuple(record.segment for record in self.records)
-        return tuple(replace(r.segment, x0=x) for r, x in zip(self.records, self.states, strict=True))
+        states = self.states or tuple(record.segment.x0 for record in self.records)
+        return tuple(
+            replace(record.segment, x0=x, ignores=self._of_others(record.context.flight))
+            for record, x in zip(self.records, states, strict=True)
+        )
+
+    def _of_others(self, flight: int) -> frozenset[str]:
+        """Parameters of the other flights: their gravity, noise and instruments."""
+        others = [f"[flight {other}]" for other in self.flights if other != flight]
+        return frozenset(name for name in self.theta if any(other in name for other in others))
 
     @property
     def _affine(self) -> frozenset[str]:

@@ -230,6 +230,8 @@ def _report(
             continue
         converged += 1
         for name, (error, estimate) in errors(work, found).items():
+            if not np.isfinite(estimate.std_error):  # a knot that was held: no interval is reported
+                continue
             scaled.setdefault(name, []).append(error / estimate.std_error)
             plain.setdefault(name, []).append(error)
         for column, value, true in zip(work.columns, work.values, work.coefficients, strict=True):
@@ -241,13 +243,13 @@ def _report(
         "  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing")
     )
     print(
-        f"  {'parameter':32}{'coverage %':>11}{'scatter':>9}{'mean z':>8}{'rms error':>12}{'regression':>12}"
+        f"  {'parameter':32}{'flights':>9}{'coverage %':>11}{'scatter':>9}{'mean z':>8}{'rms error':>12}{'regression':>12}"
     )
     for name, values in scaled.items():
         z = np.array(values)
         other = f"{_rms(regression[name]):12.3g}" if name in regression else ""
         print(
-            f"  {name:32}{100.0 * np.mean(np.abs(z) < NORMAL_95):11.1f}{np.std(z):9.2f}{np.mean(z):8.2f}"
+            f"  {name:32}{z.size:9d}{100.0 * np.mean(np.abs(z) < NORMAL_95):11.1f}{np.std(z):9.2f}{np.mean(z):8.2f}"
             f"{_rms(plain[name]):12.3g}{other}"
         )
 

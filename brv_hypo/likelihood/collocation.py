@@ -125,9 +125,10 @@ def linearise_segment(
     at_samples = _points(grid, x, back, grid.samples)
     f = evaluate(model.dynamics, at_samples, theta)
     everywhere = _points(grid, x, back, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
-    scale = model.scale or {}
-    slope = jacobian(model.dynamics, everywhere, theta, names, model.method, scale, model.affine)
-    output = jacobian(model.outputs, at_samples, theta, names, model.method, scale, model.affine)
+    slope, output = (
+        _jacobian(model, function, points, theta, names, grid.ignores)
+        for function, points in ((model.dynamics, everywhere), (model.outputs, at_samples))
+    )
     by_state, by_parameter = _defect_derivatives(grid, slope, back)
     n = grid.n
     return Linearisation(
@@ -143,6 +144,25 @@ def linearise_segment(
         ),
         output_by_parameter=output.by_parameter,
     )
+
+
+def _jacobian(
+    model: Model,
+    function: Function,
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    ignored: frozenset[str],
+) -> Jacobian:
+    """Derivatives by the named parameters, zero by those that are ignored."""
+    seen = np.array([name not in ignored for name in names], dtype=np.bool_)
+    own = tuple(name for name in names if name not in ignored)
+    found = jacobian(function, points, theta, own, model.method, model.scale or {}, model.affine)
+    if seen.all():
+        return found
+    by_parameter = np.zeros((*found.by_parameter.shape[:2], seen.size))
+    by_parameter[:, :, seen] = found.by_parameter
+    return found._replace(by_parameter=by_parameter)
 
 
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:

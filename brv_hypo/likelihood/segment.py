@@ -39,6 +39,8 @@ class Segment:
         history: states and inputs before the start, which delayed quantities need; without it the first
             sample is held backwards.
         courses: quantities that vary along the segment as known shapes, whose weights are in theta0.
+        ignores: parameters that neither function looks at in this segment, such as the biases of another
+            record's instruments: they are not differentiated by.
     """
 
     t: FloatArray
@@ -49,6 +51,7 @@ class Segment:
     u_mid: FloatArray | None = None
     history: History | None = None
     courses: tuple[Course, ...] = ()
+    ignores: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,7 @@ class Grid:
     interpolator: Interpolator
     history: History | None = None
     courses: tuple[SampledCourse, ...] = ()
+    ignores: frozenset[str] = frozenset()
 
     @property
     def n(self) -> int:
@@ -149,6 +153,7 @@ def build_grid(segment: Segment, number: int) -> Grid:
         interpolator=interpolator,
         history=segment.history,
         courses=sampled(segment.courses, np.concatenate([t, middle]), number),
+        ignores=frozenset(segment.ignores),
     )
 
 

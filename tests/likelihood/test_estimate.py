@@ -366,3 +366,34 @@ def test_a_start_that_fits_poorly_stands_where_zero_is_not_defined() -> None:
     result = fit(dynamics, outputs, [segment], {"tau": 3.0})
     assert result.converged, result.message
     assert abs(result.theta["tau"] - 0.8) < 4 * result.std_error["tau"]
+
+
+def test_what_a_segment_ignores_is_not_differentiated_by() -> None:
+    """Two records with a bias each: as told apart by name as by `ignores`, with fewer evaluations."""
+    t = np.arange(0.0, 6.0, 0.05)
+    calls = {"plain": 0, "told": 0}
+
+    def run(kind: str) -> FitResult:
+        def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+            return np.stack([-theta["k"] * x[0] + u[0]])
+
+        def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+            calls[kind] += 1
+            return np.stack([x[0] + np.where(u[1] == 0.0, theta["b0"], theta["b1"])])
+
+        draws = np.random.default_rng(9)
+        segments = []
+        for number, bias in enumerate((0.3, -0.2)):
+            u = np.stack([np.sin(t + number), np.full(t.size, float(number))])
+            x = np.exp(-0.8 * t) * np.cumsum(np.exp(0.8 * t) * u[0]) * 0.05
+            y = (x + bias + 0.01 * draws.standard_normal(t.size))[None]
+            other = frozenset({f"b{1 - number}"}) if kind == "told" else frozenset()
+            segments.append(Segment(t, u, y, np.zeros(1), ignores=other))
+        return fit(dynamics, outputs, segments, {"k": 0.5, "b0": 0.0, "b1": 0.0}, derivatives="central")
+
+    plain, told = run("plain"), run("told")
+    assert told.converged
+    assert calls["told"] < calls["plain"]
+    for name, value in plain.theta.items():
+        assert told.theta[name] == pytest.approx(value, abs=1e-6)
+        assert told.std_error[name] == pytest.approx(plain.std_error[name], rel=1e-6)
