@@ -243,7 +243,8 @@ def _report(
         "  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing")
     )
     print(
-        f"  {'parameter':32}{'flights':>9}{'coverage %':>11}{'scatter':>9}{'mean z':>8}{'rms error':>12}{'regression':>12}"
+        f"  {'parameter':32}{'flights':>9}{'coverage %':>11}{'scatter':>9}{'mean z':>8}"
+        f"{'rms error':>12}{'regression':>12}"
     )
     for name, values in scaled.items():
         z = np.array(values)
