@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.interpolation import Stencil
 from brv_hypo.likelihood.segment import Grid, History, LookBack
@@ -56,7 +56,12 @@ class BlockRows:
     @cached_property
     def filled(self) -> tuple[int, ...]:
         """Where along the width any block is not zero: a delay looks at few of the samples that it spans."""
-        return tuple(np.flatnonzero(self.blocks.any(axis=(0, 2, 3))).tolist())
+        return tuple(np.flatnonzero(self._nonzero.any(axis=0)).tolist())
+
+    @cached_property
+    def _nonzero(self) -> BoolArray:
+        """Which blocks are not zero, (n_rows, width)."""
+        return np.asarray(self.blocks.reshape(*self.blocks.shape[:2], -1).any(axis=2))
 
     def dot(self, x: FloatArray) -> FloatArray:
         """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
@@ -76,9 +81,7 @@ class BlockRows:
         from scipy.sparse import csr_array  # here, for a cheap import of the package
 
         count, _, m, n_states = self.blocks.shape
-        filled = np.array(self.filled, dtype=np.int64)
-        k, at = np.nonzero(self.blocks[:, filled].any(axis=(2, 3)))
-        w = filled[at]
+        k, w = np.nonzero(self._nonzero)
         rows = (k * m)[:, None, None] + np.arange(m)[:, None]
         columns = ((k + self.offset + w) * n_states)[:, None, None] + np.arange(n_states)
         rows, columns = np.broadcast_arrays(rows, columns)

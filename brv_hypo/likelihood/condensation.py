@@ -61,11 +61,14 @@ def condense(problem: Quadratic) -> Eliminated | None:
     if follow is None:
         return None
     x = (known[:, :count] + known[:, count:] @ follow).reshape(n, n_states, -1)
-    pull = -(outputs.T @ (seen[:, :count] + seen[:, count:] @ follow))
-    transposed = factor.solve(pull, trans="T")  # type: ignore[call-overload] # the stubs lack it
+    residual = seen[:, :count] + seen[:, count:] @ follow
+    transposed = factor.solve(-(outputs.T @ residual), trans="T")  # type: ignore[call-overload] # the stubs lack it
     multiplier = np.array(transposed, dtype=np.float64).reshape(n, n_states, -1)
     multiplier[0, np.isinf(problem.variance[0])] = 0.0
-    return Eliminated(np.asarray(x), multiplier)
+    shape = problem.residual.shape
+    return Eliminated(
+        np.asarray(x), multiplier, residual.reshape(*shape, -1), seen[:, count:].reshape(*shape, -1)
+    )
 
 
 def _matrix(rows: BlockRows, n: int, n_states: int) -> csc_array[np.float64]:

@@ -109,6 +109,11 @@ def _by_initial_state(
     problem: Problem, iterate: Iterate, segment: Sensitivity, number: int
 ) -> tuple[FloatArray, FloatArray] | None:
     grid, x, size = problem.grids[number], iterate.x[number], problem.size
+    known = segment.eliminated.by_start
+    if known is not None:
+        outputs = np.zeros((*known.shape[:2], size.size))
+        outputs[:, :, grid.start_std > 0.0] = known
+        return outputs, np.zeros((x.shape[1], size.size, size.size))
     whitener = whitening(iterate.covariance, grid.measured)
     free = quadratic_of(problem, grid, x, segment.linearisation, whitener)
     by_start = np.zeros((*free.defect.shape, size.size))

@@ -35,8 +35,12 @@ class Eliminated:
 
     dx = x[..., 0] + x[..., 1:] dp, likewise the multipliers.
 
-    `x` and `multiplier` are (n, n_states, 1 + p).
+    `x` and `multiplier` are (n, n_states, 1 + p). Where the recursion had them on the way, `residual`
+    (n, n_outputs, 1 + p) is r + J dx + J_p dp, and `by_start` (n, n_outputs, free) the derivative of the residual
+    by the free parts of the initial state.
     """
 
     x: FloatArray
     multiplier: FloatArray
+    residual: FloatArray | None = None
+    by_start: FloatArray | None = None

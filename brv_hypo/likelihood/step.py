@@ -117,8 +117,10 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
         eliminated = eliminate(quadratic)
         if eliminated is None:
             raise SingularStatesError(s)
-        residual = np.concatenate([quadratic.residual[:, :, None], quadratic.by_parameter], axis=2)
-        residual = residual + quadratic.by_state.dot(eliminated.x)
+        residual = eliminated.residual
+        if residual is None:
+            direct = np.concatenate([quadratic.residual[:, :, None], quadratic.by_parameter], axis=2)
+            residual = direct + quadratic.by_state.dot(eliminated.x)
         variance = np.where(np.isfinite(quadratic.variance), quadratic.variance, 0.0)
         disturbance = np.sqrt(variance)[:, :, None] * eliminated.multiplier
         _drop_rounding(residual, disturbance, quadratic.by_parameter)
