@@ -26,7 +26,8 @@ from brv_hypo.likelihood.search import Progress
 from brv_hypo.motion.wind import gravity_magnitude
 
 _UNKNOWN_GRAVITY = 30.0
-_TOLERANCE = 0.03
+_TOLERANCE = 0.1
+"""Last step, in standard errors; it is taken, and what it leaves is of its square."""
 _ROUNDING = 1e-9
 _KNOT_REACH = 3.0
 """Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see
