@@ -38,7 +38,7 @@ Status = Literal["converged", "iteration limit", "stalled", "undetermined", "div
 
 _FEASIBLE = 1e-7
 """Largest mean scaled defect of a converged trajectory."""
-_SETTLED_CHANGE = 1e-3
+_SETTLED_CHANGE = 2e-3
 """Relative change of a noise variance that counts as settled."""
 _SETTLED_MOVE = 0.05
 """The same for a process noise variance, in standard errors of its logarithm."""
