@@ -79,11 +79,15 @@ class InputError:
 
 @dataclass(frozen=True)
 class SmoothInputs:
-    """One flight's inputs as the equations of motion take them: roll rate rad/s, speed m/s, dynamic pressure
-    Pa, each (n,); `errors` what is left of their noise.
+    """One flight's inputs as the equations of motion take them: roll rate rad/s and its integral rad, speed m/s,
+    dynamic pressure Pa, each (n,); `errors` what is left of their noise.
+
+    Row j of `gravity_axes` (n, 3, 3) holds the axes of the first sample along de-rolled axis j at each sample.
     """
 
     roll_rate: FloatArray
+    roll: FloatArray
+    gravity_axes: FloatArray
     speed: FloatArray
     pressure: FloatArray
     errors: tuple[InputError, ...]
@@ -95,13 +99,16 @@ def smooth_inputs(reconstruction: Reconstruction, number: int) -> SmoothInputs:
     span = (float(flight.time[0]), float(flight.time[-1]))
     roll_rate = smoothed(flight.p)
     speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
-    waves = scale_heights_risen(flight, _lifted(reconstruction, roll_rate.values))
+    roll = running_integral(flight.time, roll_rate.values)
+    axes = _gravity_axes(reconstruction, roll)
+    waves = scale_heights_risen(flight, _lifted(reconstruction, roll, axes))
     density = log_density(flight, speed, waves)
     errors = (
         InputError(of_flight(ROLL_RATE, number), span, roll_rate.scale),
         InputError(of_flight(PRESSURE, number), span, density.scale),
     )
-    return SmoothInputs(roll_rate.values, speed, np.exp(density.values) * speed**2, errors)
+    pressure = np.exp(density.values) * speed**2
+    return SmoothInputs(roll_rate.values, roll, axes, speed, pressure, errors)
 
 
 def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
@@ -117,16 +124,14 @@ def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
     return smoothed(flight.velocity - impulse).values + impulse
 
 
-def gravity_axes(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray:
-    """(n, 3, 3): row j holds the axes of the first sample along de-rolled axis j at each sample."""
-    flight = reconstruction.flight
+def _gravity_axes(reconstruction: Reconstruction, roll: FloatArray) -> FloatArray:
+    """See `SmoothInputs`."""
     omega = reconstruction.motion.q + 1j * reconstruction.motion.r
-    roll = running_integral(flight.time, roll_rate)
-    turn = derolled_attitude(flight.time, omega * np.exp(1j * roll))
+    turn = derolled_attitude(reconstruction.flight.time, omega * np.exp(1j * roll))
     return np.asarray(np.transpose(turn, (0, 2, 1)))
 
 
-def _lifted(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray:
+def _lifted(reconstruction: Reconstruction, roll: FloatArray, axes: FloatArray) -> FloatArray:
     """Height (n,) m by which the force across the axis has raised the vehicle: a coning body flies a helix.
 
     Zero where the direction of gravity is not known.
@@ -135,8 +140,8 @@ def _lifted(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray
     pull = float(np.linalg.norm(reconstruction.gravity_body))
     if not pull > 0.0:
         return np.zeros(flight.samples)
-    down = gravity_axes(reconstruction, roll_rate) @ (reconstruction.gravity_body / pull)
-    force = (flight.ay + 1j * flight.az) * np.exp(1j * running_integral(flight.time, roll_rate))
+    down = axes @ (reconstruction.gravity_body / pull)
+    force = (flight.ay + 1j * flight.az) * np.exp(1j * roll)
     upward = -(force.real * down[:, 1] + force.imag * down[:, 2])
     return running_integral(flight.time, running_integral(flight.time, upward))
 

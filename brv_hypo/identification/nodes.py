@@ -75,7 +75,7 @@ class NodeRecord:
 
     `measured` and `expected` (2, samples) are omega and transverse specific force in de-rolled axes, as read
     and as the regression has them; `turn` (samples,) is exp(i Phi), `time` s; `middle` (nodes,) the samples
-    at the nodes.
+    at the nodes, for nodes that measure nothing the next ones.
     """
 
     context: Context
@@ -106,13 +106,10 @@ def node_records(
     columns: Sequence[Column],
     values: FloatArray,
     inputs: Sequence[SmoothInputs],
-    gravity_turn: Sequence[FloatArray],
     size: int,
     delays: tuple[float, ...],
 ) -> tuple[NodeRecord, ...]:
-    """Every segment long enough; `inputs` are each flight's, `gravity_turn` each flight's axes of the first
-    sample in its de-rolled axes; `delays` (s) those for which nodes are placed.
-    """
+    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed."""
     predicted, moments = frame.columns(columns) @ values, frame.moments(columns) @ values
     shapes = frame.moments(
         [replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)]
@@ -132,7 +129,6 @@ def node_records(
                 shapes[a:b],
                 local,
                 inputs[part.flight],
-                gravity_turn[part.flight],
                 len(found),
                 knots_of(columns),
                 Meridian(derolled_crossflow(frame, part), delays),
@@ -149,7 +145,6 @@ def _node_record(
     shapes: ComplexArray,
     local: IntArray,
     inputs: SmoothInputs,
-    gravity_turn: FloatArray,
     number: int,
     knots: Sequence[float],
     meridian: Meridian,
@@ -158,8 +153,7 @@ def _node_record(
     flight, motion = reconstruction.flight, frame.motions[part.flight]
     samples = slice(part.rows.start, part.rows.start + local.size)
     kept = slice(0, local.size)
-    roll = running_integral(flight.time, inputs.roll_rate)[samples]
-    turn = np.exp(1j * roll)
+    turn = np.exp(1j * inputs.roll[samples])
     spin = np.exp(
         -1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p)[samples]
     )
@@ -176,7 +170,7 @@ def _node_record(
     halfway = 0.5 * (nodes[1:] + nodes[:-1])
     acceleration = (flight.dynamic_pressure[samples] * flight.vehicle.moment_scale * turn)[middle]
     slopes = CubicSpline(time[middle], shapes[middle] * acceleration[:, None])
-    table = _InputTable(flight, motion, inputs, samples, local, gravity_turn, roll, number)
+    table = _InputTable(flight, motion, inputs, samples, local, number)
     at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
     between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
     state = CubicSpline(time, np.stack([omega, xi * flight.velocity[samples] * turn]), axis=1)(nodes)
@@ -234,8 +228,6 @@ class _InputTable:
         smooth: SmoothInputs,
         rows: slice,
         local: IntArray,
-        gravity_turn: FloatArray,
-        roll: FloatArray,
         number: int,
     ) -> None:
         middle = local[:, local.shape[1] // 2]
@@ -253,10 +245,10 @@ class _InputTable:
             )
         }
         self._exact = {
-            "roll": CubicSpline(nodes, roll[middle]),
+            "roll": CubicSpline(nodes, smooth.roll[rows][middle]),
             "meridian": CubicSpline(nodes, motion.windward_meridian[rows][middle]),
             **{
-                f"gravity_{first}{second}": CubicSpline(nodes, gravity_turn[rows][middle, i, j])
+                f"gravity_{first}{second}": CubicSpline(nodes, smooth.gravity_axes[rows][middle, i, j])
                 for i, second in ((1, "y"), (2, "z"))
                 for j, first in enumerate("xyz")
             },

@@ -14,7 +14,7 @@ from brv_hypo.design.columns import Column
 from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.inputs import SmoothInputs, gravity_axes, smooth_inputs
+from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
 from brv_hypo.identification.model import VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
@@ -92,7 +92,7 @@ class Problem:
         Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
         block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
-        records = _records(frame, columns, values, self.inputs, block, self.placed_delays)
+        records = node_records(frame, columns, values, self.inputs, block, self.placed_delays)
         model = replace(self.model, contexts=tuple(record.context for record in records))
         states = self.states if block == self.block else ()
         return replace(self, frame=frame, records=records, model=model, block=block, states=states)
@@ -128,7 +128,6 @@ class Problem:
         noise: FloatArray | None = None,
         max_iterations: int | None = None,
         near_start: bool = True,
-        segments: Sequence[Segment] | None = None,
         fixed: Sequence[str] = (),
         progress: Callable[[Progress], None] | None = None,
     ) -> FitResult:
@@ -136,7 +135,7 @@ class Problem:
         return fit(
             self.model.dynamics,
             self.model.outputs,
-            segments or self.segments(),
+            self.segments(),
             self.theta,
             bounds=self.bounds,
             priors=self.priors,
@@ -163,7 +162,7 @@ def build_problem(
     """
     size = block_size(frame, columns, values, config.quadrature)
     inputs = tuple(smooth_inputs(r, number) for number, r in enumerate(frame.reconstructions))
-    records = _records(frame, columns, values, inputs, size, delays_of(columns))
+    records = node_records(frame, columns, values, inputs, size, delays_of(columns))
     if not records:
         raise UnanswerableError(
             f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
@@ -206,20 +205,6 @@ def build_problem(
             for flight in problem.flights
         ]
     )
-
-
-def _records(
-    frame: RateFrame,
-    columns: Sequence[Column],
-    values: FloatArray,
-    inputs: tuple[SmoothInputs, ...],
-    block: int,
-    delays: tuple[float, ...],
-) -> tuple[NodeRecord, ...]:
-    axes = [
-        gravity_axes(r, smooth.roll_rate) for r, smooth in zip(frame.reconstructions, inputs, strict=True)
-    ]
-    return node_records(frame, columns, values, inputs, axes, block, delays)
 
 
 def _nuisances(

@@ -161,15 +161,20 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
         values=identification.values,
         covariance=identification.covariance,
     )
+    return likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
+
+
+def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> MaximumLikelihood:
+    """What the contract tells of a likelihood, with `terms` as they are told."""
     return MaximumLikelihood(
-        status=identification.status,
-        message=identification.message,
-        iterations=identification.iterations,
-        log_likelihood=identification.log_likelihood,
-        terms=_terms(refined, range(fit.baseline_size, len(fit.columns))),
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        log_likelihood=found.log_likelihood,
+        terms=terms,
         derived=tuple(
             DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units)
-            for e in identification.nonlinear
+            for e in found.nonlinear
         ),
         instrument=tuple(
             TermEstimate(
@@ -181,9 +186,9 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
                 f_ratio=e.f_ratio,
                 units=e.units,
             )
-            for e in identification.instruments
+            for e in found.instruments
         ),
-        seconds=identification.seconds,
+        seconds=found.seconds,
     )
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.ranking.likelihood import MOST_ITERATIONS
-from brv_hypo.ranking.result import DerivedEstimate, MaximumLikelihood
+from brv_hypo.ranking.result import MaximumLikelihood
+from brv_hypo.ranking.summary import likelihood_block
 from brv_hypo.trace.state import State
 from brv_hypo.trace.summary import term_estimates
 
@@ -26,20 +27,5 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
             message="the record limits the reconstruction, where its search seldom ends",
         )
     values = seen.values(seen.whole, columns, state.noise)
-    return _block(state, identify(seen.frame, columns, values, _OPTIONS))
-
-
-def _block(state: State, found: Identification) -> MaximumLikelihood:
-    terms = term_estimates(state.seen, found.columns, found.values, found.covariance)
-    return MaximumLikelihood(
-        status=found.status,
-        message=found.message,
-        iterations=found.iterations,
-        log_likelihood=found.log_likelihood,
-        terms=terms,
-        derived=tuple(
-            DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units)
-            for e in found.nonlinear
-        ),
-        seconds=found.seconds,
-    )
+    found = identify(seen.frame, columns, values, _OPTIONS)
+    return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
