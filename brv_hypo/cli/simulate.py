@@ -12,7 +12,7 @@ from brv_hypo.cli.compare import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session
 
 if TYPE_CHECKING:
-    from brv_hypo.simulate import SimulatedFlight
+    from brv_hypo.simulation import SimulatedFlight
 
 DEMO = "demo"
 DEFAULT_SEED = 1
@@ -68,7 +68,7 @@ def demo(
 
 def fly(session: Session, config: str, seed: int | None, plant: tuple[str, ...]) -> SimulatedFlight:
     """Simulate one flight, with a progress bar."""
-    from brv_hypo.simulate import simulate as simulated
+    from brv_hypo.simulation import simulate as simulated
 
     with session.progress("simulating") as progress:
         return simulated(

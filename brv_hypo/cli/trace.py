@@ -14,7 +14,7 @@ from brv_hypo.cli.session import Session, write_whole
 from brv_hypo.errors import UsageError
 
 if TYPE_CHECKING:
-    from brv_hypo.trace.saved import SavedModel
+    from brv_hypo.residuals.saved import SavedModel
 
 Model = Annotated[
     Path | None,
@@ -43,9 +43,9 @@ def trace(
     session.claim(mechanism_file)
     from brv_hypo.flight import load_flight
     from brv_hypo.report.trace import conclusion, trace_view
+    from brv_hypo.residuals import TraceConfig
+    from brv_hypo.residuals import trace as traced
     from brv_hypo.settings import read_settings
-    from brv_hypo.trace import TraceConfig
-    from brv_hypo.trace import trace as traced
 
     chosen = {} if model is None else {"start": starting_model(model, session)}
     settings = read_settings(TraceConfig, config, **chosen)
@@ -105,7 +105,7 @@ def _of_comparison(content: dict[str, Any], session: Session) -> str:
 
 def _of_trace(model: dict[str, Any], session: Session) -> str | SavedModel:
     """The model itself, where the file holds its definition; else its mechanisms, fitted anew."""
-    from brv_hypo.trace.saved import SavedModel
+    from brv_hypo.residuals.saved import SavedModel
 
     if "definition" in model:
         return SavedModel.model_validate(model["definition"])

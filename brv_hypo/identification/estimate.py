@@ -11,8 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.instruments import of_flight
@@ -24,6 +22,8 @@ from brv_hypo.identification.structure import unique
 from brv_hypo.likelihood import FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.search import Progress
+from brv_hypo.model.columns import Column
+from brv_hypo.regression.frame import RateFrame
 
 _STALE = 0.1
 """Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which

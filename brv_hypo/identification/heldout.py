@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.design.frame import Piece
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.result import Identification
+from brv_hypo.regression.frame import Piece
 
 
 def coefficients_without(found: Identification, rows: Sequence[Piece]) -> FloatArray:

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.design.columns import Column, Theta
-from brv_hypo.identification.courses import on_grid
+from brv_hypo.identification.knots import on_grid
 from brv_hypo.identification.structure import Structure
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.motion import Motion
 
 Values = Mapping[str, float]

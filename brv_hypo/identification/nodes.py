@@ -16,19 +16,19 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame
-from brv_hypo.design.timebasis import TimeFunction
-from brv_hypo.design.weakform import WeakSegment
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.identification.inputs import SmoothInputs
 from brv_hypo.identification.instruments import lever_force
 from brv_hypo.identification.placing import FEWEST_NODES, Meridian, derolled_crossflow, knots_of
 from brv_hypo.likelihood import Segment
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import angle_of_attack, crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.weakform import WeakSegment
 
 INPUTS = (
     "segment",

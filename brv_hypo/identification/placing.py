@@ -13,11 +13,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame
-from brv_hypo.design.weakform import WeakSegment
+from brv_hypo.model.columns import Column
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import crossflow
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.weakform import WeakSegment
 
 FEWEST_NODES = 12
 LARGEST_BLOCK = 5

@@ -10,8 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
@@ -23,7 +21,9 @@ from brv_hypo.identification.placing import block_size, delays_of
 from brv_hypo.identification.structure import Structure, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
+from brv_hypo.model.columns import Column
 from brv_hypo.motion.wind import gravity_magnitude
+from brv_hypo.regression.frame import RateFrame
 
 _UNKNOWN_GRAVITY = 30.0
 _TOLERANCE = 0.1

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame
 from brv_hypo.identification.problem import Problem
 from brv_hypo.likelihood import FitResult
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+from brv_hypo.model.columns import Column
+from brv_hypo.regression.frame import RateFrame
 
 OUTPUTS = ("q", "r", "ay", "az")
 

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.design.columns import Column
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.columns import Column
 
 Kind = Literal["theta", "start", "stop"]
 

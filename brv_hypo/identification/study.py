@@ -16,18 +16,18 @@ import numpy as np
 from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.design.baseline import PitchDamping, StaticMoment
-from brv_hypo.design.columns import Column
-from brv_hypo.design.frame import RateFrame, build_frame, remove_levels, whiten
-from brv_hypo.design.timebasis import TimeFunction
-from brv_hypo.design.whitening import difference, fit_noise
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.estimate import identify
 from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.mechanisms import find
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion import reconstruct
-from brv_hypo.simulate import SimulatedFlight, simulate_batch
+from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
+from brv_hypo.regression.whitening import difference, fit_noise
+from brv_hypo.simulation import SimulatedFlight, simulate_batch
 
 CASES = ("none", "inplane", "bodyfixed", "damping", "lag", "sticking")
 NORMAL_95 = 1.96

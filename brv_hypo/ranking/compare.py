@@ -10,33 +10,33 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.design.baseline import PitchDamping, StaticMoment
-from brv_hypo.design.columns import default_knots, theta_grid
-from brv_hypo.design.frame import RateFrame, build_frame, checked_terms
-from brv_hypo.design.whitening import fit_noise
 from brv_hypo.errors import MechanismError, UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.mechanisms.registry import parse_hypothesis
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.columns import default_knots, theta_grid
 from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.criteria import criteria_of
-from brv_hypo.ranking.fit import HypothesisFit, fit_hypothesis, refit
-from brv_hypo.ranking.heldout import HeldOut, held_out, held_out_by_likelihood
 from brv_hypo.ranking.histories import coefficient_series
-from brv_hypo.ranking.likelihood import Likelihoods, identify_standing
-from brv_hypo.ranking.noise import (
+from brv_hypo.ranking.likelihood import Likelihoods, held_out_by_likelihood, identify_standing
+from brv_hypo.ranking.result import Comparison, Seconds
+from brv_hypo.ranking.summary import summarise
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
+from brv_hypo.regression.frame import RateFrame, build_frame, checked_terms
+from brv_hypo.regression.held_out import HeldOut, held_out
+from brv_hypo.regression.noise import (
     baseline_columns,
     drift_degrees,
     efficiency_of,
     maximal_noise,
     residual_rates,
 )
-from brv_hypo.ranking.result import Comparison, Seconds
-from brv_hypo.ranking.summary import summarise
-from brv_hypo.ranking.task import Task
+from brv_hypo.regression.problem import Task
+from brv_hypo.regression.whitening import fit_noise
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]

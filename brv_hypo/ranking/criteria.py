@@ -8,10 +8,10 @@ import numpy as np
 from scipy.linalg import qr
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.ranking.fit import HypothesisFit
-from brv_hypo.ranking.heldout import blocks
-from brv_hypo.ranking.linear import lengths
-from brv_hypo.ranking.task import Task
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.held_out import blocks
+from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.problem import Task
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate
 from brv_hypo.subset.fit import least_squares
 

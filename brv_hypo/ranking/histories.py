@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.design.frame import RateFrame
 from brv_hypo.identification import Identification, coefficient_histories
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.history import recorded
-from brv_hypo.ranking.fit import HypothesisFit
 from brv_hypo.ranking.result import CoefficientSeries
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.frame import RateFrame
 
 _STEP = 1e-4
 """Relative central difference of alpha."""

@@ -7,12 +7,10 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from brv_hypo.design.columns import BASELINE, Column, Theta
-from brv_hypo.design.timebasis import TimeFunction
 from brv_hypo.identification import Identification
+from brv_hypo.model.columns import BASELINE, Column, Theta
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.ranking.fit import HypothesisFit
-from brv_hypo.ranking.heldout import HeldOut, measured_moments
 from brv_hypo.ranking.likelihood import Likelihoods, informations
 from brv_hypo.ranking.result import (
     BaselineSummary,
@@ -26,8 +24,10 @@ from brv_hypo.ranking.result import (
     Series,
     TermEstimate,
 )
-from brv_hypo.ranking.task import Task
 from brv_hypo.ranking.verdict import Score, judge
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.held_out import HeldOut, measured_moments
+from brv_hypo.regression.problem import Task
 from brv_hypo.subset.criteria import Criteria
 
 

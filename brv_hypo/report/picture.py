@@ -12,7 +12,7 @@ from rich.console import Console, RenderableType
 from brv_hypo.ranking import compare
 from brv_hypo.report.compare import comparison_view
 from brv_hypo.report.simulate import simulation_text
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 
 WIDTH = 88
 SEED = 1

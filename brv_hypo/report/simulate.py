@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from brv_hypo.report.style import share
-from brv_hypo.simulate import SimulatedFlight
+from brv_hypo.simulation import SimulatedFlight
 
 
 def simulation_text(flown: SimulatedFlight) -> str:

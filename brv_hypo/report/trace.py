@@ -12,7 +12,7 @@ from rich.text import Text
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.report.compare import add_columns, term_table
 from brv_hypo.report.style import bullets, interval, number, plain_table, share, warning_list
-from brv_hypo.trace.result import Residual, Step, Trace, TriedCandidate
+from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
 
 TOLD = 4
 """Candidates shown for each step; all of them with `verbose`."""

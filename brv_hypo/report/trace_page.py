@@ -12,7 +12,7 @@ from brv_hypo.report.trace import (
     outcome_text,
     residual_text,
 )
-from brv_hypo.trace.result import Step, Trace
+from brv_hypo.residuals.result import Step, Trace
 
 
 def trace_page(result: Trace) -> str:

@@ -10,8 +10,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
-from brv_hypo.simulate.config import Positive, Section
-from brv_hypo.simulate.loading import config_path
+from brv_hypo.simulation.config import Positive, Section
+from brv_hypo.simulation.loading import config_path
 
 NONE = "none"
 HOME = "studies"

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from brv_hypo.mechanisms import parse_hypothesis
-from brv_hypo.simulate import SimulationConfig, load_config
-from brv_hypo.simulate.config import PlantedConfig, Section
+from brv_hypo.simulation import SimulationConfig, load_config
+from brv_hypo.simulation.config import PlantedConfig, Section
 from brv_hypo.study.config import NONE, StudyConfig
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.simulate import Truth
+from brv_hypo.simulation import Truth
 
 # Below this part of its largest value what is planted counts as absent: rounding of the moments.
 ABSENT = 1e-6

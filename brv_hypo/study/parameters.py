@@ -9,7 +9,7 @@ import numpy as np
 
 from brv_hypo.mechanisms import find
 from brv_hypo.ranking.result import Interval, RankedHypothesis, TermEstimate
-from brv_hypo.simulate.config import PlantedConfig
+from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.outcome import Estimate
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.ranking import Comparison, compare
-from brv_hypo.simulate import SimulatedFlight, simulate
+from brv_hypo.simulation import SimulatedFlight, simulate
 from brv_hypo.study.config import StudyConfig
 from brv_hypo.study.draws import Draw, flight_config
 from brv_hypo.study.effect import effect_size

@@ -15,7 +15,7 @@ def run(code):
 
 
 @pytest.mark.parametrize(
-    "before", ["pass", "import brv_hypo.simulate", "from brv_hypo.simulate import config_path"]
+    "before", ["pass", "import brv_hypo.simulation", "from brv_hypo.simulation import config_path"]
 )
 def test_the_public_names_are_functions(before):
     check = f"from brv_hypo import {', '.join(NAMES)}; print(all(map(callable, ({', '.join(NAMES)}))))"

@@ -9,7 +9,7 @@ import pytest
 from brv_hypo.cli.session import Session
 from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
-from brv_hypo.trace import TraceConfig
+from brv_hypo.residuals import TraceConfig
 
 STEP_KEYS = "step residual candidates added error_before error_after error_ratio_held_out"
 RESIDUAL_KEYS = "rms white p_value worst_channel worst_region_s dominant_frequency_hz"

@@ -4,7 +4,7 @@ import pytest
 
 from brv_hypo.identification import Identification, identify
 from brv_hypo.identification.study import Trial, flights, trial
-from brv_hypo.simulate import SimulatedFlight
+from brv_hypo.simulation import SimulatedFlight
 
 
 @pytest.fixture(scope="session")

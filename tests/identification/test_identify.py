@@ -82,7 +82,7 @@ def test_a_delay_of_0_2_s_comes_back_from_a_start_0_1_s_off():
 
 
 def test_flights_share_coefficients_and_keep_their_own_gravity():
-    from brv_hypo.design.frame import build_frame
+    from brv_hypo.regression.frame import build_frame
 
     pair = [trial(*one) for one in flights("none", 2, seed=21)]
     frame = build_frame(

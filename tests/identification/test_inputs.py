@@ -14,7 +14,7 @@ from brv_hypo.identification.inputs import (
     smoothed,
 )
 from brv_hypo.motion import reconstruct
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 
 TIME = np.linspace(0.0, 6.0, 1201)
 

@@ -74,7 +74,7 @@ def test_an_incomplete_hypothesis_is_refused(text):
 
 
 def test_the_engine_does_not_import_the_plugins():
-    code = "import sys, brv_hypo.mechanisms; sys.exit('brv_mechanisms' in sys.modules)"
+    code = "import sys, brv_hypo.mechanisms; sys.exit('brv_hypo_mechanisms' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -104,7 +104,7 @@ def test_a_plugin_that_cannot_be_imported_is_a_readable_refusal(tmp_path):
 
 
 def test_two_plugins_of_one_name_are_refused_and_both_named(tmp_path):
-    plugin(tmp_path, "second_lag", "from brv_mechanisms.lag import brv_hypo_mechanisms")
+    plugin(tmp_path, "second_lag", "from brv_hypo_mechanisms.lag import brv_hypo_mechanisms")
     done = listing(tmp_path)
     assert done.returncode == 2
     assert "second_lag" in done.stderr

@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion import reconstruct
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 
 FLIGHT = simulate("research_cone", seed=91).flight
 NOTHING = np.zeros(FLIGHT.samples)

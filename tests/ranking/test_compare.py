@@ -15,7 +15,7 @@ from brv_hypo.flight import load_flight
 from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, compare
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 from tests.shared_data import shared_file
 
 

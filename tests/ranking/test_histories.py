@@ -7,8 +7,8 @@ import pytest
 
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import CoefficientSeries
-from brv_hypo.simulate import simulate
-from brv_hypo.simulate.result import SimulatedFlight
+from brv_hypo.simulation import simulate
+from brv_hypo.simulation.result import SimulatedFlight
 
 PLANTED_SLOPE = -0.0883
 """C_N' by alpha of the research cone, 1/rad."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from brv_hypo.ranking import compare
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")

@@ -7,7 +7,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import RankedHypothesis
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 from brv_hypo.subset import stepwise
 
 # Table 4.1: the 27 terms beside the constant, as powers of (alpha, Re, Mach).

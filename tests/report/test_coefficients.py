@@ -8,7 +8,7 @@ import pytest
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.compare_page import comparison_page
 from brv_hypo.report.figures import Uncertain, coefficient_figure
-from brv_hypo.simulate import simulate
+from brv_hypo.simulation import simulate
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
-from brv_hypo.simulate import Truth, simulate
-from brv_hypo.simulate.config import PlantedConfig
+from brv_hypo.simulation import Truth, simulate
+from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.effect import effect_size
 from brv_hypo.study.parameters import estimates
 

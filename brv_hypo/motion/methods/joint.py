@@ -16,9 +16,9 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.methods.tied_walk import TiedFit, TiedWalk
+from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
-from brv_hypo.motion.ties import TieModel, force_tie, moment_tie
+from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
 _OUTLIER = 6.0

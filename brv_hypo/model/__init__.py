@@ -1,0 +1,6 @@
+"""A model as a value: its terms, how their coefficients vary in time, and the baseline that every model holds.
+
+time_variation.py  how a coefficient changes in time: constant, jump, ramp
+columns.py         the candidates of a mechanism
+baseline.py        the terms that are always fitted along
+"""

@@ -1,0 +1,232 @@
+"""Fits one hypothesis: the best subset of its columns, then delays and knots as continuous parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.columns import Column
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.regression.problem import Task
+from brv_hypo.regression.refinement import (
+    DesignOf,
+    Nonlinear,
+    nonlinear_parameters,
+    prediction_slopes,
+    refine,
+)
+from brv_hypo.regression.search import best_by_size, extended, narrowed, offers
+
+# Sizes that may go by without a gain before the search over sizes ends.
+PATIENCE = 2
+# How many of a size's best subsets on the grid are refined.
+STARTS = 2
+# How often the search on a model's own knots and thetas is repeated while it gains.
+NARROWINGS = 3
+# A hypothesis whose criterion stays this far behind another after so many sizes is not searched further.
+OUT_OF_REACH = 400.0
+SIZES_TRIED = 3
+
+
+@dataclass(frozen=True)
+class HypothesisFit:
+    """A fitted hypothesis in the whitened frame.
+
+    `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
+    `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots
+    with `nonlinear_errors`; both uncertainties are empty until `refit`.
+    """
+
+    name: str
+    mechanisms: tuple[Mechanism, ...]
+    frame: RateFrame
+    columns: tuple[Column, ...]
+    baseline_size: int
+    values: FloatArray
+    residual: FloatArray
+    samples: int
+    efficiency: float
+    searched: int
+    nonlinear: tuple[Nonlinear, ...] = ()
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    nonlinear_errors: tuple[float, ...] = ()
+    ended_early: bool = False
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the whitened rows."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def selected(self) -> tuple[Column, ...]:
+        """The mechanism's columns."""
+        return self.columns[self.baseline_size :]
+
+    @property
+    def parameters(self) -> int:
+        """Linear coefficients and delays that were fitted."""
+        return len(self.columns) + sum(parameter.kind == "theta" for parameter in self.nonlinear)
+
+    @property
+    def effective(self) -> float:
+        """Effective number of samples."""
+        return self.samples * self.efficiency
+
+    @property
+    def information(self) -> float:
+        """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
+        return self._own_likelihood() + extended_bic(
+            self.rss, self.samples, self.effective, self.parameters, self.searched, len(self.selected)
+        )
+
+    def _own_likelihood(self) -> float:
+        """What a plugin's likelihood in place of the Gaussian one adds to the criterion; 0 where none has its own."""
+        sigma = math.sqrt(self.rss / self.samples)
+        gain = 0.0
+        for mechanism in self.mechanisms:
+            if type(mechanism).log_likelihood is not Mechanism.log_likelihood:
+                gaussian = Mechanism.log_likelihood(mechanism, self.residual, sigma)
+                gain += mechanism.log_likelihood(self.residual, sigma) - gaussian
+        return -2.0 * self.efficiency * gain
+
+
+def extended_bic(
+    rss: float, samples: int, effective: float, parameters: int, searched: int, selected: int
+) -> float:
+    """n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, selected)."""
+    choices = (
+        math.lgamma(searched + 1) - math.lgamma(selected + 1) - math.lgamma(max(searched - selected, 0) + 1)
+    )
+    return effective * math.log(max(rss, 1e-300) / samples) + parameters * math.log(effective) + 2.0 * choices
+
+
+def fit_hypothesis(
+    task: Task, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
+) -> HypothesisFit:
+    """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
+
+    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far
+    with the best further term; the least extended BIC after refinement decides. A last search runs on the
+    refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early where it stays
+    far behind `best_rival`, the least criterion of the others so far.
+    """
+    frame = task.frame.with_mechanisms(mechanisms)
+    if not mechanisms:
+        return _solved(task, frame, name, (), task.baseline, 0)
+    offered = offers(task, frame, mechanisms)
+    searched = offered.count
+
+    def settle(chosen: tuple[Column, ...], known: tuple[Column, ...] = ()) -> HypothesisFit:
+        return _settled(task, frame, name, mechanisms, (*task.baseline, *chosen), searched, frozenset(known))
+
+    best: HypothesisFit | None = None
+    worse = 0
+    exact = [best_by_size(task, frame, family) for family in (offered.single, offered.joint)]
+    for size in range(1, task.max_terms + 1):
+        distinct = dict.fromkeys(columns for family in exact for columns in family.get(size, []))
+        grid = [_solved(task, frame, name, mechanisms, (*task.baseline, *c), searched) for c in distinct]
+        grid.sort(key=lambda fit: fit.rss)
+        starts = [settle(fit.selected) for fit in grid[:STARTS]]
+        if best is not None:
+            further = extended(task, best.frame, best.columns, mechanisms, offered.joint or offered.single)
+            starts.extend([settle(further, best.selected)] if further else [])
+        if not starts:
+            continue
+        challenger = _least(starts)
+        worse = 0 if best is None or challenger.information < best.information else worse + 1
+        best = challenger if best is None else _least([best, challenger])
+        behind = size >= SIZES_TRIED and best.information > best_rival + OUT_OF_REACH
+        if worse == PATIENCE or behind:
+            break
+    assert best is not None
+    if best.information > best_rival + OUT_OF_REACH:
+        return replace(best, ended_early=True)
+    for _ in range(NARROWINGS if task.refine else 0):
+        narrower = _least([settle(chosen, chosen) for chosen in narrowed(task, best.frame, best.columns)])
+        if narrower.information >= best.information:
+            break
+        best = narrower
+    return best
+
+
+def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:
+    """The same columns fitted under the task's noise model, with their uncertainty."""
+    known = frozenset(fit.selected)
+    renewed = _settled(task, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched, known)
+    renewed = replace(renewed, ended_early=fit.ended_early)
+    design = task.design(renewed.frame, renewed.columns)
+    if renewed.nonlinear:
+        slopes = prediction_slopes(
+            renewed.nonlinear, renewed.columns, renewed.values, _design_of(task, renewed)
+        )
+        design = np.column_stack([design, slopes])
+    covariance = covariance_of(design, renewed.residual, task.samples, task.efficiency)
+    linear = renewed.values.size
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))[linear:]
+    return replace(renewed, covariance=covariance[:linear, :linear], nonlinear_errors=tuple(errors.tolist()))
+
+
+def _least(fits: list[HypothesisFit]) -> HypothesisFit:
+    return min(fits, key=lambda fit: fit.information)
+
+
+def _settled(
+    task: Task,
+    frame: RateFrame,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
+    columns: tuple[Column, ...],
+    searched: int,
+    known: frozenset[Column],
+) -> HypothesisFit:
+    """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
+    fit = _solved(task, frame, name, mechanisms, columns, searched)
+    if any(mechanism.parameters() for mechanism in mechanisms):
+        frame = frame.with_in_plane_moment(fit.columns, fit.values)
+        fit = _solved(task, frame, name, mechanisms, columns, searched)
+    if not task.refine:
+        return fit
+    parameters = nonlinear_parameters(columns, fit.baseline_size, frame.mechanisms, task.knots)
+    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
+    refined = refine(columns, parameters, fresh, _design_of(task, fit), task.response, task.samples)
+    return replace(
+        fit,
+        columns=refined.columns,
+        values=refined.values,
+        residual=refined.residual,
+        nonlinear=refined.nonlinear,
+    )
+
+
+def _solved(
+    task: Task,
+    frame: RateFrame,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
+    columns: tuple[Column, ...],
+    searched: int,
+) -> HypothesisFit:
+    design = task.design(frame, columns)
+    values = solve_scaled(design, task.response)
+    residual = task.response - design @ values
+    return HypothesisFit(
+        name,
+        mechanisms,
+        frame,
+        columns,
+        len(task.baseline),
+        values,
+        residual,
+        task.samples,
+        task.efficiency,
+        searched,
+    )
+
+
+def _design_of(task: Task, fit: HypothesisFit) -> DesignOf:
+    return lambda columns: task.design(fit.frame, columns)

@@ -1,0 +1,174 @@
+"""`RateFrame`: the one least-squares frame that every hypothesis is regressed in, pitch and yaw together.
+
+It holds the flights' derolled rates, turns columns into integrated rate histories, and whitens both. The
+constant of integration of every segment is projected out, so that segments, flights and held-out blocks
+need no other bookkeeping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import MechanismError
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.columns import Column, Theta
+from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.motion.history import recorded
+from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.regression.weakform import Integrals, WeakSegment, weak_segments
+from brv_hypo.regression.whitening import NoiseModel
+
+Piece = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A term's unit moment, C_m + i C_n (n,) a flight, and its antiderivatives, one a segment."""
+
+    body: tuple[ComplexArray, ...]
+    integrals: tuple[Integrals, ...]
+
+
+@dataclass(frozen=True)
+class RateFrame:
+    """Reconstructed flights as one linear problem; rows run over the samples of all segments.
+
+    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time.
+    """
+
+    reconstructions: tuple[Reconstruction, ...]
+    motions: tuple[Motion, ...]
+    segments: tuple[WeakSegment, ...]
+    mechanisms: Mapping[str, Mechanism]
+    _shapes: dict[tuple[str, Theta], dict[str, _Shape]] = field(default_factory=dict)
+
+    @cached_property
+    def observed(self) -> ComplexArray:
+        """Derolled transverse rates of all segments (rows,), rad/s."""
+        return np.concatenate([segment.observed for segment in self.segments])
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """Row range [a, b) of each segment."""
+        ends = np.cumsum([segment.time.size for segment in self.segments])
+        return tuple((int(b) - s.time.size, int(b)) for b, s in zip(ends, self.segments, strict=True))
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each row (rows,), s."""
+        return np.concatenate([segment.time for segment in self.segments])
+
+    @property
+    def flight_of_row(self) -> FloatArray:
+        """Index of the flight of each row (rows,)."""
+        return np.concatenate([np.full(segment.time.size, segment.flight) for segment in self.segments])
+
+    def columns(self, columns: Sequence[Column]) -> ComplexArray:
+        """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
+        out = np.empty((self.observed.size, len(columns)), dtype=complex)
+        for j, column in enumerate(columns):
+            shape = self._shape(column)
+            for segment, integrals, (a, b) in zip(self.segments, shape.integrals, self.pieces, strict=True):
+                out[a:b, j] = segment.column(integrals, column.course)
+        return out
+
+    def moments(self, columns: Sequence[Column]) -> ComplexArray:
+        """C_m + i C_n (rows, columns) per unit of each coefficient."""
+        out = np.empty((self.observed.size, len(columns)), dtype=complex)
+        for j, column in enumerate(columns):
+            shape = self._shape(column)
+            for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
+                out[a:b, j] = shape.body[segment.flight][segment.rows] * column.course(segment.time)
+        return out
+
+    def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
+        """The same frame, knowing these mechanisms too."""
+        known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
+        return replace(self, mechanisms=known, _shapes={})
+
+    def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
+        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns; shapes are evaluated anew."""
+        motions = []
+        for motion in self.motions:
+            moment = np.zeros_like(motion.alpha)
+            for column, value in zip(columns, values, strict=True):
+                mechanism = self.mechanisms[column.mechanism]
+                if mechanism.wind_fixed:
+                    terms = {term.name: term for term in mechanism.terms(motion, dict(column.theta))}
+                    moment = moment + value * terms[column.term].in_plane * column.course(motion.time)
+            motions.append(recorded(replace(motion, in_plane_moment=moment, history=None)))
+        return replace(self, motions=tuple(motions), _shapes={})
+
+    def _shape(self, column: Column) -> _Shape:
+        key = (column.mechanism, column.theta)
+        if key not in self._shapes:
+            self._shapes[key] = self._evaluate(self.mechanisms[column.mechanism], column.theta)
+        return self._shapes[key][column.term]
+
+    def _evaluate(self, mechanism: Mechanism, theta: Theta) -> dict[str, _Shape]:
+        found: dict[str, list[ComplexArray]] = {}
+        for motion in self.motions:
+            for term in checked_terms(mechanism, motion, theta):
+                body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
+                found.setdefault(term.name, []).append(body)
+        return {
+            name: _Shape(tuple(body), tuple(s.integrate(body[s.flight][s.rows]) for s in self.segments))
+            for name, body in found.items()
+        }
+
+
+def checked_terms(mechanism: Mechanism, motion: Motion, theta: Theta) -> tuple[Term, ...]:
+    """The mechanism's terms at this motion; raises MechanismError where they break the contract."""
+    terms = mechanism.terms(motion, dict(theta))
+    for term in terms:
+        for name, column in (("in_plane", term.in_plane), ("out_of_plane", term.out_of_plane)):
+            if np.shape(column) != motion.time.shape or not np.all(np.isfinite(column)):
+                bad = np.count_nonzero(~np.isfinite(column))
+                raise MechanismError(
+                    f"mechanism '{mechanism.name}', term '{term.name}', {name}: got shape {np.shape(column)} "
+                    f"with {bad} values that are not finite, expected {motion.time.shape} finite values. "
+                    "It may need a channel that this record lacks (Mach or Reynolds number); "
+                    f"`brv-hypo mechanisms check {mechanism.name}` tests it."
+                )
+    return terms
+
+
+def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:
+    """The frame of these flights; flights without a usable segment contribute nothing."""
+    segments = [s for i, rec in enumerate(reconstructions) for s in weak_segments(rec.flight, i)]
+    return RateFrame(
+        tuple(reconstructions),
+        tuple(rec.motion for rec in reconstructions),
+        tuple(segments),
+        {mechanism.name: mechanism for mechanism in mechanisms},
+    )
+
+
+def whiten(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> FloatArray:
+    """Whitened real rows (2 x kept rows, columns): each piece filtered, its constant of integration removed.
+
+    `rows` (rows, columns) are complex rate histories; the real parts of all pieces come first.
+    """
+    out = []
+    for a, b in pieces:
+        both = noise.whiten(np.column_stack([np.ones(b - a, dtype=complex), rows[a:b]]))
+        level, white = both[:, 0].real, both[:, 1:]
+        out.append(white - np.outer(level, (level @ white) / (level @ level)))
+    stacked = np.concatenate(out)
+    return np.concatenate([stacked.real, stacked.imag])
+
+
+def remove_levels(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> list[ComplexArray]:
+    """Residual rates (m,) of each piece less the piece's constant of integration, as the noise weighs it."""
+    out = []
+    for a, b in pieces:
+        both = noise.whiten(np.column_stack([rows[a:b], np.ones(b - a, dtype=complex)]))
+        level = both[:, 1].real
+        out.append(rows[a:b] - (level @ both[:, 0]) / (level @ level))
+    return out

@@ -1,0 +1,304 @@
+"""How the residual answers to a change of the record, or of where the motion starts.
+
+The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces,
+gravity and wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the
+random walk of the gyros' noise) enters the regression as unknowns with their priors, so that the answer to
+a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the
+motion's errors pose as an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
+from brv_hypo.model.columns import Column, Theta
+from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
+from brv_hypo.motion.history import recorded
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.observations import effective
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.wind import WindStart, body_crossflow, transverse_axes, wind_direction
+from brv_hypo.regression.channels import Rows
+
+_TURN = 1e-4  # rad
+_PULL = 0.05  # m/s^2
+_FEWEST_MODES, _MOST_MODES = 10, 40
+# What the sines may leave of the random walk, in standard deviations of alpha.
+_LEFT_OUT = 0.8
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
+
+    The reconstruction's slope, with a parabola in time for what it errs by, and a misalignment with the axis.
+    """
+
+    slope: FloatArray
+
+    def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
+        """Columns (n, 5) at the crossflow xi (n,)."""
+        time = np.linspace(-1.0, 1.0, xi.size)
+        normal = -record.force_scale * self.slope * effective(xi)
+        axial = record.force[:, 0]
+        return np.stack([normal, normal * time, normal * time**2, axial + 0j, 1j * axial], axis=1)
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A reconstructed flight with the model that explains it, ready to be perturbed.
+
+    `columns` and `values` are the moment model; `force` and `force_values` (5,) the normal force's.
+    """
+
+    record: InertialRecord
+    reconstruction: Reconstruction
+    start: WindStart
+    mechanisms: Mapping[str, Mechanism]
+    columns: tuple[Column, ...]
+    values: FloatArray
+    force: ForceModel
+    force_values: FloatArray
+
+    @cached_property
+    def crossflow(self) -> ComplexArray:
+        """The reconstruction's crossflow (n,)."""
+        motion = self.reconstruction.motion
+        return crossflow(motion.alpha, motion.windward_meridian)
+
+    @cached_property
+    def here(self) -> Rows:
+        """The residual as it stands; constants of integration are not in it."""
+        return self._residual(self.record, self.crossflow)
+
+    def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
+        """Derivative of the residual (n,) by one component of a record effect; central differences of
+        +-`size`.
+        """
+        flight = self.record.flight
+        ends = [
+            self._propagated(
+                perturbed(self.record, effect.perturb(flight, component, sign * size)), self.start
+            )
+            for sign in (1.0, -1.0)
+        ]
+        return _difference(ends[0], ends[1], 2.0 * size)
+
+    def unknowns_of_motion(self) -> tuple[list[Rows], FloatArray]:
+        """Derivatives by what the reconstruction estimates, and its present values in units of their prior.
+
+        Direction of the velocity at the start (two, no prior), gravity (three, no prior), and twice `modes`
+        sines of the random walk that the gyros' white noise makes of the attitude (Karhunen-Loeve; prior
+        1).
+        """
+        second, third = transverse_axes(self.start.direction[np.newaxis])
+        starts = [
+            replace(self.start, direction=self.start.direction + _TURN * axis[0]) for axis in (second, third)
+        ]
+        starts += [replace(self.start, gravity=self.start.gravity + _PULL * axis) for axis in np.eye(3)]
+        steps = [_TURN, _TURN, _PULL, _PULL, _PULL]
+        rows = [
+            _difference(self._propagated(self.record, start), self.here, step)
+            for start, step in zip(starts, steps, strict=True)
+        ]
+        direction = wind_direction(self.record, self.start)
+        turn = wind_to_body(self.record, direction)
+        walk = _walk(self.record, walk_modes(self.record, self.reconstruction))
+        for mode in walk.T:
+            for part in (1.0, 1j):
+                moved = self.crossflow + part * turn * mode
+                rows.append(_difference(self._residual(self.record, moved), self.here, 1.0))
+        offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
+        present = np.linalg.lstsq(walk, offset, rcond=None)[0]
+        return rows, np.column_stack([present.real, present.imag]).ravel()
+
+    def _propagated(self, record: InertialRecord, start: WindStart) -> Rows:
+        """The residual had the record read so and the motion started there."""
+        shift = body_crossflow(record, wind_direction(record, start)) - self._open_loop
+        return self._residual(record, self.crossflow + shift)
+
+    @cached_property
+    def _open_loop(self) -> ComplexArray:
+        return body_crossflow(self.record, wind_direction(self.record, self.start))
+
+    def _residual(self, record: InertialRecord, xi: ComplexArray) -> Rows:
+        motion = self._moved(record, xi)
+        flight = record.flight
+        derotation = np.exp(1j * record.spin_angle)
+        integrand = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale * self._moment(motion)
+        rates = (flight.q + 1j * flight.r) * derotation
+        for a, b in flight.segments:
+            rates[a:b] -= CubicSpline(flight.time[a:b], integrand[a:b]).antiderivative()(flight.time[a:b])
+        return Rows(rates, record.transverse_force - self.force.columns(record, xi) @ self.force_values)
+
+    def _moment(self, motion: Motion) -> ComplexArray:
+        """C_m + i C_n of the model (n,)."""
+        total = np.zeros(motion.time.size, dtype=complex)
+        found: dict[tuple[str, Theta], dict[str, Term]] = {}
+        for column, value in zip(self.columns, self.values, strict=True):
+            key = (column.mechanism, column.theta)
+            if key not in found:
+                terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
+                found[key] = {term.name: term for term in terms}
+            term = found[key][column.term]
+            total += value * column.course(motion.time) * (term.in_plane + 1j * term.out_of_plane)
+        return np.asarray(total * np.exp(-1j * motion.windward_meridian), dtype=complex)
+
+    def _moved(self, record: InertialRecord, xi: ComplexArray) -> Motion:
+        """The motion with another crossflow, and with the record's own rates and air data."""
+        motion, flight = self.reconstruction.motion, record.flight
+        change = np.gradient(xi - self.crossflow, motion.time)
+        xi_rate = self._crossflow_rate + change
+        alpha_rate, meridian_rate = angle_rates(xi, xi_rate)
+        moved = replace(
+            motion,
+            alpha=angle_of_attack(xi),
+            windward_meridian=_near(windward_meridian(xi), motion.windward_meridian),
+            alpha_rate=alpha_rate,
+            windward_meridian_rate=meridian_rate,
+            p=flight.p,
+            q=record.transverse_rate.real,
+            r=record.transverse_rate.imag,
+            velocity=flight.velocity,
+            dynamic_pressure=flight.dynamic_pressure,
+            mach=motion.mach if flight.mach is None else flight.mach,
+            reynolds=motion.reynolds if flight.reynolds is None else flight.reynolds,
+        )
+        return recorded(moved) if any(column.theta for column in self.columns) else moved
+
+    @cached_property
+    def _crossflow_rate(self) -> ComplexArray:
+        """Rate of the crossflow (n,) 1/s, from the rates of its angles."""
+        motion = self.reconstruction.motion
+        cosine = np.cos(motion.alpha)
+        growth = motion.alpha_rate * cosine / np.maximum(np.sin(motion.alpha), 1e-9)
+        return np.asarray(self.crossflow * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
+
+
+def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
+    """How many sines stand for the random walk: what they leave of it is less than alpha's own uncertainty.
+
+    The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    """
+    size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
+    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
+    return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
+
+
+def without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
+    """The reconstruction with the slow part alone of what it lets the attitude wander.
+
+    The faster part follows the accelerometers' errors as they turn with the body; here those are hypotheses.
+    """
+    motion, start = reconstruction.motion, start_of(reconstruction)
+    direction = wind_direction(record, start)
+    turn, walk = wind_to_body(record, direction), _walk(record, walk_modes(record, reconstruction))
+    open_loop = body_crossflow(record, direction)
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
+    smooth = open_loop + turn * slow
+    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
+    xi_rate = xi * (growth - 1j * motion.windward_meridian_rate) + np.gradient(smooth - xi, motion.time)
+    alpha_rate, meridian_rate = angle_rates(smooth, xi_rate)
+    moved = replace(
+        motion,
+        alpha=angle_of_attack(smooth),
+        windward_meridian=_near(windward_meridian(smooth), motion.windward_meridian),
+        alpha_rate=alpha_rate,
+        windward_meridian_rate=meridian_rate,
+        history=None,
+    )
+    return replace(reconstruction, motion=recorded(moved))
+
+
+def start_of(reconstruction: Reconstruction) -> WindStart:
+    """The direction of the velocity and gravity at the first sample, in its body axes."""
+    motion = reconstruction.motion
+    xi = crossflow(motion.alpha[:1], motion.windward_meridian[:1])[0]
+    return WindStart(np.array([np.cos(motion.alpha[0]), xi.real, xi.imag]), reconstruction.gravity_body)
+
+
+def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
+    """The inertial record of a flight that differs little from the one of `record`.
+
+    The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
+    """
+    before = record.flight
+    time = record.time
+    roll = running_integral(time, flight.p)
+    turn = (flight.q + 1j * flight.r) - (before.q + 1j * before.r)
+    derolled = derolled_attitude(time, (flight.q + 1j * flight.r) * np.exp(1j * roll))
+    attitude = _rolled(derolled, roll)
+    sensed = np.stack([getattr(flight, name) - getattr(before, name) for name in ("ax", "ay", "az")], axis=1)
+    arm = np.subtract(flight.vehicle.accelerometer_position, before.vehicle.accelerometer_position)
+    return replace(
+        record,
+        flight=flight,
+        roll=roll,
+        attitude=attitude,
+        transverse_rate=record.transverse_rate + turn,
+        spin_angle=(1.0 - flight.vehicle.inertia_ratio) * roll,
+        force=record.force + sensed - _arm_acceleration(record, arm),
+    )
+
+
+def _arm_acceleration(record: InertialRecord, arm: FloatArray) -> FloatArray:
+    """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 (errata E10, E11)."""
+    if not np.any(arm):
+        return np.zeros((record.time.size, 3))
+    omega = np.stack([record.flight.p, record.transverse_rate.real, record.transverse_rate.imag], axis=1)
+    roll_change = np.gradient(record.flight.p, record.time)
+    change = np.stack([roll_change, record.rate_change.real, record.rate_change.imag], axis=1)
+    return np.asarray(np.cross(change, arm) + np.cross(omega, np.cross(omega, arm)))
+
+
+def _rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
+    """De-rolled axes (n, 3, 3) turned on by the roll angle (n,)."""
+    cosine, sine = np.cos(roll)[:, np.newaxis], np.sin(roll)[:, np.newaxis]
+    second, third = derolled[:, :, 1], derolled[:, :, 2]
+    return np.stack(
+        [derolled[:, :, 0], second * cosine + third * sine, third * cosine - second * sine], axis=2
+    )
+
+
+def _near(angle: FloatArray, reference: FloatArray) -> FloatArray:
+    """`angle` moved by whole turns next to `reference`, sample by sample."""
+    return np.asarray(angle + 2.0 * np.pi * np.round((reference - angle) / (2.0 * np.pi)), dtype=float)
+
+
+def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
+    """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
+    second, third = (record.to_body(axes) for axes in transverse_axes(direction))
+    turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
+    return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
+
+
+def _walk(record: InertialRecord, count: int) -> FloatArray:
+    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
+    Loeve).
+    """
+    duration = record.time[-1]
+    size = record.gyro_sigma * np.sqrt(duration * record.flight.step)
+    order = np.pi * (np.arange(count) + 0.5)
+    return np.asarray(
+        size * np.sqrt(2.0) / order * np.sin(np.outer(record.time / duration, order)), dtype=float
+    )
+
+
+def _difference(high: Rows, low: Rows, by: float) -> Rows:
+    return Rows((high.rates - low.rates) / by, (high.force - low.force) / by)
+
+
+def side_by_side(rows: Sequence[Rows]) -> Rows:
+    """Histories as columns."""
+    return Rows(np.stack([r.rates for r in rows], axis=1), np.stack([r.force for r in rows], axis=1))

@@ -1,0 +1,333 @@
+"""Every candidate effect, fitted beside the model on the part of the record that is fitted."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.columns import Column, candidates, theta_grid
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import lengths, solve_scaled
+from brv_hypo.regression.refinement import nonlinear_parameters, refine
+from brv_hypo.residuals.problem import TraceTask, given_column
+
+Kind = Literal["mechanism", "instrument", "environment", "discovered"]
+
+# Information that a look-alike may lack against the leader, and the correlation that makes a look-alike.
+NEAR = 10.0
+_ALIKE = 0.95
+# Error on left-out stretches that a fit may have, over that of the best fit of its mechanism.
+_SOUND = 1.05
+# Largest plausible value of a record effect, in its typical sizes.
+_LARGEST = 30.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
+
+    `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
+    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over,
+    `in_rates` the fall of the whitened rates' squares.
+    """
+
+    name: str
+    kind: Kind
+    fit: HypothesisFit
+    gain: float
+    f_ratio: float
+    p_value: float
+    contribution: FloatArray
+    in_rates: float
+    effect: RecordEffect | None = None
+    explains: float | None = None
+
+    @property
+    def is_characteristic(self) -> bool:
+        """Whether the fit holds what tells the mechanism from a mere change of the model's coefficients."""
+        telling = {name for mechanism in self.fit.mechanisms for name in mechanism.characteristic}
+        return not telling or any(column.term in telling for column in self.fit.selected)
+
+
+def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
+    """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds
+    none.
+    """
+    fits = _on_grid(task, mechanism)
+    return candidate_of(task, null, _least(fits), mechanism.name, "mechanism") if fits else None
+
+
+def refine_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
+    """The same with knots and delays refined: the best fit of each number of columns.
+
+    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow
+    chance.
+    """
+    refined = [_refined(task, _least(fits), mechanism) for fits in _by_size(_on_grid(task, mechanism))]
+    errors = [_left_out(task, fit) for fit in refined]
+    sound = [fit for fit, error in zip(refined, errors, strict=True) if error <= _SOUND * min(errors)]
+    return candidate_of(task, null, _least(sound), mechanism.name, "mechanism")
+
+
+def refine_again(task: TraceTask, null: HypothesisFit, candidate: Candidate) -> Candidate:
+    """The candidate with knots and delays refined once more, or as the exact search finds it, if that is
+    better.
+    """
+    mechanism = candidate.fit.mechanisms[0]
+    searched = fit_hypothesis(task, candidate.name, (mechanism,))
+    rivals = [candidate.fit, _refined(task, candidate.fit, mechanism), searched]
+    errors = [_left_out(task, fit) for fit in rivals]
+    sound = [fit for fit, error in zip(rivals, errors, strict=True) if error <= _SOUND * min(errors)]
+    return candidate_of(task, null, _least(sound), candidate.name, candidate.kind)
+
+
+def _on_grid(task: TraceTask, mechanism: Mechanism) -> list[HypothesisFit]:
+    frame = task.frame.with_mechanisms([mechanism])
+    offered = _offers(task, frame, mechanism)
+    searched = len({column for offer in offered for column in offer})
+    return [fit for offer in offered for fit in forward(task, mechanism, frame, groups_of(offer), searched)]
+
+
+def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:
+    """The fits by their number of columns, the fewest first."""
+    sizes = sorted({len(fit.selected) for fit in fits})
+    return [[fit for fit in fits if len(fit.selected) == size] for size in sizes]
+
+
+def _refined(task: TraceTask, fit: HypothesisFit, mechanism: Mechanism) -> HypothesisFit:
+    """Delays and knots moved to their best values, C_mw of Eq. 5.1 brought up to date where it is delayed."""
+    frame = fit.frame
+    if mechanism.parameters():
+        frame = frame.with_in_plane_moment(fit.columns, fit.values)
+    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, task.knots)
+    fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
+    found = refine(
+        fit.columns,
+        nonlinear,
+        fresh,
+        lambda columns: task.design(frame, columns),
+        task.response,
+        task.samples,
+    )
+    return replace(
+        fit,
+        frame=frame,
+        columns=found.columns,
+        values=found.values,
+        residual=found.residual,
+        nonlinear=found.nonlinear,
+    )
+
+
+def try_record_effect(
+    task: TraceTask, null: HypothesisFit, variants: Sequence[tuple[RecordEffect, Mapping[str, str]]]
+) -> Candidate | None:
+    """A record effect's best components, at its best variant; None where only absurd sizes fit.
+
+    `variants` map the history of each component to its units.
+    """
+    searched = sum(len(names) for _, names in variants)
+    found: list[tuple[HypothesisFit, RecordEffect]] = []
+    for effect, names in variants:
+        bounds = {
+            name: _LARGEST * size for name, (_, _, size) in zip(names, effect.components(), strict=True)
+        }
+        groups = [(given_column(name, unit),) for name, unit in names.items()]
+        fits = [
+            fit
+            for size in range(1, len(groups) + 1)
+            for chosen in itertools.combinations(groups, size)
+            for fit in [solved(task, effect.name, (), task.frame, sum(chosen, ()), searched)]
+        ]
+        found.extend((fit, effect) for fit in fits if _plausible(fit, bounds))
+    if not found:
+        return None
+    fit, effect = min(found, key=lambda pair: pair[0].information)
+    return replace(candidate_of(task, null, fit, effect.name, effect.kind), effect=effect)
+
+
+def forward(
+    task: TraceTask,
+    mechanism: Mechanism,
+    frame: RateFrame,
+    groups: Sequence[tuple[Column, ...]],
+    searched: int,
+) -> list[HypothesisFit]:
+    """Fits of 1, 2, ... groups of columns, each the one before with the group that lowers the error most."""
+    design = task.design(frame, [column for group in groups for column in group])
+    basis = np.linalg.qr(task.design(frame, task.baseline))[0]
+    ends = np.cumsum([0, *(len(group) for group in groups)])
+    left = task.response - basis @ (basis.T @ task.response)
+    free = design - basis @ (basis.T @ design)
+    least = 1e-6 * lengths(design)
+    chosen: list[int] = []
+    found: list[HypothesisFit] = []
+    while len(chosen) < len(groups) and sum(len(groups[i]) for i in chosen) < task.max_terms:
+        gains = [
+            _gain(free[:, a:b], left, least[a:b]) if i not in chosen else -1.0
+            for i, (a, b) in enumerate(itertools.pairwise(ends))
+        ]
+        best = int(np.argmax(gains))
+        if gains[best] <= 0.0:
+            break
+        chosen.append(best)
+        own = np.linalg.qr(free[:, ends[best] : ends[best + 1]])[0]
+        left = left - own @ (own.T @ left)
+        free = free - own @ (own.T @ free)
+        columns = tuple(column for i in chosen for column in groups[i])
+        found.append(solved(task, mechanism.name, (mechanism,), frame, columns, searched))
+    return found
+
+
+def _gain(columns: FloatArray, left: FloatArray, least: FloatArray) -> float:
+    """Fall of the residual sum of squares by a group of columns; none where they are spent."""
+    if np.any(np.linalg.norm(columns, axis=0) <= least):
+        return 0.0
+    if columns.shape[1] == 1:
+        return float((columns[:, 0] @ left) ** 2 / (columns[:, 0] @ columns[:, 0]))
+    own = np.linalg.qr(columns)[0]
+    return float(np.sum((own.T @ left) ** 2))
+
+
+def _offers(task: TraceTask, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Column, ...]]:
+    """The mechanism's columns: one set, or one for each theta where one theta at a time is allowed."""
+    grid, motion = theta_grid(mechanism), frame.motions[0]
+    own = mechanism.knots(motion)
+    knots = task.knots if own is None else own
+    together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
+    return [candidates(mechanism, motion, knots, thetas) for thetas in together]
+
+
+def groups_of(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
+    """Columns that enter together."""
+    found: dict[object, list[Column]] = {}
+    for column in columns:
+        found.setdefault(column.vector if column.tied else column, []).append(column)
+    return [tuple(group) for group in found.values()]
+
+
+def _least(fits: Sequence[HypothesisFit]) -> HypothesisFit:
+    return min(fits, key=lambda fit: fit.information)
+
+
+def _plausible(fit: HypothesisFit, bounds: Mapping[str, float]) -> bool:
+    """Whether no component is larger than an instrument or the wind can be: the record would explain itself
+    away.
+    """
+    values = fit.values[fit.baseline_size :]
+    return all(abs(value) <= bounds[column.term] for column, value in zip(fit.selected, values, strict=True))
+
+
+def solved(
+    task: TraceTask,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
+    frame: RateFrame,
+    chosen: tuple[Column, ...],
+    searched: int,
+) -> HypothesisFit:
+    """The model with these columns beside it."""
+    columns = (*task.baseline, *chosen)
+    design = task.design(frame, columns)
+    values = solve_scaled(design, task.response)
+    return HypothesisFit(
+        name,
+        mechanisms,
+        frame,
+        columns,
+        len(task.baseline),
+        values,
+        task.response - design @ values,
+        task.samples,
+        task.efficiency,
+        searched,
+    )
+
+
+def candidate_of(
+    task: TraceTask, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind
+) -> Candidate:
+    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves."""
+    extra = fit.parameters - null.parameters
+    left = fit.samples - fit.parameters
+    f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / left)
+    chance = float(stats.f.sf(f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
+    choices = math.comb(fit.searched, min(len(fit.selected), fit.searched))
+    return Candidate(
+        name=name,
+        kind=kind,
+        fit=fit,
+        gain=null.information - fit.information,
+        f_ratio=f_ratio,
+        p_value=min(chance * choices, 1.0),
+        contribution=null.residual - fit.residual,
+        in_rates=_fall(task, null, fit),
+    )
+
+
+def _fall(task: TraceTask, null: HypothesisFit, fit: HypothesisFit) -> float:
+    """Fall of the squared residual of the rates, at the noise that the fit leaves."""
+    rates = slice(0, 2 * task.part.thinned_pieces(task.both)[-1][1])
+    before, after = null.residual[rates], fit.residual[rates]
+    return float((before @ before - after @ after) / (fit.rss / fit.samples))
+
+
+def explained(task: TraceTask, null: HypothesisFit, fit: HypothesisFit) -> float:
+    """Share of the null's squared error that the fit saves on stretches left out in turn."""
+    return 1.0 - _left_out(task, fit) / _left_out(task, null)
+
+
+def _left_out(task: TraceTask, fit: HypothesisFit) -> float:
+    """Sum of squared errors on each piece, from a fit of coefficients and unknowns to the others."""
+    design, response = task.whole_design(fit.frame, fit.columns), task.raw_response
+    design = design / lengths(design)
+    pieces = task.part.thinned_pieces(task.both)
+    n = pieces[-1][1]
+    normal, right = design.T @ design, design.T @ response
+    total = 0.0
+    for a, b in pieces:
+        out = np.concatenate([np.arange(channel * n + a, channel * n + b) for channel in range(4)])
+        own = design[out]
+        inverse = np.linalg.pinv(normal - own.T @ own, rcond=1e-11, hermitian=True)
+        values = inverse @ (right - own.T @ response[out])
+        total += float(np.sum((response[out] - own @ values) ** 2))
+    return total
+
+
+def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
+    """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
+    order = sorted(tried, key=lambda candidate: candidate.p_value)
+    found: dict[str, float] = {}
+    running = 0.0
+    for rank, candidate in enumerate(order):
+        running = max(running, min((len(order) - rank) * candidate.p_value, 1.0))
+        found[candidate.name] = running
+    return found
+
+
+def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
+    """Those that this flight cannot tell from the leader: as good a fit, or nearly the same prediction."""
+    return tuple(
+        other.name
+        for other in others
+        if other is not leader
+        and other.gain > 0.0
+        and (
+            abs(leader.gain - other.gain) < NEAR or (alike(leader, other) and other.gain > 0.8 * leader.gain)
+        )
+    )
+
+
+def alike(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates predict nearly the same."""
+    a, b = one.contribution, other.contribution
+    return float(a @ b) > _ALIKE * float(np.linalg.norm(a) * np.linalg.norm(b))

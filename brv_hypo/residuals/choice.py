@@ -1,0 +1,139 @@
+"""Which effect is added: the best that counts in the fitted part and that the held-out part agrees with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from brv_hypo.residuals.candidates import NEAR, Candidate, adjusted, alike, look_alikes
+from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.discover import Discovery
+from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.judge import force_errors, ratio, residuals_of, score
+
+# The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
+# among many was asked of the fitted part before.
+_SIGMAS = 1.645
+# Standard errors by which the moments' error may grow where an error of the record is added: 5 %, one-sided, of
+# Student's distribution for eight stretches held out.
+_WORSE = 1.9
+# How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
+# fitted part the next has to explain: what explains far less does not stand in its place.
+_TRIES = 3
+_IN_ITS_PLACE = 0.5
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean
+    squares, `force` the mean squares (m/s^2)^2 of the specific force's errors, fitted and held out.
+    """
+
+    candidate: Candidate
+    state: State
+    score: float
+    ratio: float
+    ratio_error: float
+    force: tuple[float, float]
+
+    @property
+    def taken(self) -> bool:
+        """Whether the held-out part agrees.
+
+        The moments' error has to fall; an error of the record may show in the specific force alone, and then it must
+        not make the moments significantly worse.
+        """
+        most = 1.0 if self.candidate.effect is None else 1.0 + _WORSE * self.ratio_error
+        return self.score >= _SIGMAS and self.ratio < most
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidates, best first, and those that were tried on the held-out part, in order."""
+
+    ranked: tuple[Candidate, ...]
+    discovery: Discovery | None
+    tried: tuple[Tried, ...]
+
+    @property
+    def taken(self) -> Tried | None:
+        """The last that was tried, where the held-out part agrees with it."""
+        return self.tried[-1] if self.tried and self.tried[-1].taken else None
+
+    @property
+    def leading(self) -> Tried | None:
+        """What is added or, where nothing is, the best that counts."""
+        return self.taken or (self.tried[0] if self.tried else None)
+
+    @property
+    def told(self) -> tuple[Candidate, ...]:
+        """The candidates with the leading one first and its look-alikes after it."""
+        if self.leading is None:
+            return self.ranked
+        leader = self.leading.candidate
+        similar = look_alikes(leader, self.ranked)
+        rank = {leader.name: 0, **dict.fromkeys(similar, 1)}
+        return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
+
+
+def choose(
+    here: Look,
+    state: State,
+    discovery: Discovery | None,
+    significance: float,
+    add: Callable[[Candidate], State],
+    before: Sequence[Tried] = (),
+) -> Choice:
+    """Try the candidates that count on the held-out part, the best first, until one is taken.
+
+    Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
+    less. `before` holds what was tried on this look already.
+    """
+    ranked = tuple(_ranked(here.candidates, discovery))
+    chances = adjusted(ranked)
+    known = {id(tried.candidate): tried for tried in before}
+    tried: list[Tried] = []
+    for candidate in ranked:
+        if candidate.gain <= 0.0 or chances[candidate.name] > significance:
+            continue
+        if any(alike(candidate, other.candidate) for other in tried):
+            continue
+        if tried and candidate.gain < _IN_ITS_PLACE * tried[0].candidate.gain:
+            break
+        tried.append(known.get(id(candidate)) or _try(here, state, candidate, add))
+        if tried[-1].taken or len(tried) == _TRIES:
+            break
+    return Choice(ranked, discovery, tuple(tried))
+
+
+def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidate], State]) -> Tried:
+    after, held_out = add(candidate), state.seen.held_out
+    first, second = (residuals_of(here.task, held_out, fit) for fit in (here.null, candidate.fit))
+    return Tried(
+        candidate,
+        after,
+        score(here.task, held_out, first, second),
+        *ratio(state.held_out, after.held_out),
+        force_errors(here.task, held_out, second),
+    )
+
+
+def _ranked(found: Sequence[Candidate], discovery: Discovery | None) -> list[Candidate]:
+    """The candidates, best first.
+
+    A description in generic terms has to beat a name clearly, unless the mechanism of that name is fitted without what
+    is characteristic of it: then the description leads where it is as good.
+    """
+    ranked = sorted(found, key=lambda candidate: -candidate.gain)
+    if discovery is None:
+        return ranked
+    described = discovery.candidate
+    place = next(
+        (
+            k
+            for k, candidate in enumerate(ranked)
+            if described.gain > candidate.gain + (NEAR if candidate.is_characteristic else -NEAR)
+        ),
+        len(ranked),
+    )
+    return [*ranked[:place], described, *ranked[place:]]

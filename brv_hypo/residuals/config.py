@@ -1,0 +1,33 @@
+"""What a trace may be told; every default fits a flight that nobody has seen yet."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from brv_hypo.motion.reconstruction import Method
+from brv_hypo.residuals.saved import SavedModel
+
+
+class TraceConfig(BaseModel):
+    """Settings of `trace`.
+
+    `start`: what the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism
+    file), or the model of an earlier trace. `effects`: the effects to try; None tries all that are installed.
+    `discover`: search the dictionary of generic terms too. `blocks`: parts that the record is cut into; every
+    fourth is held out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an
+    effect counts. `knot_count`, `max_terms`: as in `compare`. `maximum_likelihood`: refine the final model by
+    maximum likelihood.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    start: str | SavedModel = "none"
+    effects: tuple[str, ...] | None = None
+    discover: bool = True
+    method: Method = "joint"
+    blocks: int = Field(default=32, ge=8, le=200)
+    max_steps: int = Field(default=8, ge=1, le=30)
+    significance: float = Field(default=0.01, gt=0.0, lt=0.5)
+    knot_count: int = Field(default=7, ge=0, le=40)
+    max_terms: int = Field(default=4, ge=1, le=20)
+    maximum_likelihood: bool = True

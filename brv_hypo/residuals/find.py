@@ -1,0 +1,152 @@
+"""Where, when and how a model fails: tests of its residual."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+from statsmodels.stats.diagnostic import acorr_ljungbox
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.motion import SMOOTH
+from brv_hypo.regression.frame import remove_levels
+from brv_hypo.regression.whitening import effective_samples, white
+from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.judge import ResidualMoments
+from brv_hypo.residuals.problem import residual
+from brv_hypo.residuals.result import Correlation, Residual
+
+_LAGS = 20
+_REGIONS = 16
+_WHITE = 0.05
+_TELLING = 0.01
+
+
+def find(look: Look, left: ResidualMoments) -> Residual:
+    """Test what the model of `look` leaves; `left` are its residual moments."""
+    reconstruction = look.seen.reconstruction
+    usable = left.usable
+    time = reconstruction.motion.time
+    sigma = reconstruction.moments.sigma
+    body = np.where(usable, left.body, 0.0)
+    p_value = _whiteness(look)
+    channels = _channels(look, body)
+    worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
+    measured = _by_region(time, reconstruction.moments.body, usable)
+    relative = _worst_region(time, _by_region(time, body, usable) / np.maximum(measured, 1e-300))
+    frequency = _dominant(body, usable, float(np.median(np.diff(time))))
+    return Residual(
+        rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
+        white=p_value > _WHITE,
+        p_value=p_value,
+        noise_ratio=_excess(
+            np.concatenate([body[usable].real, body[usable].imag]), np.tile(sigma[usable], 2)
+        ),
+        worst_channel=worst,
+        worst_region_s=_worst_region(time, _by_region(time, body, usable))[0],
+        worst_share_region_s=relative[0],
+        worst_share=float(np.sqrt(relative[1])),
+        dominant_frequency_hz=frequency,
+        dominant_frequency_is=_name_frequency(look, frequency),
+        correlations=_correlations(look, channels, usable),
+    )
+
+
+def _whiteness(look: Look) -> float:
+    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise,
+    doubled.
+    """
+    left = residual(look.task, look.null.frame, look.null.columns)
+    pieces = remove_levels(left.rates, look.seen.fitted.pieces, white())
+    parts = [channel for piece in pieces for channel in (piece.real, piece.imag)]
+    chances = [
+        float(acorr_ljungbox(part, lags=[min(_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
+    ]
+    together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
+    total = sum(float(part @ part) for part in parts) / look.situation.record.gyro_sigma**2
+    free = sum(part.size - 1 for part in parts)
+    # The noise level is itself estimated, to about one part in the root of the samples.
+    spread = np.sqrt(2.0 * free) * np.sqrt(3.0)
+    return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
+
+
+def _channels(look: Look, body: ComplexArray) -> dict[str, FloatArray]:
+    """The residual by pitch and yaw, and in and out of plane."""
+    meridian = look.seen.reconstruction.motion.windward_meridian
+    plane = plane_from_body(body, meridian)
+    return {"C_m": body.real, "C_n": body.imag, "C_N'": plane.real, "C_Z'": plane.imag}
+
+
+def _excess(values: FloatArray, sigma: FloatArray) -> float:
+    return float(np.mean(values**2) / np.mean(sigma**2))
+
+
+def _by_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> FloatArray:
+    """Mean square in each sixteenth of the record."""
+    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * _REGIONS).astype(int), 0, _REGIONS - 1)
+    return np.array(
+        [
+            np.mean(np.abs(body[inside]) ** 2) if (inside := (which == k) & usable).any() else 0.0
+            for k in range(_REGIONS)
+        ]
+    )
+
+
+def _worst_region(time: FloatArray, size: FloatArray) -> tuple[tuple[float, float], float]:
+    """The stretch around the largest of the regions' sizes in which they stay above half of it; that size."""
+    edges = np.linspace(time[0], time[-1], _REGIONS + 1)
+    worst = int(np.argmax(size))
+    first = last = worst
+    while first > 0 and size[first - 1] > 0.5 * size[worst]:
+        first -= 1
+    while last < _REGIONS - 1 and size[last + 1] > 0.5 * size[worst]:
+        last += 1
+    return (float(edges[first]), float(edges[last + 1])), float(size[worst])
+
+
+def _dominant(body: ComplexArray, usable: BoolArray, step: float) -> float:
+    """Frequency (Hz) of the largest line in the residual; negative where it turns from z to y."""
+    values = body[usable] - body[usable].mean()
+    spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
+    return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
+
+
+def _name_frequency(look: Look, frequency: float) -> str:
+    """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
+    motion = look.seen.reconstruction.motion
+    resolution = 1.5 / float(motion.time[-1] - motion.time[0])
+    rates = {
+        "roll rate": float(np.mean(motion.p)),
+        "windward-meridian rate": float(np.mean(motion.windward_meridian_rate)),
+    }
+    found = [
+        (
+            abs(abs(frequency) - multiple * abs(rate) / (2.0 * np.pi)),
+            f"{multiple} x {name}" if multiple > 1 else name,
+        )
+        for name, rate in rates.items()
+        for multiple in (1, 2, 3)
+    ]
+    away, name = min(found)
+    return name if away < max(resolution, 0.1 * abs(frequency)) else "no multiple of roll or meridian rate"
+
+
+def _correlations(look: Look, channels: dict[str, FloatArray], usable: BoolArray) -> tuple[Correlation, ...]:
+    """The most telling correlations of the in-plane and out-of-plane residual with motion and record."""
+    motion, flight = look.seen.reconstruction.motion, look.seen.flight
+    others = {name: getattr(motion, name) for name in ("time", "alpha", *SMOOTH)}
+    others |= {name: getattr(flight, name) for name in ("ax", "ay", "az")}
+    found = []
+    for moment in ("C_N'", "C_Z'"):
+        own = channels[moment][usable]
+        n = effective_samples([own - own.mean()], max_lag=own.size // 4)
+        for name, values in others.items():
+            other = values[usable]
+            if not np.all(np.isfinite(other)) or np.ptp(other) == 0.0 or np.ptp(own) == 0.0:
+                continue
+            r = float(np.corrcoef(own, other)[0, 1])
+            t = abs(r) * np.sqrt(max(n - 2.0, 1.0) / max(1.0 - r * r, 1e-12))
+            chance = min(1.0, 2.0 * len(others) * 2.0 * float(stats.t.sf(t, max(n - 2.0, 1.0))))
+            found.append(Correlation(moment=moment, channel=name, coefficient=r, p_value=chance))
+    telling = [c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < _TELLING]
+    return tuple(telling[:4])

@@ -1,0 +1,31 @@
+"""The final model of a trace, refined by maximum likelihood on the measurements themselves."""
+
+from __future__ import annotations
+
+from brv_hypo.identification import IdentificationConfig, identify
+from brv_hypo.ranking.likelihood import MOST_ITERATIONS
+from brv_hypo.ranking.result import MaximumLikelihood
+from brv_hypo.ranking.summary import likelihood_block
+from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.summary import term_estimates
+
+# Errors of the instruments were candidates of the loop: the likelihood looks for no more of them.
+_OPTIONS = IdentificationConfig(candidates=(), max_iterations=MOST_ITERATIONS)
+
+
+def maximum_likelihood(state: State) -> MaximumLikelihood:
+    """The likelihood's block of the result, in the form of `compare`'s; a failure is its status and message.
+
+    On a record that limits the reconstruction the search takes long and seldom ends: it is left out.
+    """
+    seen, columns = state.seen, state.model.columns
+    if seen.reconstruction.status == "degraded":
+        return MaximumLikelihood(
+            status="left out",
+            iterations=0,
+            log_likelihood=None,
+            message="the record limits the reconstruction, where its search seldom ends",
+        )
+    values = seen.values(seen.whole, columns, state.noise)
+    found = identify(seen.frame, columns, values, _OPTIONS)
+    return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))

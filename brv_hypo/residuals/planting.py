@@ -1,0 +1,248 @@
+"""Undeclared effects for the loop's study: each at 3 to 10 times its detection limit on its own flight."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, Turn, mechanism_text
+from brv_hypo.mechanisms.registry import find, mechanisms, record_effects
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.noise import baseline_columns
+from brv_hypo.residuals.candidates_at_step import Look, look
+from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.dictionary import WAVES
+from brv_hypo.residuals.linearisation import see, start_model
+from brv_hypo.residuals.problem import given_column
+from brv_hypo.simulation import load_config, simulate
+from brv_hypo.simulation.config import SimulationConfig
+
+MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
+AERODYNAMIC = (
+    "magnus",
+    "cubic_stiffness",
+    "stiffness_asymmetry",
+    "trim",
+    "dynamic_imbalance",
+    "mach_stiffness",
+    "reynolds_stiffness",
+    "mach_damping",
+    "reynolds_damping",
+)
+RECORD = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale", "accel_position", "time_skew", "wind_step")
+UNNAMED = ("turning_moment", "third_harmonic", "mach_step")
+EFFECTS = (*MECHANISMS, *AERODYNAMIC, *RECORD)
+
+# A coefficient is detected at this many of its standard errors in the whole regression.
+_LIMIT = 5.0
+_TIMES = (3.0, 10.0)
+# Factors on roll rate and angle of attack of another flight.
+_CHANGE = (0.8, 1.25)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One flight of the study: what is planted, on which vehicle, from which seed."""
+
+    effects: tuple[str, ...]
+    vehicle: str
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Its name in the results file."""
+        return f"{'+'.join(self.effects) or 'none'}/{self.vehicle}/{self.seed}"
+
+
+def planted(case: Case) -> tuple[SimulationConfig, tuple[str, ...]]:
+    """The configuration of a case, its effects at 3 to 10 times their detection limits, and their sizes in
+    words.
+    """
+    draw = np.random.default_rng([case.seed, *(ord(letter) for letter in case.key)])
+    config = load_config(case.vehicle)
+    data = config.model_dump()
+    data["start"]["windward_meridian"] = float(draw.uniform(0.0, 2.0 * np.pi))
+    clean = SimulationConfig.model_validate(data)
+    if not case.effects:
+        return clean, ()
+    here = _clean_look(clean, case.seed + 10_000)
+    sizes = []
+    for effect in case.effects:
+        times = float(np.exp(draw.uniform(*np.log(_TIMES))))
+        sizes.append(_plant(data, effect, here, times, draw))
+    return SimulationConfig.model_validate(data), tuple(sizes)
+
+
+def another_flight(config: SimulationConfig, seed: int) -> SimulationConfig:
+    """The same vehicle with the same effects, started from another attitude and at another roll rate."""
+    draw = np.random.default_rng([seed, *(ord(letter) for letter in "another flight")])
+    start = config.start
+    changed = {
+        "windward_meridian": float(draw.uniform(0.0, 2.0 * np.pi)),
+        "roll_rate": start.roll_rate * float(draw.uniform(*_CHANGE)),
+        "alpha": start.alpha * float(draw.uniform(*_CHANGE)),
+    }
+    return config.model_copy(update={"start": start.model_copy(update=changed)})
+
+
+def _clean_look(config: SimulationConfig, seed: int) -> Look:
+    """The regression of the same flight with nothing planted: it tells how well a coefficient can be known."""
+    flight = simulate(config, seed=seed).flight
+    settings = TraceConfig(discover=False)
+    model = start_model(flight, ())
+    seen = see(flight, model, settings)
+    columns = baseline_columns(seen.frame)
+    values = seen.values(seen.fitted, columns, seen.first_noise(columns))
+    rich = mechanisms("mechanism") + mechanisms("aerodynamic")
+    return look(seen, replace(model, columns=columns), values, (), record_effects(), rich, settings)
+
+
+def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> str:
+    """Plant an effect in the configuration's data; its size in words."""
+    if effect in MECHANISMS:
+        entries = [dict(entry) for entry in data["plantable"][effect]]
+        scale = times * _limit_of(here, [_planted_columns(entry) for entry in entries])
+        for entry in entries:
+            entry["terms"] = {name: float(value) * min(scale, 1.0) for name, value in entry["terms"].items()}
+        data["mechanisms"] = (*data["mechanisms"], *entries)
+        return f"{effect} x {min(scale, 1.0):.3g}"
+    if effect in RECORD:
+        return _plant_record(data, effect, here, times, draw)
+    entry = _aerodynamic(effect, draw, here)
+    scale = times * _limit_of(here, [_planted_columns(entry)])
+    entry["terms"] = {name: float(value) * scale for name, value in entry["terms"].items()}
+    if effect == "dynamic_imbalance":
+        area = data["vehicle"]["reference_area"] * data["vehicle"]["reference_length"]
+        data["vehicle"]["ixz"] = -entry["terms"]["-I_xz/(S d)"] * area
+        data["vehicle"]["ixy"] = entry["terms"]["I_xy/(S d)"] * area
+    else:
+        data["mechanisms"] = (*data["mechanisms"], entry)
+    return f"{effect} {entry['terms']}"
+
+
+def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str, Any]:
+    """An aerodynamic effect of unit size: one direction of its terms, at random; the first power of a
+    course.
+    """
+    if effect in UNNAMED:
+        return {"mechanism": _unnamed_file(effect, here), "terms": {"a": 1.0, "b": 0.7}, "kind": "constant"}
+    mechanism = find(effect)
+    names = [term.name for term in mechanism.terms(here.seen.reconstruction.motion, {})]
+    if not mechanism.terms_enter_together:
+        return {"mechanism": effect, "terms": {names[0]: float(draw.choice([-1.0, 1.0]))}, "kind": "constant"}
+    angle = float(draw.uniform(0.0, 2.0 * np.pi))
+    return {
+        "mechanism": effect,
+        "terms": {names[0]: np.cos(angle), names[1]: np.sin(angle)},
+        "kind": "constant",
+    }
+
+
+def _unnamed_file(effect: str, here: Look) -> str:
+    """A mechanism file of an effect that no plugin describes; its path."""
+    motion = here.seen.reconstruction.motion
+    alpha = Factor(of="alpha")
+    terms = {
+        "turning_moment": (
+            FiledTerm(name="a", axis="body_y", turn=Turn(of="time", rate=5.0)),
+            FiledTerm(name="b", axis="body_z", turn=Turn(of="time", rate=5.0)),
+        ),
+        "third_harmonic": tuple(
+            FiledTerm(
+                name=name, axis="in_plane", factors=(Factor(of="windward_meridian", function=wave, rate=3.0),)
+            )
+            for name, wave in zip(("a", "b"), WAVES, strict=True)
+        ),
+        "mach_step": tuple(
+            FiledTerm(
+                name=name,
+                axis="in_plane",
+                units="1/rad",
+                factors=(alpha, Factor(of="mach", function="step", at=float(np.quantile(motion.mach, at)))),
+            )
+            for name, at in (("a", 0.5), ("b", 1.0))
+        ),
+    }[effect]
+    file = MechanismFile(name=effect, title=effect, claims=effect, source="the study", terms=terms)
+    path = Path(tempfile.gettempdir()) / f"brv_hypo_study_{effect}.yaml"
+    path.write_text(mechanism_text(file), encoding="utf-8")
+    return str(path)
+
+
+def _planted_columns(entry: Mapping[str, Any]) -> tuple[str, list[tuple[Column, float]]]:
+    course = TimeFunction(
+        "constant" if entry.get("kind") == "constant" else "jump",
+        -np.inf if entry.get("start") is None else entry["start"],
+        np.inf if entry.get("stop") is None else entry["stop"],
+    )
+    theta = tuple(entry.get("theta", {}).items())
+    name = find(entry["mechanism"]).name
+    return entry["mechanism"], [
+        (Column(name, term, theta, course, "1"), float(value)) for term, value in entry["terms"].items()
+    ]
+
+
+def _limit_of(here: Look, entries: Sequence[tuple[str, list[tuple[Column, float]]]]) -> float:
+    """Detection limit of a planted combination, as a multiple of it."""
+    task = here.task
+    total: FloatArray | None = None
+    for source, columns in entries:
+        frame = task.frame.with_mechanisms([find(source)])
+        weights = np.array([value for _, value in columns])
+        own = task.design(frame, [column for column, _ in columns]) @ weights
+        total = own if total is None else total + own
+    assert total is not None
+    return _LIMIT / _free_length(here, total)
+
+
+def _free_length(here: Look, column: FloatArray) -> float:
+    """Length of a whitened column beyond what the baseline takes over."""
+    task = here.task
+    design = task.design(task.frame, task.baseline)
+    basis = np.linalg.qr(design / lengths(design))[0]
+    return float(np.linalg.norm(column - basis @ (basis.T @ column)))
+
+
+def _plant_record(
+    data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator
+) -> str:
+    """Plant an error of one component of an instrument, or a step of the wind."""
+    limits = {}
+    for name, component in here.components.items():
+        if name.split(" ")[0] == effect:
+            column = here.task.design(here.task.frame, [given_column(name)])[:, 0]
+            limits[name] = (component, _LIMIT / max(_free_length(here, column), 1e-12))
+    sizes = {
+        component: size for e in record_effects() if e.name == effect for component, _, size in e.components()
+    }
+    fit = [name for name, (component, limit) in limits.items() if times * limit < 15.0 * sizes[component]]
+    name = str(draw.choice(fit or [min(limits, key=lambda n: limits[n][1] / sizes[limits[n][0]])]))
+    component, limit = limits[name]
+    value = float(min(times * limit, 15.0 * sizes[component]) * draw.choice([-1.0, 1.0]))
+    instruments = data["instruments"]
+    if effect in ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale"):
+        triad, kind = effect.split("_")
+        section = instruments["gyro" if triad == "gyro" else "accelerometer"]
+        axis = {"p": 0, "q": 1, "r": 2, "x": 0, "y": 1, "z": 2}[component]
+        section[kind] = tuple(value if k == axis else v for k, v in enumerate(section[kind]))
+    elif effect == "accel_position":
+        place = list(data["vehicle"]["accelerometer_position"])
+        place["xyz".index(component)] += value
+        instruments["accelerometer"]["position"] = tuple(place)
+    elif effect == "time_skew":
+        sections = {"gyros": ("gyro",), "accelerometers": ("accelerometer",)}
+        for section in sections.get(component, ("velocity", "dynamic_pressure")):
+            instruments[section]["delay"] = abs(value)
+    else:
+        at = float(draw.uniform(0.25, 0.7) * data["duration"])
+        across = value * np.array([0.0, np.cos(draw.uniform(0.0, 6.3)), np.sin(draw.uniform(0.0, 6.3))])
+        data["environment"]["wind_step"] = {"time": at, "velocity": tuple(across.tolist())}
+    return f"{effect} {component} {value:.3g}"

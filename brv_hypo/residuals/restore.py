@@ -1,0 +1,106 @@
+"""Models to data and back: `saved`, `restored`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from pydantic import ValidationError
+
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
+from brv_hypo.mechanisms.registry import find, find_installed
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.residuals.linearisation import Applied, Model, start_model
+from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
+
+
+def saved(model: Model) -> SavedModel:
+    """The model as data."""
+    return SavedModel(
+        columns=tuple(_saved_column(column) for column in model.columns),
+        record=tuple(
+            SavedRecordError(
+                effect=a.effect.name, component=a.component, value=a.value, options=a.effect.model_dump()
+            )
+            for a in model.applied
+        ),
+        files=tuple(_file(m) for m in model.mechanisms.values() if isinstance(m, FiledMechanism)),
+    )
+
+
+def restored(content: SavedModel, flight: Flight) -> Model:
+    """The model that the data hold, for this flight.
+
+    Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
+    """
+    files: Mapping[str, Mechanism] = {file.name: mechanism_of(file) for file in content.files}
+    baseline = start_model(flight, ()).mechanisms
+    names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
+    own = [files[name] if name in files else find(name) for name in names]
+    applied = tuple(_applied(error) for error in content.record)
+    return Model(
+        mechanisms={**baseline, **{mechanism.name: mechanism for mechanism in own}},
+        columns=tuple(_column(column) for column in content.columns),
+        applied=applied,
+        added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
+    )
+
+
+def _saved_column(column: Column) -> SavedColumn:
+    ends = [end if math.isfinite(end) else None for end in (column.course.start, column.course.stop)]
+    return SavedColumn(
+        mechanism=column.mechanism,
+        term=column.term,
+        units=column.units,
+        theta=dict(column.theta),
+        kind=column.course.kind,
+        start=ends[0],
+        stop=ends[1],
+        tied=column.tied,
+    )
+
+
+def _column(column: SavedColumn) -> Column:
+    start = -math.inf if column.start is None else column.start
+    stop = math.inf if column.stop is None else column.stop
+    return Column(
+        column.mechanism,
+        column.term,
+        tuple(column.theta.items()),
+        TimeFunction(column.kind, start, stop),
+        column.units,
+        column.tied,
+    )
+
+
+def _file(mechanism: FiledMechanism) -> MechanismFile:
+    return MechanismFile(
+        name=mechanism.name,
+        title=mechanism.title,
+        claims=mechanism.claims,
+        source=mechanism.source,
+        terms=mechanism.definition,
+    )
+
+
+def _applied(error: SavedRecordError) -> Applied:
+    item = find_installed(error.effect)
+    if not isinstance(item, RecordEffect):
+        raise UsageError(
+            f"the model takes '{error.effect}' out of the record, but that is a mechanism. Trace the flight anew."
+        )
+    try:
+        effect = type(item).model_validate({**item.model_dump(), **error.options})
+    except ValidationError as wrong:
+        raise UsageError(f"the model sets options that '{error.effect}' refuses: {wrong}") from None
+    sizes = {name: (units, size) for name, units, size in effect.components()}
+    if error.component not in sizes:
+        raise UsageError(
+            f"the model holds '{error.component}' of '{error.effect}', which has {', '.join(sizes)}. "
+            "Trace the flight anew."
+        )
+    return Applied(effect, error.component, *sizes[error.component], error.value)

@@ -1,0 +1,140 @@
+"""The result of a trace; its dump is the contract's JSON."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from brv_hypo.mechanisms.filed import MechanismFile
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
+from brv_hypo.residuals.candidates import Kind
+from brv_hypo.residuals.saved import SavedModel
+
+Interval = tuple[float, float]
+Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
+
+
+class _Result(BaseModel):
+    model_config = ConfigDict(frozen=True, populate_by_name=True)
+
+
+class Correlation(_Result):
+    """A residual moment that goes with a channel: coefficient, and p-value at the effective sample size."""
+
+    moment: str
+    channel: str
+    coefficient: float
+    p_value: float
+
+
+class Residual(_Result):
+    """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst.
+
+    `worst_share` is the residual's rms over that of the measured moments, in the region where that is largest.
+
+    `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
+    `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
+    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z.
+    """
+
+    rms: float
+    white: bool
+    p_value: float
+    noise_ratio: float
+    worst_channel: str
+    worst_region_s: Interval
+    worst_share_region_s: Interval
+    worst_share: float
+    dominant_frequency_hz: float
+    dominant_frequency_is: str
+    correlations: tuple[Correlation, ...] = ()
+
+
+class TriedCandidate(_Result):
+    """One effect as tried: `explains` is the share of the squared residual on stretches left out of its
+    fit.
+    """
+
+    effect: str
+    kind: Kind
+    f_ratio: float
+    p_value_adjusted: float
+    explains: float | None
+    description: str = ""
+
+
+class Errors(_Result):
+    """Mean squares of errors, both axes together."""
+
+    fit: float
+    held_out: float
+
+
+class Step(_Result):
+    """One turn of the loop. The first candidate is what was added, where anything was.
+
+    `look_alikes` are what this flight cannot tell from the first candidate that counts; `refused` is what counts in the
+    fitted part and does not lower the held-out error. `error_before`, `error_after` are those of the moment
+    coefficients; `force_error_before`, `force_error_after` those of the specific force across the axis, (m/s^2)^2, in
+    which an error of the record may show alone.
+    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
+    `held_out_score` the fall of the held-out error in both channels in its standard errors.
+    """
+
+    step: int
+    residual: Residual
+    candidates: tuple[TriedCandidate, ...]
+    look_alikes: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+    added: str | None
+    description: str = ""
+    error_before: Errors
+    error_after: Errors | None
+    error_ratio_held_out: float | None
+    force_error_before: Errors
+    force_error_after: Errors | None
+    error_ratio_std_error: float | None = None
+    held_out_score: float | None = None
+
+
+class ModelSummary(_Result):
+    """The model as it ended, fitted to the whole record; another trace can start from `definition`."""
+
+    terms: tuple[TermEstimate, ...]
+    definition: SavedModel
+
+
+class Picture(_Result):
+    """Residual moments before and after, for pictures of the report: not part of the JSON."""
+
+    time_s: tuple[float, ...]
+    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    before: tuple[tuple[float, ...], tuple[float, ...]]
+    after: tuple[tuple[float, ...], tuple[float, ...]]
+    sigma: tuple[float, ...]
+
+
+class Trace(_Result):
+    """The course of a trace: its steps, the model that it ended with, and what is left."""
+
+    schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
+    flight: FlightSummary
+    steps: tuple[Step, ...]
+    model: ModelSummary
+    stopped: Stop
+    unexplained: str | None
+    caveats: tuple[str, ...] = ()
+    noise_floor: float = Field(
+        description="mean square of the moment coefficients' noise on the held-out blocks"
+    )
+    final_residual: Residual | None = None
+    ml: MaximumLikelihood | None = None
+    seconds: float = 0.0
+    picture: Picture | None = Field(default=None, exclude=True)
+    discovered: MechanismFile | None = Field(default=None, exclude=True)
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """The effects that were added, in order."""
+        return tuple(step.added for step in self.steps if step.added is not None)

@@ -1,0 +1,82 @@
+"""What the result tells of one step."""
+
+from __future__ import annotations
+
+from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
+from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.choice import Choice
+from brv_hypo.residuals.discover import Discovery
+from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.judge import force_errors, residuals_of
+from brv_hypo.residuals.result import Errors, Residual, Step, TriedCandidate
+
+_TOLD = 8
+# Fall of the squared whitened rates above which an effect shows in the moments.
+_SHOWN = 12.0
+
+
+def step_of(number: int, residual: Residual, here: Look, state: State, choice: Choice) -> Step:
+    """One step of the result: the candidates with what was added first, and the errors before and after."""
+    leading = choice.leading
+    held_out = state.seen.held_out
+    force_before = force_errors(here.task, held_out, residuals_of(here.task, held_out, here.null))
+    chances = adjusted(choice.ranked)
+    return Step(
+        step=number,
+        residual=residual,
+        candidates=tuple(_told(c, chances, here, choice.discovery) for c in choice.told[:_TOLD]),
+        look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
+        refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
+        added=choice.taken.candidate.name if choice.taken else None,
+        description=_words(leading.candidate, here, choice.discovery) if leading else "",
+        error_before=_errors(state),
+        error_after=None if leading is None else _errors(leading.state),
+        error_ratio_held_out=None if leading is None else leading.ratio,
+        force_error_before=Errors(fit=force_before[0], held_out=force_before[1]),
+        force_error_after=None
+        if leading is None
+        else Errors(fit=leading.force[0], held_out=leading.force[1]),
+        error_ratio_std_error=None if leading is None else leading.ratio_error,
+        held_out_score=None if leading is None else leading.score,
+    )
+
+
+def _errors(state: State) -> Errors:
+    return Errors(fit=state.errors.mean_square, held_out=state.held_out.mean_square)
+
+
+def _told(
+    candidate: Candidate, chances: dict[str, float], here: Look, discovery: Discovery | None
+) -> TriedCandidate:
+    return TriedCandidate(
+        effect=candidate.name,
+        kind=candidate.kind,
+        f_ratio=candidate.f_ratio,
+        p_value_adjusted=chances[candidate.name],
+        explains=candidate.explains,
+        description=_words(candidate, here, discovery),
+    )
+
+
+def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:
+    """What the candidate says of this flight."""
+    if candidate.kind == "discovered" and discovery is not None:
+        return discovery.words
+    values = candidate.fit.values[candidate.fit.baseline_size :]
+    where = "" if candidate.in_rates > _SHOWN else " (in the specific force only)"
+    if candidate.effect is not None:
+        when = getattr(candidate.effect, "time", None)
+        sizes = ", ".join(
+            f"{here.components[column.term]} {value:.3g} {column.units}"
+            for column, value in zip(candidate.fit.selected, values, strict=True)
+        )
+        return (sizes if when is None else f"{sizes} at {when:.3f} s") + where
+    return ", ".join(
+        f"{column.label} {value:.3g}"
+        + (
+            ""
+            if column.course.kind == "constant"
+            else f" at {max(column.course.start, float(here.seen.flight.time[0])):.2f} s"
+        )
+        for column, value in zip(candidate.fit.selected, values, strict=True)
+    )

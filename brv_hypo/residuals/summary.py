@@ -1,0 +1,204 @@
+"""Gathers the result of a trace: the model on the whole record, what is left, and its caveats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.model.columns import BASELINE, Column
+from brv_hypo.ranking.result import FlightSummary, TermEstimate
+from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.residuals.candidates_at_step import Look, bare_look
+from brv_hypo.residuals.discover import Discovery
+from brv_hypo.residuals.find import find
+from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.judge import ResidualMoments, noise_floor
+from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.problem import with_efficiency
+from brv_hypo.residuals.restore import saved
+from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Step, Stop, Trace
+
+_FEW_SAMPLES = 25.0
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Where the loop ended."""
+
+    state: State
+    steps: tuple[Step, ...]
+    stopped: Stop
+    discovery: Discovery | None
+
+
+def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
+    """The result of the contract; `before` are the residual moments that the first model left."""
+    state, last, model = end.state, end.state.seen, end.state.model
+    assert state.task is not None
+    here = bare_look(last, model, state.values, state.task.both)
+    final = find(here, state.left)
+    values = last.values(last.whole, model.columns, state.noise)
+    terms = (
+        *term_estimates(last, model.columns, values, _covariance(state, values)),
+        *_record_terms(here, model),
+    )
+    return Trace(
+        flight=FlightSummary(
+            path=flight.path,
+            samples=flight.samples,
+            start_s=float(flight.time[0]),
+            stop_s=float(flight.time[-1]),
+            sample_rate_hz=flight.sample_rate,
+            title=flight.title,
+            notes=flight.notes,
+        ),
+        steps=end.steps,
+        model=ModelSummary(terms=terms, definition=saved(model)),
+        stopped=end.stopped,
+        unexplained=_unexplained(final),
+        caveats=_caveats(flight, last),
+        noise_floor=noise_floor(last.held_out, last.reconstruction),
+        final_residual=final,
+        discovered=None if end.discovery is None else end.discovery.file,
+        picture=_picture(before, end),
+    )
+
+
+def _covariance(state: State, values: FloatArray) -> FloatArray:
+    """Of the moment model's coefficients (columns, columns), on the whole record."""
+    design, response = state.seen.rows(state.seen.whole, state.model.columns, state.noise)
+    return covariance_of(design, response - design @ values, response.size, 1.0)
+
+
+def term_estimates(
+    seen: Seen, columns: tuple[Column, ...], values: FloatArray, covariance: FloatArray
+) -> tuple[TermEstimate, ...]:
+    """Coefficients (columns,) of the moment model with their standard errors."""
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    time = seen.frame.time
+    return tuple(
+        TermEstimate(
+            name=column.label,
+            mechanism=_owner(column),
+            channel=_channel(seen, column),
+            value=float(value),
+            std_error=float(sigma),
+            f_ratio=_f_ratio(float(value), float(sigma)),
+            units=column.units,
+            region_s=None
+            if column.course.kind == "constant"
+            else (max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))),
+            delay_s=column.delay,
+        )
+        for column, value, sigma in zip(columns, values, sigmas, strict=True)
+    )
+
+
+def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
+    """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
+    along.
+    """
+    task = here.task.on(here.seen.whole)
+    design, response = task.whole_design(here.null.frame, here.null.columns), task.raw_response
+    left = response - design @ solve_scaled(design, response)
+    efficiency = with_efficiency(here.task, here.null).efficiency
+    covariance = covariance_of(design, left, task.part.count(task.both), efficiency)
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[len(here.null.columns) :]
+    by_name = dict(zip(task.unknowns, (float(sigma) for sigma in sigmas), strict=True))
+    return tuple(
+        TermEstimate(
+            name=applied.component,
+            mechanism=applied.effect.name,
+            channel="record",
+            value=applied.value,
+            std_error=by_name[applied.name],
+            f_ratio=_f_ratio(applied.value, by_name[applied.name]),
+            units=applied.units,
+        )
+        for applied in model.applied
+    )
+
+
+def _f_ratio(value: float, sigma: float) -> float:
+    return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
+
+
+def _owner(column: Column) -> str:
+    return BASELINE if column.mechanism in ("static", "pitch damping") else column.mechanism
+
+
+def _channel(seen: Seen, column: Column) -> str:
+    terms = seen.frame.mechanisms[column.mechanism].terms(seen.reconstruction.motion, dict(column.theta))
+    term = next(term for term in terms if term.name == column.term)
+    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
+    return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
+
+
+def _unexplained(residual: Residual) -> str | None:
+    """What is left, in a sentence."""
+    if residual.white:
+        return None
+    start, stop = residual.worst_region_s
+    first, last = residual.worst_share_region_s
+    went = "".join(
+        f"; {c.moment} goes with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
+    )
+    return (
+        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.1f} times the noise of the "
+        f"moments; it is largest in {residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
+        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; against the moment "
+        f"that was flown it is largest from {first:.2f} to {last:.2f} s, {100.0 * residual.worst_share:.0f} % of "
+        "its rms there."
+    )
+
+
+def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
+    """What in the data could pose as an effect."""
+    found = list(seen.reconstruction.warnings)
+    motion = seen.reconstruction.motion
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), 90.0)) + float(
+        np.mean(np.abs(motion.p))
+    )
+    per_cycle = 2.0 * np.pi / (turning * flight.step)
+    if per_cycle < _FEW_SAMPLES:
+        attenuation = 1.0 - np.sinc(1.0 / per_cycle)
+        found.append(
+            f"a cycle has {per_cycle:.0f} samples: where samples are means over their interval, fast motion reads "
+            f"{100.0 * attenuation:.1f} % too small, and a delay of half a sample may pose as damping or lag"
+        )
+    drag = _drag_spread(flight)
+    if drag is not None and drag < 0.1:
+        found.append(
+            f"dynamic pressure keeps a fixed proportion to the axial force within {100.0 * drag:.0f} %: where it was "
+            "derived from drag, its errors are those of the assumed drag coefficient, and a stiffness that changes "
+            "along the flight may in part be that coefficient's change"
+        )
+    return tuple(dict.fromkeys(found))
+
+
+def _drag_spread(flight: Flight) -> float | None:
+    """Relative spread of axial force over dynamic pressure."""
+    share = flight.ax / flight.dynamic_pressure
+    centre = float(np.median(share))
+    return None if centre == 0.0 else float(np.std(share) / abs(centre))
+
+
+def _picture(before: ResidualMoments, end: Ending) -> Picture:
+    after = end.state.left
+    reconstruction = end.state.seen.reconstruction
+    moments = reconstruction.moments
+    kept = before.usable & after.usable
+    return Picture(
+        time_s=tuple(reconstruction.motion.time[kept].tolist()),
+        measured=_pair(moments.body[kept]),
+        before=_pair(before.body[kept]),
+        after=_pair(after.body[kept]),
+        sigma=tuple(moments.sigma[kept].tolist()),
+    )
+
+
+def _pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    return tuple(values.real.tolist()), tuple(values.imag.tolist())

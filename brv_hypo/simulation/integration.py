@@ -1,0 +1,135 @@
+"""Runge-Kutta of fourth order at fixed nodes, landing on every instant at which the moments may jump or kink.
+
+Where the windward meridian turns fast, near alpha = 0, a step is cut: moments that follow the meridian turn
+with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.motion.motion import Motion
+from brv_hypo.simulation.dynamics import ATTITUDE, System
+from brv_hypo.simulation.history import History
+from brv_hypo.simulation.planting import Planted
+from brv_hypo.simulation.rotation import dot
+
+# Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
+_ASIDE = 1e-10
+_SAME = 1e-9
+# Angle (rad) by which the meridian may turn in one step, and into how many parts a step is cut at most.
+_TURN = 0.1
+_MOST_PARTS = 64
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes (n,) s of the integration; `breaks` (n,) marks jumps; `samples` (m,) index the sample times."""
+
+    nodes: FloatArray
+    breaks: BoolArray
+    samples: IntArray
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Integrated flights: nodes (n,) s, states and rates (n, 13, flights); `samples` index the nodes."""
+
+    nodes: FloatArray
+    states: FloatArray
+    rates: FloatArray
+    samples: IntArray
+
+
+def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks: FloatArray) -> Grid:
+    """Uniform nodes from `start`, `step` apart, with `breaks` (s) inserted where they do not fall on one."""
+    uniform = start + step * np.arange((samples - 1) * steps_per_sample + 1)
+    inside = np.unique(breaks[(breaks >= start - _SAME) & (breaks <= uniform[-1] + _SAME)])
+    offset = np.abs(
+        inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)]
+    )
+    extra = inside[offset > _SAME]
+    extra = extra[np.diff(extra, prepend=-np.inf) > _SAME]
+    nodes = np.sort(np.concatenate([uniform, extra]))
+    marked = np.zeros(nodes.size, dtype=np.bool_)
+    nearest = np.clip(np.searchsorted(nodes, inside - _SAME), 0, nodes.size - 1)
+    marked[nearest] = True
+    return Grid(nodes, marked, np.searchsorted(nodes, uniform[::steps_per_sample]).astype(np.int64))
+
+
+def break_times(planted: tuple[Planted, ...], others: FloatArray, start: float) -> FloatArray:
+    """Where moments jump or kink (s): region edges, `others`, and what follows one and two delays later."""
+    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in planted)]))
+    first = np.unique(np.concatenate([others, *(item.edges() for item in planted)]))
+    # The start is a kink only for those who look back at it.
+    seen = np.concatenate([first, [start]]) if delays.size > 1 else first
+    later = np.unique(seen[:, None] + delays)
+    return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + delays)]))
+
+
+def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | None = None) -> Trajectory:
+    """The trajectory from `state` (13, flights); `progress` is called with the fraction done."""
+    nodes, flights = on.nodes, state.shape[1]
+    history = History(system, nodes, on.breaks, flights)
+    looks_back = bool(system.planted)
+
+    def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, Motion]:
+        instant = np.full(flights, time)
+        air = system.air_data(instant, value)
+        motion = system.motion(instant, value, air, near, history.past if looks_back else None)
+        return system.state_rate(value, air, motion), motion
+
+    near = np.zeros(flights)
+    history.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
+    for node in range(nodes.size - 1):
+        begin, end = nodes[node], nodes[node + 1]
+        after = begin + _ASIDE if on.breaks[node] else begin
+        before = end - _ASIDE if on.breaks[node + 1] else end
+        k1, motion = rate(after, state, near)
+        near = motion.windward_meridian
+        history.store(node, state, k1, near)
+        parts = _parts(motion, end - begin)
+        step = (end - begin) / parts
+        for part in range(parts):
+            now = begin + part * step
+            if part > 0:
+                k1, motion = rate(now, state, near)
+                near = motion.windward_meridian
+            k2, _ = rate(now + 0.5 * step, state + (0.5 * step) * k1, near)
+            k3, _ = rate(now + 0.5 * step, state + (0.5 * step) * k2, near)
+            k4, _ = rate(before if part == parts - 1 else now + step, state + step * k3, near)
+            state = _normalised(state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+        if on.breaks[node + 1]:
+            history.store_before(node + 1, rate(before, state, near)[0])
+        if progress is not None and node % 64 == 0:
+            progress(node / nodes.size)
+    final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
+    k1, motion = rate(final, state, near)
+    history.store(nodes.size - 1, state, k1, motion.windward_meridian)
+    return Trajectory(nodes, history.states, history.rates, on.samples)
+
+
+def _parts(motion: Motion, step: float) -> int:
+    """Into how many parts a step (s) is cut, for the flight whose meridian turns fastest.
+
+    The crossflow is taken to go on in a straight line; it turns fastest where that is nearest to zero.
+    """
+    alpha, turning = motion.alpha, motion.alpha * motion.windward_meridian_rate
+    speed_squared = np.maximum(motion.alpha_rate**2 + turning**2, 1e-300)
+    ahead = np.clip(-alpha * motion.alpha_rate / speed_squared, 0.0, step)
+    nearest = (alpha + motion.alpha_rate * ahead) ** 2 + (turning * ahead) ** 2
+    turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
+    largest = float(np.max(np.minimum(np.nan_to_num(turn, nan=0.0), np.pi), initial=0.0))
+    return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
+
+
+def _normalised(state: FloatArray) -> FloatArray:
+    """The state with a unit quaternion."""
+    state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
+    return state

@@ -1,0 +1,100 @@
+"""A simulated flight: what the instruments say, and what is true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.assemble import assemble
+from brv_hypo.flight.record import Flight
+from brv_hypo.flight.schema import Record
+from brv_hypo.flight.store import Quantity, save_flight
+from brv_hypo.simulation.config import SimulationConfig
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What was flown, at the record's samples (m,).
+
+    alpha, windward_meridian rad (unwrapped); C_m, C_n and C_N', C_Z' are the total moments;
+    `planted_in_plane` and `planted_out_of_plane` what the planted mechanisms add to the latter two. `planted`
+    names them; `parameters` holds every number of the configuration by its dotted path.
+    """
+
+    time: FloatArray
+    alpha: FloatArray
+    windward_meridian: FloatArray
+    C_m: FloatArray
+    C_n: FloatArray
+    C_N: FloatArray
+    C_Z: FloatArray
+    planted_in_plane: FloatArray
+    planted_out_of_plane: FloatArray
+    planted: tuple[str, ...]
+    parameters: Mapping[str, float]
+
+    @property
+    def planted_share(self) -> tuple[float, float]:
+        """Rms of what is planted in and out of plane, each over the rms of the whole moment vector."""
+        whole = float(np.sqrt(np.mean(self.C_N**2 + self.C_Z**2)))
+        return (
+            float(np.sqrt(np.mean(self.planted_in_plane**2))) / whole,
+            float(np.sqrt(np.mean(self.planted_out_of_plane**2))) / whole,
+        )
+
+    def tree(self) -> dict[str, Any]:
+        """The content of the group `truth` of format 1."""
+        histories = {
+            "alpha": Quantity(self.alpha, "rad"),
+            "windward_meridian": Quantity(self.windward_meridian, "rad"),
+            "C_N_prime": self.C_N,
+            "C_Z_prime": self.C_Z,
+            "planted_C_N_prime": self.planted_in_plane,
+            "planted_C_Z_prime": self.planted_out_of_plane,
+        }
+        return {
+            "planted": "+".join(self.planted) or "none",
+            **histories,
+            "C_m": self.C_m,
+            "C_n": self.C_n,
+            # In HDF5 a slash would open a group, and names of terms may hold one.
+            "parameters": {name.replace("/", " per "): value for name, value in self.parameters.items()},
+        }
+
+
+@dataclass(frozen=True)
+class SimulatedFlight:
+    """`record` as recorded, with gaps (NaN) and spikes; `flight` as an analysis loads it; `truth` apart."""
+
+    record: Record
+    truth: Truth
+    config: SimulationConfig
+    seed: int
+
+    @cached_property
+    def flight(self) -> Flight:
+        """The flight as `load_flight` gives it: despiked, gaps bridged or cut, channels derived."""
+        return assemble(self.record)
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write the record as format 1 with the group `truth`; raises UsageError where the file exists."""
+        record = self.record
+        channels: dict[str, Any] = dict(record.channels)
+        raw = Flight(
+            time=record.time,
+            **channels,
+            vehicle=record.vehicle.vehicle(),
+            planet=record.planet,
+            title=record.title,
+            source=record.source,
+        )
+        configuration = yaml.safe_dump(self.config.model_dump(mode="json"), sort_keys=False)
+        truth = {**self.truth.tree(), "seed": self.seed, "configuration": configuration}
+        save_flight(raw, path, truth=truth, overwrite=overwrite)

@@ -1,0 +1,189 @@
+"""From a configuration to simulated flights: integrate a batch, read the instruments, note the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight.schema import Record, VehicleRecord
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.motion import Motion
+from brv_hypo.simulation.atmosphere import HIGHEST
+from brv_hypo.simulation.config import SimulationConfig
+from brv_hypo.simulation.dynamics import RATES, AirData, System
+from brv_hypo.simulation.instruments import Signals, measured
+from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
+from brv_hypo.simulation.loading import ConfigSource, load_config
+from brv_hypo.simulation.planting import check_terms
+from brv_hypo.simulation.result import SimulatedFlight, Truth
+from brv_hypo.simulation.system import initial_state, system
+from brv_hypo.simulation.variation import numbers, varied
+
+# A batch is integrated at once up to here; beyond, memory grows for no gain in speed.
+LARGEST_BATCH = 250
+
+
+def simulate(
+    config: ConfigSource, *, seed: int, plant: Sequence[str] = (), progress: Progress | None = None
+) -> SimulatedFlight:
+    """One flight; `plant` names sets of the configuration's `plantable` block.
+
+    `config` is a file, the name of one that comes along, a mapping or a `SimulationConfig`. `progress` is
+    called with the fraction done. Raises UsageError for a bad configuration, and UnanswerableError where no
+    flight comes of it: the motion diverges, or meets the ground.
+    """
+    return simulate_batch(config, seeds=(seed,), plant=plant, progress=progress)[0]
+
+
+def simulate_batch(
+    config: ConfigSource,
+    *,
+    seeds: Sequence[int],
+    variations: Mapping[str, ArrayLike] | None = None,
+    plant: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> tuple[SimulatedFlight, ...]:
+    """One flight per seed, integrated together: each is, to the order of the integration, what it is alone.
+
+    `variations` maps dotted paths of the configuration to (flights,) values, such as
+    'mechanisms.0.terms.eps'; a planted set is appended to `mechanisms`. Raises as `simulate` does.
+    """
+    if not seeds or min(seeds) < 0:
+        raise UsageError(f"got the seeds {list(seeds)[:5]}, expected at least one and none below zero")
+    configs = varied(load_config(config, plant=plant), len(seeds), variations)
+    found: list[SimulatedFlight] = []
+    for first in range(0, len(seeds), LARGEST_BATCH):
+        part = slice(first, first + LARGEST_BATCH)
+
+        def overall(fraction: float, first: int = first, size: int = len(configs[part])) -> None:
+            if progress is not None:
+                progress((first + fraction * size) / len(seeds))
+
+        found += _together(configs[part], seeds[part], overall)
+    return tuple(found)
+
+
+def _together(
+    configs: Sequence[SimulationConfig], seeds: Sequence[int], progress: Progress
+) -> list[SimulatedFlight]:
+    equations = system(configs)
+    trajectory = flown(configs, equations, progress)
+    states = np.moveaxis(trajectory.states, 1, 0)
+    time = trajectory.nodes[:, None] * np.ones(len(configs))
+    air = equations.air_data(time, states)
+    angular = np.moveaxis(trajectory.rates[:, RATES], 1, 0)
+    truths = _truths(configs, equations, trajectory, air, angular)
+    flights = []
+    for flight, (config, seed, truth) in enumerate(zip(configs, seeds, truths, strict=True)):
+        signals = Signals(
+            trajectory.nodes,
+            states[RATES, :, flight],
+            angular[..., flight],
+            air.specific_force[..., flight],
+            air.speed[:, flight],
+            air.dynamic_pressure[:, flight],
+            air.altitude[:, flight],
+        )
+        flights.append(SimulatedFlight(_record(config, signals, truth.time, seed), truth, config, seed))
+    return flights
+
+
+def flown(configs: Sequence[SimulationConfig], equations: System, progress: Progress) -> Trajectory:
+    """The trajectory of a batch; refuses what has no sense as a flight."""
+    first = configs[0]
+    begin = first.start.time
+    state = initial_state(configs, equations)
+    instant = np.full(len(configs), begin)
+    motion = _motion_alone(equations, instant, state, equations.air_data(instant, state))
+    check_terms(equations.planted, replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
+    breaks = break_times(equations.planted, _other_breaks(equations), begin)
+    on = grid(begin, first.step, first.samples, first.steps_per_sample, breaks)
+    with np.errstate(over="ignore", invalid="ignore"):
+        trajectory = integrate(equations, state, on, progress)
+    _check(trajectory, equations)
+    return trajectory
+
+
+def _motion_alone(equations: System, time: FloatArray, state: FloatArray, air: AirData) -> Motion:
+    """The motion without a past."""
+    return equations.motion(time, state, air, np.zeros_like(air.speed), None)
+
+
+def _other_breaks(equations: System) -> FloatArray:
+    """Times of wind steps and of sudden changes of slope."""
+    wind = np.zeros(0) if equations.wind is None else equations.wind[0]
+    times = np.concatenate([wind, *(course.edges() for course in equations.slope_courses)])
+    return np.asarray(np.unique(times[np.isfinite(times)]), dtype=float)
+
+
+def _check(trajectory: Trajectory, equations: System) -> None:
+    lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
+    if np.any(lost):
+        raise UnanswerableError(
+            f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: "
+            "an unstable vehicle, a mechanism planted too strongly or too long, or too long a step. Remedy: "
+            "check the sign of C_Nalpha (< 0 is stable), plant less, or reduce `step`."
+        )
+    _, altitude = equations.gravity_and_altitude(np.moveaxis(trajectory.states[:, :3], 1, 0))
+    if np.any(altitude < 0.0) or np.any(altitude > HIGHEST):
+        raise UnanswerableError(
+            f"the simulated flight spans {np.min(altitude):.0f} to {np.max(altitude):.0f} m, expected 0 to "
+            f"{HIGHEST:.0f} m, where the atmosphere is known. Remedy: another start altitude or "
+            "flight-path angle, or a shorter duration."
+        )
+
+
+def _truths(
+    configs: Sequence[SimulationConfig],
+    equations: System,
+    trajectory: Trajectory,
+    air: AirData,
+    angular: FloatArray,
+) -> list[Truth]:
+    """The truth of every flight at its samples; what is planted is the moment less that without it."""
+    chosen = trajectory.samples
+    time = trajectory.nodes[chosen]
+    here = AirData(**{name: value[..., chosen, :] for name, value in vars(air).items()})
+    states = np.moveaxis(trajectory.states[chosen], 1, 0)
+    bare = replace(equations, planted=())
+    instants = time[:, None] * np.ones(len(configs))
+    motion = _motion_alone(bare, instants, states, here)
+    without = bare.plane_moments(motion)
+    body = equations.body_moments(states, angular[:, chosen], here)
+    plane = plane_from_body(body[1] + 1j * body[2], motion.windward_meridian)
+    meridian = np.unwrap(motion.windward_meridian, axis=0)
+    added = (plane.real - without[0], plane.imag - without[1])
+    return [
+        Truth(
+            time=time,
+            alpha=motion.alpha[:, i],
+            windward_meridian=meridian[:, i],
+            C_m=body[1, :, i],
+            C_n=body[2, :, i],
+            C_N=plane.real[:, i],
+            C_Z=plane.imag[:, i],
+            planted_in_plane=added[0][:, i],
+            planted_out_of_plane=added[1][:, i],
+            planted=tuple(dict.fromkeys(item.mechanism for item in config.mechanisms)),
+            parameters=numbers(config),
+        )
+        for i, config in enumerate(configs)
+    ]
+
+
+def _record(config: SimulationConfig, signals: Signals, time: FloatArray, seed: int) -> Record:
+    vehicle = config.vehicle.declared()
+    channels = measured(signals, config.instruments, vehicle.accelerometer_position, time, seed)
+    return Record(
+        time=time,
+        channels=channels,
+        vehicle=VehicleRecord(**{name: getattr(vehicle, name) for name in VehicleRecord.model_fields}),
+        planet=config.environment.planet,
+        title=config.title,
+        source=f"simulated, seed {seed}",
+    )

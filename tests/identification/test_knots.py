@@ -1,0 +1,80 @@
+"""Knots between nodes: collocation must give the states of the sharp course."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from brv_hypo.identification.knots import averaged, kink, on_grid
+from brv_hypo.model.time_variation import TimeFunction
+
+STEP = 0.05
+NODES = np.arange(0.0, 2.0 + STEP / 2, STEP)
+MIDDLES = NODES[:-1] + STEP / 2
+
+
+def moment(t):
+    return np.cos(3.0 * t + 0.3)
+
+
+def derivatives(t):
+    return -3.0 * np.sin(3.0 * t + 0.3), -9.0 * np.cos(3.0 * t + 0.3)
+
+
+def collocated(course: TimeFunction, corrected: bool = True) -> tuple[float, float]:
+    """Rate and position at the end, by Hermite-Simpson, of rate' = course x moment, position' = rate."""
+    half = np.full_like(MIDDLES, STEP / 2)
+    first, second = (
+        kink(course, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
+    )
+    slope, curvature = derivatives(MIDDLES)
+    if corrected:
+        ends, middle = on_grid(course, NODES, np.zeros_like(NODES)), on_grid(course, MIDDLES, half)
+    else:
+        ends, middle = course(NODES), course(MIDDLES)
+    ends = ends * moment(NODES)
+    middle = middle * moment(MIDDLES) - first * slope + second * curvature
+    rate = position = 0.0
+    for k in range(MIDDLES.size):
+        change = STEP / 6.0 * (ends[k] + 4.0 * middle[k] + ends[k + 1])
+        halfway = rate + change / 2.0 + STEP / 8.0 * (ends[k] - ends[k + 1])
+        halfway += first[k] * moment(MIDDLES[k]) - 2.0 * second[k] * slope[k]
+        position += STEP / 6.0 * (rate + 4.0 * halfway + rate + change)
+        rate += change
+    return rate, position
+
+
+@settings(max_examples=60, deadline=None)
+@given(knot=st.floats(0.2, 1.0), length=st.floats(0.2, 0.8))
+def test_a_jump_between_nodes_gives_the_rate_and_position_of_the_sharp_jump(knot, length):
+    rate, position = collocated(TimeFunction("jump", knot, knot + length))
+    stop, end = knot + length, NODES[-1]
+    assert rate == pytest.approx(quad(moment, knot, stop)[0], abs=1e-6)
+    assert position == pytest.approx(quad(lambda t: (end - t) * moment(t), knot, stop)[0], abs=2e-6)
+
+
+def test_without_the_correction_the_error_is_a_thousand_times_larger():
+    course = TimeFunction("jump", 0.513)
+    exact = quad(moment, 0.513, NODES[-1])[0]
+    assert abs(collocated(course, corrected=False)[0] - exact) > 1e3 * abs(collocated(course)[0] - exact)
+
+
+@settings(max_examples=40, deadline=None)
+@given(knot=st.floats(0.2, 1.8))
+def test_a_ramp_is_integrated_exactly(knot):
+    course = TimeFunction("ramp", knot)
+    half = np.full_like(MIDDLES, STEP / 2)
+    ends, middle = on_grid(course, NODES, np.zeros_like(NODES)), on_grid(course, MIDDLES, half)
+    total = np.sum(STEP / 6.0 * (ends[:-1] + 4.0 * middle + ends[1:]))
+    assert total == pytest.approx((NODES[-1] - knot) ** 2 / 2.0, abs=1e-12)
+
+
+@given(knot=st.floats(0.3, 1.5))
+def test_the_averaged_course_is_the_mean_over_the_block(knot):
+    course, width, time = TimeFunction("jump", knot, knot + 0.2), 0.1, np.linspace(0.1, 1.9, 37)
+    fine = np.linspace(-width / 2, width / 2, 4001)
+    expected = [np.mean(course(t + fine)) for t in time]
+    np.testing.assert_allclose(averaged(course, time, width), expected, atol=1e-3)

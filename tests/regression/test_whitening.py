@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from brv_hypo.arrays import ComplexArray
+from brv_hypo.regression.frame import whiten
+from brv_hypo.regression.whitening import effective_samples, fit_noise, white
+
+
+def coloured(rng: np.random.Generator, n: int, feedback: float) -> ComplexArray:
+    noise = rng.normal(size=(2, n + 500))
+    red = lfilter([1.0], [1.0, -feedback], noise, axis=1)[:, 500:]
+    return red[0] + 1j * red[1]
+
+
+@pytest.mark.parametrize("feedback", [0.0, 0.5, 0.95])
+def test_the_filter_makes_an_autoregression_white(feedback: float) -> None:
+    rng = np.random.default_rng(3)
+    noise = fit_noise([coloured(rng, 4000, feedback)])
+    fresh = noise.whiten(coloured(rng, 4000, feedback)[:, None])[:, 0]
+    correlation = np.real(np.vdot(fresh[:-1], fresh[1:])) / np.real(np.vdot(fresh, fresh))
+    assert abs(correlation) < 4.0 / np.sqrt(8000)
+    assert noise.sigma == pytest.approx(1.0, rel=0.05)
+
+
+def test_the_first_rows_are_whitened_exactly() -> None:
+    """Durbin-Levinson: over many short segments each row has the variance of the innovation."""
+    rng = np.random.default_rng(4)
+    noise = fit_noise([coloured(rng, 20000, 0.9)])
+    segments = np.column_stack([coloured(rng, 6, 0.9) for _ in range(4000)])
+    power = np.mean(np.abs(noise.whiten(segments)) ** 2, axis=1) / 2.0
+    np.testing.assert_allclose(power, 1.0, rtol=0.1)
+
+
+def test_constants_of_integration_are_projected_out_piece_by_piece() -> None:
+    rng = np.random.default_rng(5)
+    noise = fit_noise([coloured(rng, 3000, 0.6)])
+    pieces = ((0, 40), (40, 100))
+    level = np.concatenate([np.full(40, 2.0 - 1.0j), np.full(60, -7.0 + 0.5j)])
+    np.testing.assert_allclose(whiten(level[:, None], pieces, noise), 0.0, atol=1e-10)
+
+
+def test_white_noise_keeps_all_its_samples() -> None:
+    rng = np.random.default_rng(6)
+    parts = [rng.normal(size=3000), rng.normal(size=3000)]
+    assert effective_samples(parts) > 0.9 * 6000
+
+
+def test_an_autoregression_counts_for_fewer_samples() -> None:
+    """n (1 - a) / (1 + a) for feedback a: Bayley and Hammersley (1946)."""
+    rng = np.random.default_rng(7)
+    both = coloured(rng, 20000, 0.6)
+    expected = 40000 * (1.0 - 0.6) / (1.0 + 0.6)
+    assert effective_samples([both.real, both.imag]) == pytest.approx(expected, rel=0.15)
+
+
+def test_white_filter_changes_nothing() -> None:
+    rows = np.arange(10, dtype=complex)[:, None]
+    np.testing.assert_array_equal(white().whiten(rows), rows)

@@ -1,0 +1,125 @@
+"""Which candidate is added, and how the candidates are told."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.mechanisms import find
+from brv_hypo.residuals import choice
+from brv_hypo.residuals.candidates import NEAR, Candidate
+from brv_hypo.residuals.choice import Choice, Tried, choose
+
+ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+
+
+def candidate(
+    name: str,
+    gain: float,
+    contribution: np.ndarray = ALONG,
+    mechanisms: tuple[Any, ...] = (),
+    terms: str = "",
+) -> Candidate:
+    fit: Any = SimpleNamespace(
+        mechanisms=mechanisms, selected=[SimpleNamespace(term=term) for term in terms.split()]
+    )
+    kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
+    return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain)
+
+
+def chosen(
+    found: list[Candidate],
+    accepted: str,
+    monkeypatch: pytest.MonkeyPatch,
+    description: Candidate | None = None,
+) -> Choice:
+    """The choice where the held-out part agrees with `accepted` alone."""
+    any_state: Any = None
+
+    def tried(here: Any, state: Any, one: Candidate, add: Any) -> Tried:
+        fell = 5.0 if one.name == accepted else 0.0
+        return Tried(one, any_state, fell, 0.5, 0.1, (1.0, 1.0))
+
+    monkeypatch.setattr(choice, "_try", tried)
+    here: Any = SimpleNamespace(candidates=tuple(found))
+    discovery: Any = None if description is None else SimpleNamespace(candidate=description)
+    return choose(here, any_state, discovery, 0.01, lambda one: any_state)
+
+
+def test_a_refused_leader_makes_way_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)]
+    result = chosen(found, "trim", monkeypatch)
+    assert result.taken is not None
+    assert result.taken.candidate.name == "trim"
+    assert [one.name for one in result.told] == ["trim", "lag"]
+    assert [one.candidate.name for one in result.tried if not one.taken] == ["lag"]
+
+
+def test_what_predicts_the_same_as_a_refused_one_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("sticking", 80.0), candidate("trim", 60.0, ACROSS)]
+    assert [one.candidate.name for one in chosen(found, "none", monkeypatch).tried] == ["lag", "trim"]
+
+
+def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 40.0, ACROSS)]
+    result = chosen(found, "trim", monkeypatch)
+    assert result.taken is None
+    assert result.told[0].name == "lag"
+
+
+def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate(f"effect {k}", 90.0 - 4.0 * k, np.eye(6)[k]) for k in range(6)]
+    result = chosen(found, "effect 5", monkeypatch)
+    assert len(result.tried) == 3
+    assert result.taken is None
+    assert result.told[0].name == "effect 0"
+
+
+def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS), candidate("magnus", 59.0, ALONG)]
+    result = chosen(found, "trim", monkeypatch)
+    assert [one.name for one in result.told] == ["trim", "magnus", "lag"]
+
+
+@pytest.mark.parametrize(
+    ("terms", "ahead", "first"),
+    [
+        ("C_Nalpha", 0.9 * NEAR, "discovered_1"),
+        ("C_Nalpha", 1.1 * NEAR, "inplane"),
+        ("C_Nalpha C_N0", 0.9 * NEAR, "inplane"),
+        ("C_Nalpha C_N0", -0.9 * NEAR, "inplane"),
+        ("C_Nalpha C_N0", -1.1 * NEAR, "discovered_1"),
+    ],
+)
+def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
+    terms: str, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = candidate("inplane", 100.0, ALONG, (find("inplane"),), terms)
+    result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
+    assert result.ranked[0].name == first
+
+
+@pytest.mark.parametrize(
+    ("of_record", "fell", "ratio", "taken"),
+    [
+        (False, 3.0, 0.99, True),
+        (False, 3.0, 1.01, False),
+        (False, 1.5, 0.5, False),
+        (True, 3.0, 1.05, True),
+        (True, 3.0, 1.18, True),
+        (True, 3.0, 1.22, False),
+        (True, 1.5, 0.5, False),
+    ],
+)
+def test_errors_of_the_record_may_leave_the_moments_as_they_are(
+    of_record: bool, fell: float, ratio: float, taken: bool
+) -> None:
+    effect: Any = object() if of_record else None
+    one: Any = SimpleNamespace(effect=effect)
+    nothing: Any = None
+    assert Tried(one, nothing, fell, ratio, 0.1, (1.0, 1.0)).taken is taken

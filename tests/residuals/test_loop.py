@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight import load_flight
+from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.simulation import load_config, simulate
+from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
+from tests.shared_data import shared_file
+
+STOPS = {"white", "nothing significant", "nothing improves held-out error", "limit"}
+
+
+def planted(mechanism: str, terms: dict[str, float]) -> SimulationConfig:
+    entry = PlantedConfig(mechanism=mechanism, terms=terms, kind="constant")
+    return load_config("research_cone").model_copy(update={"mechanisms": (entry,)})
+
+
+def instrument(path: str, value: object) -> SimulationConfig:
+    data = load_config("research_cone").model_dump()
+    node = data["instruments"]
+    *parents, leaf = path.split(".")
+    for name in parents:
+        node = node[name]
+    node[leaf] = value
+    return SimulationConfig.model_validate(data)
+
+
+CASES = {
+    "trim": planted("trim", {"C_m0": 3e-6, "C_n0": -2e-6}),
+    "magnus": planted("magnus", {"C_npalpha": -1.0}),
+    "stiffness_asymmetry": planted("stiffness_asymmetry", {"pitch-yaw": 2e-4, "diagonal": 1e-4}),
+    "gyro_scale": instrument("gyro.scale", (2e-3, 0.0, 0.0)),
+}
+
+
+@pytest.fixture(scope="module")
+def clean() -> Trace:
+    return trace(simulate("research_cone", seed=11).flight, TraceConfig())
+
+
+def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
+    assert clean.added == ()
+    assert clean.stopped in ("white", "nothing significant")
+    assert clean.steps[-1].error_before.held_out < 1.2 * clean.noise_floor
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
+    result = trace(simulate(CASES[name], seed=12).flight, TraceConfig(max_steps=2))
+    step = result.steps[0]
+    assert step.candidates[0].effect == name
+    assert step.added == name
+    assert step.error_after is not None
+    assert step.error_ratio_held_out is not None
+    assert step.error_ratio_held_out < 1.0
+    assert step.error_after.held_out < 1.2 * result.noise_floor
+
+
+def test_the_dump_is_the_contracts_json(clean: Trace) -> None:
+    content = json.loads(clean.model_dump_json(by_alias=True))
+    assert content["schema"] == "brv-hypo/trace/1"
+    assert content["stopped"] in STOPS
+    step = content["steps"][0]
+    assert set(step) >= {
+        "step", "residual", "candidates", "added", "error_before", "error_after", "error_ratio_held_out",
+    }  # fmt: skip
+    assert set(step["residual"]) >= {
+        "rms", "white", "p_value", "worst_channel", "worst_region_s", "dominant_frequency_hz",
+    }  # fmt: skip
+    assert set(step["candidates"][0]) >= {"effect", "kind", "f_ratio", "p_value_adjusted", "explains"}
+    assert {"picture", "discovered"}.isdisjoint(content)
+
+
+def test_an_unknown_effect_is_refused() -> None:
+    with pytest.raises(UsageError, match="did you mean magnus"):
+        trace(simulate("research_cone", seed=11).flight, TraceConfig(effects=("magnos",)))
+
+
+def test_a_record_too_short_is_refused() -> None:
+    flight = simulate("research_cone", seed=11).flight.window(1.0, 1.3)
+    with pytest.raises(UnanswerableError, match="too few"):
+        trace(flight)
+
+
+@pytest.mark.shared
+def test_opportunity_needs_a_body_fixed_moment_and_stiffness_that_changes() -> None:
+    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    result = trace(flight, TraceConfig(max_steps=3))
+    assert {"bodyfixed", "trim"} & set(result.added)
+    assert {"inplane", "mach_stiffness", "reynolds_stiffness"} & set(result.added)
+    ratios = [step.error_ratio_held_out for step in result.steps if step.added]
+    assert np.prod([ratio for ratio in ratios if ratio is not None]) < 0.2
+    assert result.unexplained is not None

@@ -1,0 +1,132 @@
+"""The model that a trace ends with: its errors, its refinement, and another trace that starts from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.filed import FiledTerm, MechanismFile, Turn
+from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.residuals.planting import another_flight
+from brv_hypo.residuals.restore import restored, saved
+from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
+from brv_hypo.simulation import SimulationConfig, load_config, simulate
+
+QUICK = TraceConfig(effects=("trim", "gyro_scale", "accel_scale"), discover=False)
+TRIM = (2e-5, -1e-5)
+SCALE = 0.01
+
+
+def flight_with_errors() -> Flight:
+    """A cone with a trim and accelerometers whose y axis reads 1 % too much."""
+    data = load_config("research_cone").model_dump()
+    terms = dict(zip(("C_m0", "C_n0"), TRIM, strict=True))
+    data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
+    data["instruments"]["accelerometer"]["scale"] = (0.0, SCALE, 0.0)
+    return simulate(SimulationConfig.model_validate(data), seed=21).flight
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return flight_with_errors()
+
+
+@pytest.fixture(scope="module")
+def result(flight: Flight) -> Trace:
+    return trace(flight, QUICK)
+
+
+def test_both_effects_are_added(result: Trace) -> None:
+    assert set(result.added) == {"trim", "accel_scale"}
+
+
+def test_the_added_effect_is_the_first_candidate(result: Trace) -> None:
+    added = [step for step in result.steps if step.added is not None]
+    assert all(step.candidates[0].effect == step.added for step in added)
+
+
+def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(result: Trace) -> None:
+    step = next(step for step in result.steps if step.added == "accel_scale")
+    assert step.force_error_after is not None
+    assert step.force_error_after.held_out < step.force_error_before.held_out
+    assert step.held_out_score is not None
+    assert step.held_out_score > 5.0
+
+
+def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
+    term = next(t for t in result.model.terms if t.channel == "record" and t.name == "y")
+    assert 0.0 < term.std_error < 0.5 * SCALE
+    assert abs(term.value - SCALE) < 5.0 * term.std_error
+
+
+def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
+    assert result.ml is not None
+    assert result.ml.status == "converged"
+    values = {term.name: term for term in result.ml.terms}
+    for name, planted in zip(("C_m0", "C_n0"), TRIM, strict=True):
+        assert abs(values[name].value - planted) < 5.0 * values[name].std_error
+
+
+def test_after_the_limit_the_residual_is_that_of_the_final_model(flight: Flight) -> None:
+    settings = QUICK.model_copy(update={"max_steps": 1, "maximum_likelihood": False})
+    result = trace(flight, settings)
+    assert result.stopped == "limit"
+    assert result.ml is None
+    assert result.final_residual is not None
+    assert result.final_residual.rms < 0.7 * result.steps[0].residual.rms
+
+
+def test_a_trace_that_starts_from_a_model_finds_its_residual(flight: Flight, result: Trace) -> None:
+    start = SavedModel.model_validate_json(result.model.definition.model_dump_json())
+    again = trace(flight, QUICK.model_copy(update={"start": start, "maximum_likelihood": False}))
+    assert again.added == ()
+    assert result.final_residual is not None
+    np.testing.assert_allclose(again.steps[0].residual.rms, result.final_residual.rms, rtol=1e-3)
+
+
+def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
+    term = FiledTerm(name="a", axis="body_y", turn=Turn(of="time", rate=5.0))
+    file = MechanismFile(name="found", title="t", claims="c", source="s", terms=(term,))
+    content = SavedModel(columns=(SavedColumn(mechanism="found", term="a", units="1"),), files=(file,))
+    model = restored(content, flight)
+    assert model.added == ("found",)
+    assert saved(model) == content
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"columns": [{"mechanism": "magnos", "term": "a", "units": "1"}]}, "did you mean magnus"),
+        ({"columns": [], "record": [{"effect": "magnus", "component": "p", "value": 1.0}]}, "is a mechanism"),
+        (
+            {"columns": [], "record": [{"effect": "gyro_bias", "component": "w", "value": 1.0}]},
+            "which has p, q",
+        ),
+        (
+            {
+                "columns": [],
+                "record": [{"effect": "gyro_bias", "component": "p", "value": 1.0, "options": {"when": 2.0}}],
+            },
+            "options",
+        ),
+    ],
+)
+def test_a_model_that_does_not_fit_is_refused(flight: Flight, content: dict[str, object], said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        restored(SavedModel.model_validate(content), flight)
+
+
+def test_a_saved_effect_keeps_its_options(flight: Flight) -> None:
+    error = SavedRecordError(effect="wind_step", component="y", value=2.0, options={"time": 3.0})
+    model = restored(SavedModel(columns=(), record=(error,)), flight)
+    assert saved(model).record[0].options["time"] == 3.0
+    assert saved(restored(saved(model), flight)) == saved(model)
+
+
+def test_another_flight_has_the_same_effects_and_another_start() -> None:
+    config = load_config("research_cone")
+    other = another_flight(config, 5)
+    assert other.start != config.start
+    assert other.model_copy(update={"start": config.start}) == config

@@ -1,0 +1,172 @@
+"""What is planted is what is tested: the same definitions, at the running state and on the record."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.mechanisms import Mechanism, find, mechanisms
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.history import recorded
+from brv_hypo.motion.motion import Motion
+from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from brv_hypo.simulation.simulator import flown
+from brv_hypo.simulation.system import system
+
+CONE = load_config("research_cone")
+PLANTED: dict[str, dict[str, Any]] = {
+    "damping": {
+        "mechanism": "damping",
+        "options": {"form": "complete"},
+        "terms": {"C_damping": 40.0},
+        "start": 0.5,
+    },
+    "inplane": {
+        "mechanism": "inplane",
+        "terms": {"C_N0": 1e-4, "C_Nalpha": 0.01},
+        "kind": "ramp",
+        "start": 0.3,
+    },
+    "bodyfixed": {"mechanism": "bodyfixed", "terms": {"C_b cos(phi_b)": 2e-4, "C_b sin(phi_b)": 3e-4}},
+    "lag": {
+        "mechanism": "lag",
+        "theta": {"delay": 0.02},
+        "terms": {"lag fraction": 0.7},
+        "start": 0.4,
+        "stop": 1.1,
+    },
+    "sticking": {
+        "mechanism": "sticking",
+        "options": {"form": "complete"},
+        "theta": {"delay": 0.1},
+        "terms": {"eps": 0.4},
+    },
+}
+
+
+def planting(*names: str, **changes: Any) -> SimulationConfig:
+    data = CONE.model_dump(exclude={"plantable"})
+    return load_config({**data, "mechanisms": [PLANTED[name] for name in names], "duration": 1.5, **changes})
+
+
+def true_motion(config: SimulationConfig) -> Motion:
+    """The motion that was flown, as a record would hold it."""
+    equations = system((config,))
+    trajectory = flown((config,), equations, lambda fraction: None)
+    states = np.moveaxis(trajectory.states, 1, 0)
+    time = trajectory.nodes[:, None]
+    motion = equations.motion(time, states, equations.air_data(time, states), np.zeros_like(time), None)
+    chosen = trajectory.samples
+    values = {
+        name: value[chosen, 0] if isinstance(value, np.ndarray) and value.ndim == 2 else value
+        for name, value in vars(motion).items()
+    }
+    return recorded(
+        Motion(
+            **{
+                **values,
+                "windward_meridian": np.unwrap(values["windward_meridian"]),
+                "reference_length": config.vehicle.reference_length,
+            }
+        )
+    )
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
+    """Also before the first delay has passed: both pasts are steady before the start."""
+    config = planting(name)
+    truth = simulate(config, seed=1).truth
+    motion = true_motion(config)
+    entry = config.mechanisms[0]
+    mechanism = find(entry.mechanism, entry.options)
+    course = TimeFunction(
+        entry.kind,
+        -np.inf if entry.start is None else entry.start,
+        np.inf if entry.stop is None else entry.stop,
+    )(motion.time)
+    terms = {term.name: term for term in mechanism.terms(motion, entry.theta)}
+    in_plane = sum(value * course * terms[key].in_plane for key, value in entry.terms.items())
+    out_of_plane = sum(value * course * terms[key].out_of_plane for key, value in entry.terms.items())
+    size = np.sqrt(np.mean(truth.planted_in_plane**2 + truth.planted_out_of_plane**2))
+    assert size > 1e-5
+    # One sample beside an edge may lie on its other side by rounding.
+    away = np.min(np.abs(motion.time[:, None] - [entry.start or -9.0, entry.stop or -9.0]), axis=1) > 1e-6
+    np.testing.assert_allclose(truth.planted_in_plane[away], in_plane[away], atol=1e-3 * size)
+    np.testing.assert_allclose(truth.planted_out_of_plane[away], out_of_plane[away], atol=1e-3 * size)
+
+
+@pytest.mark.parametrize("mechanism", mechanisms("aerodynamic"), ids=lambda mechanism: mechanism.name)
+def test_any_installed_effect_can_be_planted(mechanism: Mechanism) -> None:
+    """Each term in turn, scaled to a tenth of the moment: what is planted is the mechanism's own column."""
+    nominal = true_motion(planting(duration=0.2))
+    for term in mechanism.terms(nominal, {}):
+        column = np.max(np.hypot(term.in_plane, term.out_of_plane))
+        coefficient = float(2e-4 / column)
+        entry = {"mechanism": mechanism.name, "terms": {term.name: coefficient}}
+        data = planting(duration=0.2).model_dump(exclude={"plantable"})
+        config = load_config({**data, "mechanisms": [entry]})
+        truth, motion = simulate(config, seed=1).truth, true_motion(config)
+        own = {found.name: found for found in mechanism.terms(motion, {})}[term.name]
+        np.testing.assert_allclose(truth.planted_in_plane, coefficient * own.in_plane, atol=1e-9)
+        np.testing.assert_allclose(truth.planted_out_of_plane, coefficient * own.out_of_plane, atol=1e-9)
+
+
+def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
+    """C_mw of Eq. 5.1 holds the planted in-plane flow: the sticking moment grows with it."""
+    alone = simulate(planting("sticking", duration=0.2), seed=1).truth
+    stronger = dict(PLANTED["inplane"], kind="jump", start=None, terms={"C_Nalpha": -0.0883})
+    config = load_config(
+        {
+            **planting("sticking", duration=0.2).model_dump(exclude={"plantable"}),
+            "mechanisms": [PLANTED["sticking"], stronger],
+        }
+    )
+    # At the first sample the motions agree and only C_mw differs: it is doubled.
+    both = simulate(config, seed=1).truth
+    assert both.planted_out_of_plane[0] == pytest.approx(2.0 * alone.planted_out_of_plane[0], rel=1e-9)
+
+
+def test_moments_add_up_over_several_mechanisms() -> None:
+    truth = simulate(planting("bodyfixed", "sticking", "damping"), seed=1).truth
+    assert truth.planted == ("bodyfixed", "sticking", "damping")
+    body = (truth.C_N + 1j * truth.C_Z) * np.exp(-1j * truth.windward_meridian)
+    np.testing.assert_allclose(body, truth.C_m + 1j * truth.C_n, atol=1e-12)
+
+
+def test_stiffness_may_step_with_mach() -> None:
+    """C_Nalpha changes by the step where Mach passes it; nothing out of plane."""
+    aerodynamics = CONE.aerodynamics.model_dump() | {
+        "C_mq": 0.0,
+        "slope_variations": [
+            {"variable": "mach", "kind": "step", "change": -0.03, "at": 23.05, "width": 0.01}
+        ],
+    }
+    config = planting(aerodynamics=aerodynamics, duration=4.0)
+    truth, motion = simulate(config, seed=1).truth, true_motion(config)
+    slope = truth.C_N / truth.alpha
+    np.testing.assert_allclose(slope[motion.mach > 23.1], -0.0883 - 0.03, rtol=1e-3)
+    np.testing.assert_allclose(slope[motion.mach < 23.0], -0.0883, rtol=1e-3)
+    assert np.any(motion.mach > 23.1)
+    assert np.any(motion.mach < 23.0)
+    np.testing.assert_allclose(truth.C_Z, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mechanism": "stickin"}, "did you mean sticking"),
+        ({"terms": {"epsilon": 0.5}}, "its terms are eps"),
+        ({"theta": {}}, r"expected \['delay'\]"),
+        ({"options": {"form": "other"}}, "bad options"),
+        ({"kind": "ramp", "start": None}, "a ramp needs a `start`"),
+        ({"theta": {"delay": 0.001}}, "Reduce `step`"),
+    ],
+)
+def test_refusals_say_what_to_write(change: dict[str, Any], message: str) -> None:
+    data = planting("sticking").model_dump(exclude={"plantable"})
+    with pytest.raises(UsageError, match=message):
+        simulate(load_config({**data, "mechanisms": [PLANTED["sticking"] | change]}), seed=1)
