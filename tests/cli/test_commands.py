@@ -169,8 +169,8 @@ class TestCompare:
         assert html.count("<h2>Coefficients of") == histories
         assert html.count('class="plotly-graph-div"') == 4 + histories
 
-    def test_json_on_standard_output_is_alone_there(self, brv_hypo, simulated_file):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "--json", "-")
+    def test_json_on_standard_output_is_alone_there(self, brv_hypo_process, simulated_file):
+        done = brv_hypo_process("compare", simulated_file, "--mechanisms", "damping", "--json", "-")
         assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
         assert done.stderr == ""
 

@@ -27,8 +27,8 @@ def test_every_command_explains_itself(brv_hypo, command):
     assert done.stdout.startswith(f"Usage: brv-hypo {command}")
 
 
-def test_the_help_names_every_command(brv_hypo):
-    done = brv_hypo("--help")
+def test_the_help_names_every_command(brv_hypo_process):
+    done = brv_hypo_process("--help")
     listed = done.stdout.partition("Commands:")[2].split()
     assert set(COMMANDS) <= set(listed)
 
@@ -50,8 +50,8 @@ def test_the_help_imports_nothing_heavy():
         ["mechanisms", "--colour"],
     ],
 )
-def test_wrong_usage_ends_with_2_and_no_traceback(brv_hypo, arguments):
-    done = brv_hypo(*arguments)
+def test_wrong_usage_ends_with_2_and_no_traceback(brv_hypo_process, arguments):
+    done = brv_hypo_process(*arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert "Traceback" not in done.stderr
@@ -66,9 +66,9 @@ def test_a_missing_record_ends_with_3(brv_hypo, tmp_path, command):
     assert "Traceback" not in done.stderr
 
 
-def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo, tmp_path):
+def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo_process, tmp_path):
     (tmp_path / "flight.h5").write_text("time,p\n0,1\n")
-    done = brv_hypo("compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path)
+    done = brv_hypo_process("compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path)
     assert done.returncode == 3
     assert [entry.name for entry in tmp_path.iterdir()] == ["flight.h5"]
 
@@ -106,8 +106,8 @@ def test_an_empty_window_ends_with_2_and_gives_the_span_of_the_record(brv_hypo, 
     assert "the record runs from 0.000" in done.stderr
 
 
-def test_a_window_too_short_to_answer_ends_with_1(brv_hypo, flight_file):
-    done = brv_hypo("compare", flight_file, "--stop", 0.1, "--mechanisms", "lag")
+def test_a_window_too_short_to_answer_ends_with_1(brv_hypo_process, flight_file):
+    done = brv_hypo_process("compare", flight_file, "--stop", 0.1, "--mechanisms", "lag")
     assert done.returncode == 1
     assert "--stop" in done.stderr
 
@@ -189,10 +189,10 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     assert target.read_text() == "whole"
 
 
-def test_the_version_is_that_of_the_package(brv_hypo):
+def test_the_version_is_that_of_the_package(brv_hypo_process):
     from importlib.metadata import version
 
-    assert brv_hypo("--version").stdout == f"brv-hypo {version('brv-hypo')}\n"
+    assert brv_hypo_process("--version").stdout == f"brv-hypo {version('brv-hypo')}\n"
 
 
 def test_the_console_script_is_the_program(brv_hypo):
