@@ -19,7 +19,7 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
 
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
-    content = {} if path is None else _mapping(Path(path))
+    content = {} if path is None else read_mapping(Path(path))
     try:
         return model.model_validate({**content, **overrides})
     except ValidationError as error:
@@ -28,7 +28,8 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
         raise UsageError(f"{where}: {problems}.") from None
 
 
-def _mapping(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file; UsageError where it cannot be read or holds something else."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -8,7 +8,7 @@ conformance/  named checks that every plugin must pass
 template/     a plugin package to start from
 """
 
-from brv_hypo.mechanisms.contract import Derived, Mechanism, Parameter, RecordEffect, Term
+from brv_hypo.mechanisms.contract import Component, Derived, Mechanism, Parameter, RecordEffect, Term
 from brv_hypo.mechanisms.hookspecs import hookimpl
 from brv_hypo.mechanisms.registry import (
     find,
@@ -20,6 +20,7 @@ from brv_hypo.mechanisms.registry import (
 )
 
 __all__ = [
+    "Component",
     "Derived",
     "Mechanism",
     "Parameter",
