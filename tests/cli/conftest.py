@@ -90,6 +90,23 @@ def short_config(tmp_path_factory):
     return path
 
 
+BRIEF_FLIGHT = """
+base: research_cone
+title: brief
+duration: 0.5
+sample_rate: 100.0
+mechanisms: [{mechanism: sticking, theta: {delay: 0.12}, terms: {eps: 0.6}, start: 0.2}]
+"""
+
+
+@pytest.fixture(scope="session")
+def brief_config(tmp_path_factory):
+    """A simulation of half a second, for what does not depend on the flight."""
+    path = tmp_path_factory.mktemp("config") / "brief.yaml"
+    path.write_text(BRIEF_FLIGHT)
+    return path
+
+
 @pytest.fixture(scope="session")
 def simulated_file(brv_hypo, short_config, tmp_path_factory):
     """A flight of the short configuration."""

@@ -68,7 +68,9 @@ def test_a_missing_record_ends_with_3(brv_hypo, tmp_path, command):
 
 def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo_process, tmp_path):
     (tmp_path / "flight.h5").write_text("time,p\n0,1\n")
-    done = brv_hypo_process("compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path)
+    done = brv_hypo_process(
+        "compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path
+    )
     assert done.returncode == 3
     assert [entry.name for entry in tmp_path.iterdir()] == ["flight.h5"]
 

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
-from tests.motion.study import score
+from tests.motion.study import Score, score
 from tests.motion.truth import CAPSULE, CONE, SLENDER, Scenario, Truth, fly, observe
 from tests.shared_data import shared_file
 
@@ -23,25 +23,31 @@ def cone(truths: dict[str, Truth]) -> Reconstruction:
     return reconstruct(observe(truths["cone"], 1))
 
 
+@pytest.fixture(scope="module")
+def scores(truths: dict[str, Truth]) -> dict[str, Score]:
+    """Each scenario as its own instruments see it, over all seeds."""
+    return {name: score(truth, SEEDS) for name, truth in truths.items()}
+
+
 @pytest.mark.parametrize("name", ["cone", "slender"])
-def test_accuracy_at_200_hz(truths: dict[str, Truth], name: str) -> None:
-    found = score(truths[name], SEEDS)
+def test_accuracy_at_200_hz(scores: dict[str, Score], name: str) -> None:
+    found = scores[name]
     assert found.alpha_deg < 0.003
     assert found.phi_w_rad < 0.005
     assert found.moment_percent < 2.0
 
 
-def test_blunt_capsule_is_limited_by_its_small_normal_force(truths: dict[str, Truth]) -> None:
+def test_blunt_capsule_is_limited_by_its_small_normal_force(scores: dict[str, Score]) -> None:
     # The normal force is 13 times the accelerometers' noise: a coarser, but honest, answer.
-    found = score(truths["capsule"], SEEDS)
+    found = scores["capsule"]
     assert found.alpha_deg < 0.01
     assert found.phi_w_rad < 0.005
     assert found.moment_percent < 2.0
 
 
 @pytest.mark.parametrize("name", ["cone", "capsule", "slender"])
-def test_stated_sigmas_are_right_within_30_percent(truths: dict[str, Truth], name: str) -> None:
-    found = score(truths[name], SEEDS)
+def test_stated_sigmas_are_right_within_30_percent(scores: dict[str, Score], name: str) -> None:
+    found = scores[name]
     assert 0.7 < found.alpha_ratio < 1.3
     assert 0.7 < found.phi_w_ratio < 1.3
     assert 0.7 < found.moment_ratio < 1.3

@@ -16,9 +16,11 @@ from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.simulation import simulate
+from tests.flights import nominal
 from tests.shared_data import shared_file
 
 
+@pytest.mark.shared
 def test_the_measured_entry_of_opportunity() -> None:
     """8 Hz, Martian, inertia up to a factor: a moment fixed in the body, with warnings."""
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
@@ -30,9 +32,7 @@ def test_the_measured_entry_of_opportunity() -> None:
 
 
 def test_json_carries_the_keys_of_the_contract() -> None:
-    comparison = compare(
-        [simulate("research_cone", seed=61).flight], CompareConfig(mechanisms=("bodyfixed",))
-    )
+    comparison = compare([nominal().flight], CompareConfig(mechanisms=("bodyfixed",)))
     content = comparison.model_dump(mode="json", by_alias=True)
     assert content["schema"] == "brv-hypo/compare/1"
     assert set(content) >= {"flights", "reconstruction", "baseline", "ranking", "verdict", "seconds"}
@@ -69,7 +69,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
 
 
 def test_the_seven_criteria_agree_with_their_definitions() -> None:
-    comparison = compare([simulate("research_cone", seed=62).flight], CompareConfig(mechanisms=("damping",)))
+    comparison = compare([nominal().flight], CompareConfig(mechanisms=("damping",)))
     for row in comparison.ranking:
         criteria = row.criteria
         assert set(criteria) >= {
@@ -88,14 +88,14 @@ def test_the_seven_criteria_agree_with_their_definitions() -> None:
 
 
 def test_too_short_a_window_cannot_answer() -> None:
-    flight = simulate("research_cone", seed=63).flight.window(0.0, 0.2)
+    flight = nominal().flight.window(0.0, 0.2)
     with pytest.raises(UnanswerableError, match="--start and --stop"):
         compare([flight])
 
 
 def test_an_unknown_mechanism_names_the_nearest() -> None:
     with pytest.raises(UsageError, match="sticking"):
-        compare([simulate("research_cone", seed=64).flight], CompareConfig(mechanisms=("stiking",)))
+        compare([nominal().flight], CompareConfig(mechanisms=("stiking",)))
 
 
 class NeedsMach(Mechanism):
@@ -114,7 +114,7 @@ def test_a_mechanism_without_its_channel_is_left_out_with_a_reason(monkeypatch: 
         return (NeedsMach(),) if name == "needs_mach" else known(name, options)
 
     monkeypatch.setattr(module, "parse_hypothesis", parse)
-    flight = replace(simulate("research_cone", seed=65).flight, mach=None, altitude=None, planet="mars")
+    flight = replace(nominal().flight, mach=None, altitude=None, planet="mars")
     comparison = compare([flight], CompareConfig(mechanisms=("needs_mach", "damping")))
     assert [row.mechanism for row in comparison.ranking] == ["none", "damping"]
     assert any("needs_mach is left out" in warning for warning in comparison.warnings)
@@ -163,6 +163,7 @@ def test_a_delay_is_refined_and_predicts_what_was_held_out() -> None:
     assert first.prediction_error < 1.1 * regression.ranking[0].prediction_error
 
 
+@pytest.mark.shared
 @pytest.mark.parametrize("setting", ["quick", "none"])
 def test_a_record_with_limits_keeps_to_the_regression(setting: str) -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
@@ -188,7 +189,7 @@ def test_a_plugin_may_replace_the_gaussian_likelihood(monkeypatch: pytest.Monkey
         return (Confident(),) if name == "confident" else known(name, options)
 
     monkeypatch.setattr(module, "parse_hypothesis", parse)
-    flight = simulate("research_cone", seed=69).flight
+    flight = nominal().flight
     settings = {"refine": False, "maximum_likelihood": "none"}
     comparison = compare([flight], CompareConfig(mechanisms=("confident", "damping"), **settings))
     criterion = {row.mechanism: row.bic for row in comparison.ranking}

@@ -10,6 +10,7 @@ from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.effect import effect_size
 from brv_hypo.study.parameters import estimates
+from tests.flights import nominal
 
 
 def term(name, value, start, *, mechanism="sticking", f_ratio=50.0, delay=0.12):
@@ -143,7 +144,7 @@ def test_the_effect_is_measured_while_it_lasts():
 
 
 def test_nothing_planted_is_no_effect():
-    assert effect_size(simulate("research_cone", seed=1).truth) == (0.0, 0.0)
+    assert effect_size(nominal().truth) == (0.0, 0.0)
 
 
 def test_the_effect_of_a_planted_flight_is_the_planted_columns_rms():
