@@ -28,7 +28,13 @@ def errors_in_sigma(result: FitResult, problem: ModelProblem) -> np.ndarray:
 SLOW_BODY = spinning_body().with_truth(M_alpha=-4.0, M_q=-0.8)
 
 
-@pytest.mark.parametrize("problem", [short_period(), SLOW_BODY], ids=["short period", "spinning body"])
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(short_period(), id="short period"),
+        pytest.param(SLOW_BODY, id="spinning body", marks=pytest.mark.slow),
+    ],
+)
 def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     """At 150 Hz, where the discretisation errors of both are below the tolerance."""
     fast = replace(problem, rate=150.0)

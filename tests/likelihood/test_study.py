@@ -12,6 +12,7 @@ from brv_hypo.likelihood.problems import growing_body, short_period, spinning_bo
 from brv_hypo.likelihood.study import coverage, cramer_rao, delay, growth_in_two_seconds, hard_motion
 
 
+@pytest.mark.slow
 def test_intervals_cover_in_white_noise_and_once_corrected_in_coloured() -> None:
     """60 trials, 8 parameters: the mean share has a standard deviation of about 1.5 %."""
     white = coverage(short_period(), 300, trials=60, seed=1)
@@ -34,6 +35,7 @@ def test_hard_motion_grows_twentyfold_and_is_fitted() -> None:
     assert found.collocation.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.1, 0.3])
 def test_delays_come_back(start: float) -> None:
     found = delay(trials=8, seed=4, start=start, samples=600)

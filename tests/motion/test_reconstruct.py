@@ -53,7 +53,7 @@ def test_stated_sigmas_are_right_within_30_percent(scores: dict[str, Score], nam
     assert 0.7 < found.moment_ratio < 1.3
 
 
-@pytest.mark.parametrize("noise", [0.1, 5.0])
+@pytest.mark.parametrize("noise", [pytest.param(0.1, marks=pytest.mark.slow), 5.0])
 def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None:
     found = score(
         truths["slender"],
