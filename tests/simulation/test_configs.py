@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +16,18 @@ VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("sticking", "lag", "bodyfixed", "damping", "inplane")
 
 
+def slow(names: tuple[str, ...]) -> list[Any]:
+    """The names, each for the slow run alone."""
+    return [pytest.param(name, marks=pytest.mark.slow) for name in names]
+
+
 def test_every_configuration_that_comes_along_loads() -> None:
     assert set(config_names()) >= {*VEHICLES, "demo", "report_table_5"}
     for name in config_names():
         assert load_config(name).samples > 500
 
 
-@pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.parametrize("name", [VEHICLES[0], *slow(VEHICLES[1:])])
 def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -> None:
     truth = simulate(name, seed=1).truth
     assert truth.planted == ()
@@ -32,8 +38,8 @@ def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -
         assert np.max(part) > 1.3 * np.min(part)
 
 
-@pytest.mark.parametrize("mechanism", MECHANISMS)
-@pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.parametrize("mechanism", [MECHANISMS[0], *slow(MECHANISMS[1:])])
+@pytest.mark.parametrize("name", [VEHICLES[0], *slow(VEHICLES[1:])])
 def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanism: str) -> None:
     """At least 5 % of the moment's rms, from which it must be found; alpha between 0.3 and 8 deg."""
     flight = simulate(name, seed=1, plant=(mechanism,))
@@ -49,6 +55,7 @@ def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanis
     assert np.max(truth.alpha[-truth.alpha.size // 6 :]) > np.radians(0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", sorted(set(load_config("research_cone").plantable) - set(MECHANISMS)))
 def test_plantable_effects_of_the_vehicle_are_seen_and_bearable(effect: str) -> None:
     truth = simulate("research_cone", seed=1, plant=(effect,)).truth
