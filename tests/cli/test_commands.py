@@ -117,6 +117,17 @@ class TestImport:
         assert not (foreign / "flight.h5").exists()
 
 
+REGRESSION = "mechanisms: [damping]\nmaximum_likelihood: none\n"
+
+
+@pytest.fixture(scope="module")
+def regression(tmp_path_factory):
+    """A comparison by regression alone, for what the likelihood has no part in."""
+    path = tmp_path_factory.mktemp("config") / "regression.yaml"
+    path.write_text(REGRESSION)
+    return path
+
+
 @pytest.fixture(scope="module")
 def compared(brv_hypo, simulated_file, tmp_path_factory):
     """One comparison: the finished process, its JSON and its report."""
@@ -169,8 +180,8 @@ class TestCompare:
         assert html.count("<h2>Coefficients of") == histories
         assert html.count('class="plotly-graph-div"') == 4 + histories
 
-    def test_json_on_standard_output_is_alone_there(self, brv_hypo_process, simulated_file):
-        done = brv_hypo_process("compare", simulated_file, "--mechanisms", "damping", "--json", "-")
+    def test_json_on_standard_output_is_alone_there(self, brv_hypo_process, simulated_file, regression):
+        done = brv_hypo_process("compare", simulated_file, "--config", regression, "--json", "-")
         assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
         assert done.stderr == ""
 
@@ -178,19 +189,20 @@ class TestCompare:
         done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "-q")
         assert " ".join(done.stdout.split()) == compared[1]["verdict"]["reason"]
 
-    def test_verbose_shows_every_term(self, brv_hypo, simulated_file):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping,lag", "-v")
+    def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
+        chosen = ("--config", regression, "--mechanisms", "damping,lag")
+        done = brv_hypo("compare", simulated_file, *chosen, "-v")
         for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 
-    def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file):
+    def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file, regression):
         files = (simulated_file, simulated_file)
-        done = brv_hypo("compare", *files, "--mechanisms", "damping", "--json", "-")
+        done = brv_hypo("compare", *files, "--config", regression, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert len(strict_json(done.stdout)["flights"]) == 2
 
     def test_a_configuration_sets_what_is_compared(self, brv_hypo, simulated_file, tmp_path):
-        (tmp_path / "config.yaml").write_text("mechanisms: [damping]\noptions: {damping: {form: complete}}\n")
+        (tmp_path / "config.yaml").write_text(REGRESSION + "options: {damping: {form: complete}}\n")
         config = ("--config", tmp_path / "config.yaml")
         done = brv_hypo("compare", simulated_file, *config, "--json", "-")
         row = next(row for row in strict_json(done.stdout)["ranking"] if row["mechanism"] == "damping")

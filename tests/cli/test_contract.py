@@ -108,8 +108,8 @@ def test_an_empty_window_ends_with_2_and_gives_the_span_of_the_record(brv_hypo, 
     assert "the record runs from 0.000" in done.stderr
 
 
-def test_a_window_too_short_to_answer_ends_with_1(brv_hypo_process, flight_file):
-    done = brv_hypo_process("compare", flight_file, "--stop", 0.1, "--mechanisms", "lag")
+def test_a_window_too_short_to_answer_ends_with_1(brv_hypo, flight_file):
+    done = brv_hypo("compare", flight_file, "--stop", 0.1, "--mechanisms", "lag")
     assert done.returncode == 1
     assert "--stop" in done.stderr
 

@@ -15,7 +15,7 @@ from brv_hypo.likelihood.problems import lagging_body, short_period
 BODY = lagging_body()
 
 
-@pytest.mark.parametrize("start", [0.1, 0.3])
+@pytest.mark.parametrize("start", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_delay_started_a_tenth_of_a_second_off_comes_back(start: float, seed: int) -> None:
     theta0 = {name: 0.7 * value for name, value in BODY.truth.items()} | {"delay": start}
@@ -55,7 +55,7 @@ def test_a_segment_that_starts_in_full_motion_uses_its_history() -> None:
     assert with_history.nllf < without.nllf - 3
 
 
-@pytest.mark.parametrize("offset", [-0.03, 0.05])
+@pytest.mark.parametrize("offset", [-0.03, pytest.param(0.05, marks=pytest.mark.slow)])
 def test_an_instrument_that_is_late_or_early_is_found(offset: float) -> None:
     """The delay stands in the outputs only, and may be negative."""
     base = short_period()

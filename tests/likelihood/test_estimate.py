@@ -187,6 +187,7 @@ def test_gaps_cost_information_and_nothing_else() -> None:
     np.testing.assert_array_equal(np.isnan(result.innovations[0]), np.isnan(y))
 
 
+@pytest.mark.slow
 def test_a_full_noise_covariance_is_found() -> None:
     segment = SHORT.simulate(3000, seed=9)
     rng = np.random.default_rng(0)

@@ -53,7 +53,8 @@ def test_stated_sigmas_are_right_within_30_percent(scores: dict[str, Score], nam
     assert 0.7 < found.moment_ratio < 1.3
 
 
-@pytest.mark.parametrize("noise", [pytest.param(0.1, marks=pytest.mark.slow), 5.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.1, 5.0])
 def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None:
     found = score(
         truths["slender"],
@@ -70,11 +71,11 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
     "scenario",
     [
         pytest.param(replace(CONE, roll_rate=20.0, duration=3.0), id="fast roll"),
-        pytest.param(replace(CONE, roll_rate=0.2), id="slow roll"),
-        pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg"),
-        pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim"),
+        pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
+        pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
+        pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
         pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz"),
-        pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars"),
+        pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars", marks=pytest.mark.slow),
         pytest.param(replace(CONE, planet="unheard of"), id="unknown planet"),
     ],
 )
@@ -85,6 +86,7 @@ def test_accuracy_elsewhere(scenario: Scenario) -> None:
     assert found.moment_percent < 2.0
 
 
+@pytest.mark.slow
 def test_small_biases_are_borne_and_stated(truths: dict[str, Truth]) -> None:
     biases = {"gyro_bias": (2e-4, -3e-4, 2e-4), "accel_bias": (0.05, 0.03, -0.04)}
     found = score(truths["cone"], SEEDS, **biases)

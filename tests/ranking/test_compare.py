@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,9 @@ from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.simulation import simulate
 from tests.flights import nominal
 from tests.shared_data import shared_file
+
+REGRESSION: dict[str, Any] = {"maximum_likelihood": "none"}
+"""For what the likelihood has no part in."""
 
 
 @pytest.mark.shared
@@ -69,7 +73,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
 
 
 def test_the_seven_criteria_agree_with_their_definitions() -> None:
-    comparison = compare([nominal().flight], CompareConfig(mechanisms=("damping",)))
+    comparison = compare([nominal().flight], CompareConfig(mechanisms=("damping",), **REGRESSION))
     for row in comparison.ranking:
         criteria = row.criteria
         assert set(criteria) >= {
@@ -115,11 +119,12 @@ def test_a_mechanism_without_its_channel_is_left_out_with_a_reason(monkeypatch: 
 
     monkeypatch.setattr(module, "parse_hypothesis", parse)
     flight = replace(nominal().flight, mach=None, altitude=None, planet="mars")
-    comparison = compare([flight], CompareConfig(mechanisms=("needs_mach", "damping")))
+    comparison = compare([flight], CompareConfig(mechanisms=("needs_mach", "damping"), **REGRESSION))
     assert [row.mechanism for row in comparison.ranking] == ["none", "damping"]
     assert any("needs_mach is left out" in warning for warning in comparison.warnings)
 
 
+@pytest.mark.slow
 def test_gaps_cost_samples_but_not_the_verdict() -> None:
     flight = simulate("research_cone", seed=66, plant=("sticking",)).flight
     n = flight.samples
@@ -129,6 +134,7 @@ def test_gaps_cost_samples_but_not_the_verdict() -> None:
     assert comparison.ranking[0].n_effective < 2 * n
 
 
+@pytest.mark.slow
 def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
     """The block of the contract, and the likelihood's own estimate of a planted step of the slope."""
     flight = simulate("sounding_rocket", seed=67, plant=("damping",)).flight
@@ -143,6 +149,7 @@ def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
     assert comparison.seconds.ml > 0.0
 
 
+@pytest.mark.slow
 def test_a_delay_is_refined_and_predicts_what_was_held_out() -> None:
     """Delay and fraction of the likelihood, and held-out prediction by it where it converged."""
     flight = simulate("research_cone", seed=68, plant=("sticking",)).flight

@@ -92,4 +92,4 @@ def test_progress_runs_from_start_to_end() -> None:
 )
 def test_what_is_no_flight_is_refused(path: str, value: float, message: str) -> None:
     with pytest.raises(UnanswerableError, match=message):
-        simulate_batch(CONE, seeds=(1,), variations={path: value})
+        simulate_batch(CONE.model_copy(update={"duration": 0.3}), seeds=(1,), variations={path: value})

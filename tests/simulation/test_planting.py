@@ -137,6 +137,7 @@ def test_moments_add_up_over_several_mechanisms() -> None:
     np.testing.assert_allclose(body, truth.C_m + 1j * truth.C_n, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_stiffness_may_step_with_mach() -> None:
     """C_Nalpha changes by the step where Mach passes it; nothing out of plane."""
     aerodynamics = CONE.aerodynamics.model_dump() | {

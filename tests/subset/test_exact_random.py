@@ -13,7 +13,7 @@ from tests.subset.brute_force import Row, enumerate_subsets, representatives
 
 KERNELS = ("numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
 BATCHES, PER_BATCH = 40, 25
-QUICK_BATCHES = 12
+QUICK_BATCHES = 8
 """Batches of every run; each batch has every kernel, with and without rules."""
 
 
