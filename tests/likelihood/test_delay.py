@@ -39,6 +39,7 @@ def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
         assert held.nllf - free.nllf == pytest.approx(0.5, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_segment_that_starts_in_full_motion_uses_its_history() -> None:
     whole = BODY.simulate(700, seed=6)
     x = BODY.trajectory(whole.t, np.random.default_rng(0))

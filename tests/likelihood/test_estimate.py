@@ -52,7 +52,7 @@ def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     np.testing.assert_allclose(ours.states[0], reference.states[0], atol=1e-6 * np.abs(ours.states[0]).max())
 
 
-@pytest.mark.parametrize("factor", [0.0, 0.5, 1.5])
+@pytest.mark.parametrize("factor", [0.0, 1.5, pytest.param(0.5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("problem", [short_period(), spinning_body()], ids=["short period", "spinning body"])
 def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor: float) -> None:
     segment = problem.simulate(500, seed=1)
@@ -63,7 +63,9 @@ def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor:
     assert all(test.white for test in result.whiteness)
 
 
-@pytest.mark.parametrize("start", [1e-8, 1e-5, 1e-3])
+@pytest.mark.parametrize(
+    "start", [1e-3, *(pytest.param(start, marks=pytest.mark.slow) for start in (1e-8, 1e-5))]
+)
 @pytest.mark.parametrize(
     ("problem", "samples"), [(spinning_body(), 400), (growing_body(), 75)], ids=["spinning", "growing"]
 )

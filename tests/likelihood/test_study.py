@@ -29,6 +29,7 @@ def test_the_bound_is_in_proportion_to_the_noise() -> None:
     np.testing.assert_allclose(cramer_rao(quieter, 250), cramer_rao(spinning_body(), 250) / 4, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_hard_motion_grows_twentyfold_and_is_fitted() -> None:
     assert growth_in_two_seconds(growing_body()) >= 20
     found = hard_motion(trials=6, seed=3, shooting=False)

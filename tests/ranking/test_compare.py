@@ -171,7 +171,7 @@ def test_a_delay_is_refined_and_predicts_what_was_held_out() -> None:
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize("setting", ["quick", "none"])
+@pytest.mark.parametrize("setting", ["quick", pytest.param("none", marks=pytest.mark.slow)])
 def test_a_record_with_limits_keeps_to_the_regression(setting: str) -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     config = CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood=setting)

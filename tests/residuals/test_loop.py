@@ -38,9 +38,6 @@ CASES = {
     "gyro_scale": instrument("gyro.scale", (2e-3, 0.0, 0.0)),
 }
 
-QUICK = "trim"
-"""What every run plants."""
-
 
 @pytest.fixture(scope="module")
 def clean() -> Trace:
@@ -53,9 +50,8 @@ def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
     assert clean.steps[-1].error_before.held_out < 1.2 * clean.noise_floor
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name == QUICK else pytest.mark.slow) for name in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
 def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
     result = trace(simulate(CASES[name], seed=12).flight, TraceConfig(max_steps=2))
     step = result.steps[0]

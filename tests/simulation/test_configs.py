@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,18 +16,15 @@ VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("sticking", "lag", "bodyfixed", "damping", "inplane")
 
 
-def slow(names: tuple[str, ...]) -> list[Any]:
-    """The names, each for the slow run alone."""
-    return [pytest.param(name, marks=pytest.mark.slow) for name in names]
-
-
 def test_every_configuration_that_comes_along_loads() -> None:
     assert set(config_names()) >= {*VEHICLES, "demo", "report_table_5"}
     for name in config_names():
         assert load_config(name).samples > 500
 
 
-@pytest.mark.parametrize("name", [VEHICLES[0], *slow(VEHICLES[1:])])
+@pytest.mark.parametrize(
+    "name", [VEHICLES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in VEHICLES[1:])]
+)
 def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -> None:
     truth = flown(name).truth
     assert truth.planted == ()
@@ -39,8 +35,9 @@ def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -
         assert np.max(part) > 1.3 * np.min(part)
 
 
-@pytest.mark.parametrize("mechanism", [MECHANISMS[0], *slow(MECHANISMS[1:])])
-@pytest.mark.parametrize("name", [VEHICLES[0], *slow(VEHICLES[1:])])
+@pytest.mark.slow
+@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize("name", VEHICLES)
 def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanism: str) -> None:
     """At least 5 % of the moment's rms, from which it must be found; alpha between 0.3 and 8 deg."""
     flight = flown(name, mechanism)

@@ -46,6 +46,9 @@ PLANTED: dict[str, dict[str, Any]] = {
     },
 }
 
+QUICK = "sticking"
+"""What every run plants."""
+
 
 def planting(*names: str, **changes: Any) -> SimulationConfig:
     data = CONE.model_dump(exclude={"plantable"})
@@ -75,7 +78,9 @@ def true_motion(config: SimulationConfig) -> Motion:
     )
 
 
-@pytest.mark.parametrize("name", PLANTED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == QUICK else pytest.mark.slow) for name in PLANTED]
+)
 def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     """Also before the first delay has passed: both pasts are steady before the start."""
     config = planting(name)

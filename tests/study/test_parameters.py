@@ -147,6 +147,7 @@ def test_nothing_planted_is_no_effect():
     assert effect_size(nominal().truth) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_the_effect_of_a_planted_flight_is_the_planted_columns_rms():
     truth = flown("research_cone", "sticking").truth
     lasts = (truth.time >= 2.0) & (truth.time < 4.0)

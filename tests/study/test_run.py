@@ -179,6 +179,7 @@ def test_another_seed_is_another_study(commanded, small):
     assert "another study" in done.output
 
 
+@pytest.mark.slow
 def test_a_flight_is_the_same_wherever_it_is_flown(commanded, small):
     _, folder = commanded
     kept = json.loads((folder / FLIGHTS).read_text().splitlines()[0])
