@@ -138,6 +138,12 @@ def compared(brv_hypo, simulated_file, tmp_path_factory):
     return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
 
 
+@pytest.fixture(scope="module")
+def regressed(brv_hypo_process, simulated_file, regression):
+    """A process that compares by regression, with JSON on standard output."""
+    return brv_hypo_process("compare", simulated_file, "--config", regression, "--json", "-")
+
+
 class TestCompare:
     def test_prints_the_ranking_and_the_verdict(self, compared):
         printed = compared[0].stdout
@@ -180,14 +186,13 @@ class TestCompare:
         assert html.count("<h2>Coefficients of") == histories
         assert html.count('class="plotly-graph-div"') == 4 + histories
 
-    def test_json_on_standard_output_is_alone_there(self, brv_hypo_process, simulated_file, regression):
-        done = brv_hypo_process("compare", simulated_file, "--config", regression, "--json", "-")
-        assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
-        assert done.stderr == ""
+    def test_json_on_standard_output_is_alone_there(self, regressed):
+        assert strict_json(regressed.stdout)["schema"] == "brv-hypo/compare/1"
+        assert regressed.stderr == ""
 
-    def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, compared):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "-q")
-        assert " ".join(done.stdout.split()) == compared[1]["verdict"]["reason"]
+    def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, regression, regressed):
+        done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
+        assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]
 
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
         chosen = ("--config", regression, "--mechanisms", "damping,lag")

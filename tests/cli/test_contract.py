@@ -50,8 +50,8 @@ def test_the_help_imports_nothing_heavy():
         ["mechanisms", "--colour"],
     ],
 )
-def test_wrong_usage_ends_with_2_and_no_traceback(brv_hypo_process, arguments):
-    done = brv_hypo_process(*arguments)
+def test_wrong_usage_ends_with_2_and_no_traceback(brv_hypo, arguments):
+    done = brv_hypo(*arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert "Traceback" not in done.stderr

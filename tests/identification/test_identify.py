@@ -41,12 +41,13 @@ def test_nothing_is_added_where_nothing_is_planted(bodyfixed):
     assert bodyfixed[2].instruments == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "value", "name"),
     [
         ("gyro.bias.1", 2e-4, "gyro_bias q"),
-        pytest.param("accelerometer.bias.2", 0.05, "accel_bias z", marks=pytest.mark.slow),
-        pytest.param("accelerometer.delay", 2e-3, "time_skew", marks=pytest.mark.slow),
+        ("accelerometer.bias.2", 0.05, "accel_bias z"),
+        ("accelerometer.delay", 2e-3, "time_skew"),
     ],
 )
 def test_a_planted_instrument_error_is_found_and_measured(path, value, name):

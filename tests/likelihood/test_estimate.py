@@ -28,13 +28,8 @@ def errors_in_sigma(result: FitResult, problem: ModelProblem) -> np.ndarray:
 SLOW_BODY = spinning_body().with_truth(M_alpha=-4.0, M_q=-0.8)
 
 
-@pytest.mark.parametrize(
-    "problem",
-    [
-        pytest.param(short_period(), id="short period"),
-        pytest.param(SLOW_BODY, id="spinning body", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("problem", [short_period(), SLOW_BODY], ids=["short period", "spinning body"])
 def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     """At 150 Hz, where the discretisation errors of both are below the tolerance."""
     fast = replace(problem, rate=150.0)
@@ -52,7 +47,9 @@ def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     np.testing.assert_allclose(ours.states[0], reference.states[0], atol=1e-6 * np.abs(ours.states[0]).max())
 
 
-@pytest.mark.parametrize("factor", [0.0, 1.5, pytest.param(0.5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "factor", [0.0, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (0.5, 1.5))]
+)
 @pytest.mark.parametrize("problem", [short_period(), spinning_body()], ids=["short period", "spinning body"])
 def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor: float) -> None:
     segment = problem.simulate(500, seed=1)

@@ -119,7 +119,7 @@ def test_gravity_left_out_is_worse_and_says_so(truths: dict[str, Truth]) -> None
 
 
 @pytest.mark.parametrize("method", ["velocity", "rates", "polar"])
-@pytest.mark.parametrize("name", ["cone", "capsule", "slender"])
+@pytest.mark.parametrize("name", ["cone", "capsule", pytest.param("slender", marks=pytest.mark.slow)])
 def test_untied_methods_are_near_and_state_their_error(
     truths: dict[str, Truth], name: str, method: str
 ) -> None:
@@ -171,6 +171,7 @@ def test_a_gap_is_carried_over(truths: dict[str, Truth]) -> None:
     assert result.alpha_sigma[403] > 10.0 * result.alpha_sigma[300]
 
 
+@pytest.mark.slow
 def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> None:
     truth = truths["slender"]
     flight = observe(truth, 4)

@@ -50,6 +50,7 @@ def test_a_flight_of_a_batch_is_that_flight_alone() -> None:
         assert flight.truth.planted_share == pytest.approx(alone.truth.planted_share, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_same_seed_same_flight() -> None:
     first, second = (simulate(CONE, seed=3).record.channels["q"] for _ in range(2))
     np.testing.assert_array_equal(first, second)

@@ -71,9 +71,8 @@ def test_torque_free_coning_follows_the_closed_form() -> None:
     np.testing.assert_allclose(cosine, cosine[0], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "roll_rate", [8.0, *(pytest.param(rate, marks=pytest.mark.slow) for rate in (0.0, -25.0))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("roll_rate", [0.0, 8.0, -25.0])
 def test_undamped_linear_epicyclic_frequencies(roll_rate: float) -> None:
     """s'' - i (Ix/I) p s' + w0^2 s = 0 for the nose s in the frame: two frequencies, here to 1e-6."""
     start = {
@@ -199,6 +198,7 @@ def test_wind_step_turns_the_air_velocity_at_once() -> None:
     np.testing.assert_allclose(trajectory.states[:, 4, 0], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_roll_damping_and_torque_reach_their_balance() -> None:
     """p tends to -2 V C_l0 / (d C_lp) exponentially."""
     config = body(

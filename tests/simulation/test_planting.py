@@ -135,6 +135,7 @@ def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
     assert both.planted_out_of_plane[0] == pytest.approx(2.0 * alone.planted_out_of_plane[0], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_moments_add_up_over_several_mechanisms() -> None:
     truth = simulate(planting("bodyfixed", "sticking", "damping"), seed=1).truth
     assert truth.planted == ("bodyfixed", "sticking", "damping")

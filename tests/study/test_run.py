@@ -73,6 +73,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, flown):
     assert flown == []
 
 
+@pytest.mark.slow
 def test_failures_are_outcomes_with_their_reason(tmp_path):
     """Damping ten thousand times too unstable diverges; half a second is too short to compare."""
     wild = STUDY.draws.model_copy(update={"size": (1e4, 1e4)})
