@@ -47,7 +47,13 @@ def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float,
         assert column[index] == pytest.approx(complex(*parts), abs=2e-7)
 
 
-@pytest.mark.parametrize("config", ["research_cone", "blunt_capsule", "sounding_rocket"])
+@pytest.mark.parametrize(
+    "config",
+    [
+        "research_cone",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("blunt_capsule", "sounding_rocket")),
+    ],
+)
 def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
     """The white residual is the gyros' own noise: 0.02 deg/s, within what chance allows."""
     flight = simulate(config, seed=77)
