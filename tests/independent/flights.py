@@ -42,7 +42,8 @@ _STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4}
 class TrueMotion:
     """What was so at the record's times, SI; moments and contributions complex.
 
-    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted. `share`
+    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted,
+    `claim` the same, region or no. `share`
     is the contribution's rms in its region over the moment's rms over the record, `nominal_share` what amplitude 1
     was meant to give.
     """
@@ -61,6 +62,7 @@ class TrueMotion:
     force: np.ndarray
     moment: np.ndarray
     contribution: np.ndarray
+    claim: np.ndarray
     planted: Planted
     errors: Errors
     craft: Craft
@@ -206,7 +208,7 @@ def _nominal(
     if truth == "lag":
         return replace(unit, amplitude=share / meridian_rate), share
     inside = (time >= first) & (time < last)
-    made = [unit.contribution(look.running) for look, use in zip(looks, inside, strict=True) if use]
+    made = [unit.claim(look.running) for look, use in zip(looks, inside, strict=True) if use]
     moment = np.sqrt(np.mean(np.abs(stack(looks, "moment")) ** 2))
     size = share * moment / np.sqrt(np.mean(np.abs(made) ** 2))
     # What sticks trails; everything else is as likely of either sign.
@@ -243,6 +245,7 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
         force=force,
         moment=moment,
         contribution=contribution,
+        claim=np.array([body.planted.claim(look.running) for look in looks]),
         planted=body.planted,
         errors=errors,
         craft=body.craft,

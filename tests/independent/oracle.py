@@ -12,18 +12,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from tests.independent.flights import Made
 from tests.independent.instruments import Errors, inertia_tensor, no_errors, sensed_rates
 from tests.independent.mechanisms import LISTED, body_components
 
 DETECTED = 25.0  # F at the detection limit (DESIGN)
-INTERVALS = 16  # of a rival's first grid of knots over the record
-FINER = 8  # by which an interval beside the best knots is divided for its second
-DELAYS = np.geomspace(3e-3, 0.15, 12)  # s, of a rival's first grid
-FINER_DELAYS = 7  # between the neighbours of the best, for its second
+DRIFT = 2  # degree in time of the baseline's C_Nalpha
+INTERVALS = 24  # of a rival's first grid of knots over the record
+FINER = 6  # by which an interval beside the best knots is divided, each time
+PASSES = 2  # of finer grids
+DELAYS = np.geomspace(2e-3, 0.15, 12)  # s, of a rival's first grid
+FINER_DELAYS = 7  # between the neighbours of the best
 
 # What the true motion does not settle: it moves the gyros, the phase of de-rolling or the equations of motion.
 # Dynamic pressure and inertia scale every moment alike, as C_Nalpha does: the baseline holds them.
@@ -75,11 +76,19 @@ class Ground:
 
     def _phase(self, roll_rate: np.ndarray) -> np.ndarray:
         rest = 1.0 - self.vehicle.inertia_ratio
-        return np.asarray(rest * cumulative_trapezoid(roll_rate, self.time, initial=0.0))
+        return np.asarray(rest * CubicSpline(self.time, roll_rate).antiderivative()(self.time))
 
-    def integral(self, moment: np.ndarray) -> np.ndarray:
-        """De-rolled rates (n,), rad/s, that moment coefficients C_m + i C_n (n,) make."""
-        return np.asarray(cumulative_trapezoid(self.weight * moment * self.turn, self.time, initial=0.0))
+    def integral(self, moment: np.ndarray) -> PPoly:
+        """De-rolled rates, rad/s, that moment coefficients C_m + i C_n (n,) make, over time."""
+        return CubicSpline(self.time, self.weight * moment * self.turn).antiderivative()
+
+    def planted(self) -> np.ndarray:
+        """De-rolled rates (n,) of what was planted."""
+        true = self.made.true
+        if true.region is None:
+            return np.zeros(self.time.size, dtype=complex)
+        grown = self.integral(body_components(true.claim, true.meridian))
+        return _grown(grown, np.array(true.region), self.time)[:, 0]
 
     def whitened(self, rates: np.ndarray) -> np.ndarray:
         """Real rows (2n, ...) in units of the noise."""
@@ -99,15 +108,15 @@ class Ground:
         return columns, priors
 
     def _baseline(self) -> Iterator[np.ndarray]:
-        """Start, C_N0, C_Nalpha and its linear drift, C_mq."""
+        """Start, C_N0, C_Nalpha and its drift, C_mq."""
         true = self.made.true
         ones = np.ones(self.time.size, dtype=complex)
         yield from (ones, 1j * ones)
         drift = 2.0 * (self.time - self.time[0]) / (self.time[-1] - self.time[0]) - 1.0
-        for column in (ones, true.alpha, drift * true.alpha):
-            yield self.integral(body_components(column, true.meridian))
+        for column in (ones, *(drift**degree * true.alpha for degree in range(DRIFT + 1))):
+            yield self.integral(body_components(column, true.meridian))(self.time)
         transverse = true.rates[:, 1] + 1j * true.rates[:, 2]
-        yield self.integral(transverse * self.vehicle.reference_length / (2.0 * true.velocity))
+        yield self.integral(transverse * self.vehicle.reference_length / (2.0 * true.velocity))(self.time)
 
     def _effects(self) -> Iterator[np.ndarray]:
         """Change of the de-rolled rates by one tolerance of each error, the motion held."""
@@ -120,7 +129,7 @@ class Ground:
         for key, components in _VEHICLE.items():
             for place in range(components):
                 change = self._turning(nothing.changed(key, place, tolerances[key][0])) - turning
-                yield np.asarray(cumulative_trapezoid(change * self.turn, self.time, initial=0.0))
+                yield CubicSpline(self.time, change * self.turn).antiderivative()(self.time)
 
     def _sensed(self, errors: Errors) -> np.ndarray:
         true = self.made.true
@@ -179,13 +188,11 @@ class Ground:
 def judge(made: Made, rivals: Sequence[str] = LISTED) -> Known:
     """F of what was planted, its detection limit, and 2 ln L over each rival; over `none` it is F itself.
 
-    A rival acts in one region and has free coefficients, knots and delay (for `lag` a free size besides its lag:
-    what it reaches is a little too good).
+    A rival acts in one region and has free coefficients, knots and delay.
     """
     ground = Ground(made)
     true = made.true
-    planted = ground.whitened(ground.integral(body_components(true.contribution, true.meridian)))
-    target = ground.project(planted[:, None])[:, 0]
+    target = ground.project(ground.whitened(ground.planted())[:, None])[:, 0]
     f_ratio = float(target @ target)
     ratio = np.sqrt(DETECTED / f_ratio) if f_ratio > 0.0 else np.inf
     against = {"none": Rival(f_ratio, 0.0, 0.0, None, ())}
@@ -195,32 +202,45 @@ def judge(made: Made, rivals: Sequence[str] = LISTED) -> Known:
 
 
 def _best(ground: Ground, target: np.ndarray, name: str) -> Rival:
-    """Over a coarse grid of knots and delays, then over a finer one about the best."""
+    """Over a coarse grid of knots and delays, then over finer ones about the best."""
     first, last = float(ground.time[0]), float(ground.time[-1])
     knots = np.linspace(first, last, INTERVALS + 1)
     delayed = name in ("lag", "sticking")
     delays = [float(delay) for delay in DELAYS] if delayed else [None]
     best = _least(ground, target, name, knots, delays)
-    width = knots[1] - knots[0]
-    near = [edge + width * np.linspace(-1, 1, 2 * FINER + 1) for edge in (best.start, best.stop)]
-    finer = np.unique(np.clip(np.concatenate([[first, last], *near]), first, last))
-    if best.delay is not None:
-        ratio = DELAYS[1] / DELAYS[0]
-        delays = [float(best.delay * ratio**power) for power in np.linspace(-1, 1, FINER_DELAYS)]
-    return min(best, _least(ground, target, name, finer, delays), key=lambda rival: rival.two_ln_l)
+    width, ratio = knots[1] - knots[0], DELAYS[1] / DELAYS[0]
+    for _ in range(PASSES):
+        near = [edge + width * np.linspace(-1, 1, 2 * FINER + 1) for edge in (best.start, best.stop)]
+        knots = np.unique(np.clip(np.concatenate([[first, last], *near]), first, last))
+        if best.delay is not None:
+            delays = [float(best.delay * ratio**power) for power in np.linspace(-1, 1, FINER_DELAYS)]
+        best = min(best, _least(ground, target, name, knots, delays), key=lambda rival: rival.two_ln_l)
+        width, ratio = width / FINER, ratio ** (2.0 / (FINER_DELAYS - 1))
+    return best
 
 
 def _least(
     ground: Ground, target: np.ndarray, name: str, knots: np.ndarray, delays: Sequence[float | None]
 ) -> Rival:
-    found = [_least_at(ground, target, name, knots, delay) for delay in delays]
+    found = []
+    for place, delay in enumerate(delays):
+        # A lag has no size but its delay; one down to the next shorter of the grid is the same column, less of it.
+        below = delays[place - 1] / delay if place and delay else 0.0
+        found.append(_least_at(ground, target, name, knots, delay, (below, 1.0) if name == "lag" else None))
     return min(found, key=lambda rival: rival.two_ln_l)
 
 
-def _least_at(ground: Ground, target: np.ndarray, name: str, knots: np.ndarray, delay: float | None) -> Rival:
-    """Every region between two knots, from the normal equations of its elementary intervals."""
+def _least_at(
+    ground: Ground,
+    target: np.ndarray,
+    name: str,
+    knots: np.ndarray,
+    delay: float | None,
+    sizes: tuple[float, float] | None,
+) -> Rival:
+    """Every region between two knots, from the normal equations of its elementary intervals; `sizes` bound a value."""
     moments = ground.rival_moments(name, delay)
-    pieces = [_pieces(ground, ground.integral(moment), knots) for moment in moments]
+    pieces = [ground.whitened(_grown(ground.integral(moment), knots, ground.time)) for moment in moments]
     columns = ground.project(np.concatenate(pieces, axis=1))
     count, size = len(moments), knots.size - 1
     normal = (columns.T @ columns).reshape(count, size, count, size).transpose(0, 2, 1, 3)
@@ -238,7 +258,13 @@ def _least_at(ground: Ground, target: np.ndarray, name: str, knots: np.ndarray, 
     gram = gram.transpose(2, 0, 1)
     side = (right[:, stops] - right[:, starts]).T
     values = np.einsum("nij,nj->ni", np.linalg.pinv(gram, rcond=_LEAST_PIVOT, hermitian=True), side)
-    left = target @ target - np.einsum("ni,ni->n", values, side)
+    if sizes is not None:
+        values = np.clip(values, *sizes)
+    left = (
+        target @ target
+        - 2.0 * np.sum(values * side, axis=1)
+        + np.einsum("ni,nij,nj->n", values, gram, values)
+    )
     place = int(np.argmin(left))
     return Rival(
         max(float(left[place]), 0.0),
@@ -249,11 +275,10 @@ def _least_at(ground: Ground, target: np.ndarray, name: str, knots: np.ndarray, 
     )
 
 
-def _pieces(ground: Ground, integral: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Whitened columns (2n, len(knots) - 1): the integral over each interval between knots alone."""
-    at = np.interp(knots, ground.time, integral.real) + 1j * np.interp(knots, ground.time, integral.imag)
-    first, last = at[:-1], at[1:]
-    inside = integral[:, None] - first
-    time = ground.time[:, None]
-    grown = np.where(time <= knots[:-1], 0.0, np.where(time >= knots[1:], last - first, inside))
-    return ground.whitened(grown)
+def _grown(integral: PPoly, knots: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Columns (n, len(knots) - 1): the integral over each interval between knots alone."""
+    at = integral(knots)
+    inside = integral(time)[:, None]
+    return np.where(
+        time[:, None] <= knots[:-1], 0.0, np.where(time[:, None] >= knots[1:], np.diff(at), inside - at[:-1])
+    )
