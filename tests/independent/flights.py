@@ -204,15 +204,15 @@ def _nominal(
         "inplane": {"offset": float(other_sign * np.sqrt(np.mean(alpha**2))), "slope": 1.0},
         "mach_step": {"mach": float(mach_at[1]), "width": float(abs(mach_at[1] - mach_at[0]) / 3.0)},
     }
-    unit = Planted(truth, 1.0, first, last, {**drawn.get(truth, {}), **(values or {})})
-    if truth == "lag":
-        return replace(unit, amplitude=share / meridian_rate), share
+    # All but the lag are linear in their amplitude; it nearly is where it starts from.
+    unit_amplitude = share / meridian_rate if truth == "lag" else 1.0
+    unit = Planted(truth, unit_amplitude, first, last, {**drawn.get(truth, {}), **(values or {})})
     inside = (time >= first) & (time < last)
     made = [unit.claim(look.running) for look, use in zip(looks, inside, strict=True) if use]
     moment = np.sqrt(np.mean(np.abs(stack(looks, "moment")) ** 2))
-    size = share * moment / np.sqrt(np.mean(np.abs(made) ** 2))
-    # What sticks trails; everything else is as likely of either sign.
-    return replace(unit, amplitude=float(size if truth == "sticking" else sign * size)), share
+    size = unit_amplitude * share * moment / np.sqrt(np.mean(np.abs(made) ** 2))
+    # What lags or sticks trails; everything else is as likely of either sign.
+    return replace(unit, amplitude=float(size if truth in ("lag", "sticking") else sign * size)), share
 
 
 def _of_running(looks: list[Look], name: str) -> np.ndarray:
