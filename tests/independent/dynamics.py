@@ -128,9 +128,9 @@ class Body:
         m = _matrix(quaternion)
         gx, gy, gz = 0.0, 0.0, GRAVITY
         if not self.still:
-            wind, change = self.wind.at(time)
+            wind, gust = self.wind.at(time)
             vx, vy, vz = vx - wind[0], vy - wind[1], vz - wind[2]
-            gx, gy, gz = -change[0], -change[1], GRAVITY - change[2]
+            gx, gy, gz = -gust[0], -gust[1], GRAVITY - gust[2]
         u, v, w = (m[0][k] * vx + m[1][k] * vy + m[2][k] * vz for k in range(3))
         speed = math.sqrt(u * u + v * v + w * w)
         cross = math.hypot(v, w)

@@ -66,15 +66,17 @@ class Ground:
         self.made, true = made, made.true
         self.vehicle = true.craft.vehicle
         self.time, self.sigma = true.time, true.noise.gyro
+        if not self.sigma > 0.0:
+            raise ValueError("got gyros without noise, expected some: everything can be known without it")
         self.zeta = CubicSpline(self.time, true.alpha * np.exp(1j * true.meridian))
-        self.turn = np.exp(1j * self._phase(true.rates[:, 0]))
+        self.turn = np.exp(1j * self.phase(true.rates[:, 0]))
         self.weight = true.dynamic_pressure * self.vehicle.moment_scale
         nuisance, priors = self._columns()
         padded = np.vstack([nuisance, priors])
         self.rows = nuisance.shape[0]
         self.basis = np.linalg.qr(padded / np.linalg.norm(padded, axis=0))[0]
 
-    def _phase(self, roll_rate: np.ndarray) -> np.ndarray:
+    def phase(self, roll_rate: np.ndarray) -> np.ndarray:
         rest = 1.0 - self.vehicle.inertia_ratio
         return np.asarray(rest * CubicSpline(self.time, roll_rate).antiderivative()(self.time))
 
@@ -134,7 +136,7 @@ class Ground:
     def _sensed(self, errors: Errors) -> np.ndarray:
         true = self.made.true
         rates = sensed_rates(CubicSpline(self.time, true.rates), self.time, errors)
-        return np.asarray((rates[:, 1] + 1j * rates[:, 2]) * np.exp(1j * self._phase(rates[:, 0])))
+        return np.asarray((rates[:, 1] + 1j * rates[:, 2]) * np.exp(1j * self.phase(rates[:, 0])))
 
     def _turning(self, errors: Errors) -> np.ndarray:
         """Transverse angular acceleration (n,) that Euler's equations give the true motion and moments."""
@@ -196,12 +198,12 @@ def judge(made: Made, rivals: Sequence[str] = LISTED) -> Known:
     f_ratio = float(target @ target)
     ratio = np.sqrt(DETECTED / f_ratio) if f_ratio > 0.0 else np.inf
     against = {"none": Rival(f_ratio, 0.0, 0.0, None, ())}
-    against |= {name: _best(ground, target, name) for name in rivals if name != made.truth}
-    limit = (made.amplitude * ratio, true.share * ratio) if f_ratio > 0.0 else (np.inf, np.inf)
-    return Known(f_ratio, *(float(value) for value in limit), against)
+    against |= {name: best_rival(ground, target, name) for name in rivals if name != made.truth}
+    amplitude, share = (made.amplitude * ratio, true.share * ratio) if f_ratio > 0.0 else (np.inf, np.inf)
+    return Known(f_ratio, float(amplitude), float(share), against)
 
 
-def _best(ground: Ground, target: np.ndarray, name: str) -> Rival:
+def best_rival(ground: Ground, target: np.ndarray, name: str) -> Rival:
     """Over a coarse grid of knots and delays, then over finer ones about the best."""
     first, last = float(ground.time[0]), float(ground.time[-1])
     knots = np.linspace(first, last, INTERVALS + 1)

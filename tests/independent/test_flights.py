@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import pickle
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -205,6 +207,23 @@ def test_seed_repeats_a_flight() -> None:
     first, second = draw_flight(21), draw_flight(21)
     assert (first.vehicle, first.truth, first.amplitude) == (second.vehicle, second.truth, second.amplitude)
     np.testing.assert_array_equal(first.flight.q, second.flight.q)
+
+
+def test_made_flight_travels_between_processes() -> None:
+    made = pickle.loads(pickle.dumps(_made("lag")))
+    np.testing.assert_array_equal(made.true.claim, _made("lag").true.claim)
+
+
+def test_nothing_is_modelled_by_the_program() -> None:
+    """Only the record, its tolerances and its file are the program's."""
+    lent = {f"brv_hypo.flight.{name}" for name in ("record", "instruments", "store")}
+    for path in Path(__file__).parent.glob("[a-z]*.py"):
+        found = {
+            node.module
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("brv_hypo")
+        }
+        assert found <= lent, path.name
 
 
 def test_unknown_truth_is_refused() -> None:
