@@ -19,6 +19,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.atmosphere import standard_air
 from brv_hypo.simulation.planting import Planted
+from brv_hypo.simulation.wind import WindCourse, WindStep
 
 POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 STATES = 13
@@ -93,8 +94,9 @@ class System:
     gravity: FloatArray
     spherical: bool
     density: FloatArray | None
-    wind: tuple[FloatArray, FloatArray] | None
+    wind_step: WindStep | None
     planted: tuple[Planted, ...]
+    wind_course: WindCourse | None = None
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
@@ -108,6 +110,8 @@ class System:
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
         velocity_rate = rotation.to_body(turn, gravity) + force - rotation.cross(state[RATES], velocity)
+        if self.wind_course is not None:
+            velocity_rate = velocity_rate - rotation.to_body(turn, self.wind_course.rate(time))
         return AirData(
             rotation=turn,
             velocity=velocity,
@@ -196,11 +200,8 @@ class System:
 
     def wind_velocity(self, time: FloatArray) -> FloatArray | float:
         """Velocity of the air in the frame, (3, ...) m/s."""
-        if self.wind is None:
-            return 0.0
-        start, velocity = self.wind
-        shape = (3,) + (1,) * (time.ndim - 1) + velocity.shape[1:]
-        return np.asarray(velocity.reshape(shape) * (time >= start), dtype=float)
+        winds = [wind.velocity(time) for wind in (self.wind_step, self.wind_course) if wind is not None]
+        return sum(winds[1:], winds[0]) if winds else 0.0
 
     def _specific_force(
         self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray
