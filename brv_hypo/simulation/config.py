@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from brv_hypo.errors import UsageError
 from brv_hypo.flight.instruments import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.schema import MINIMUM_SAMPLES
@@ -203,13 +204,33 @@ class GapConfig(Section):
         return self
 
 
-class InstrumentsConfig(Section):
+class TolerancesConfig(Section):
+    """What a flight record says of its instruments: `grade`, and `tolerances` by the keys of its format.
+
+    A plain number is in the units of a file of tolerances: `gyro_bias` in deg/s, all else SI; text may name units.
+    """
+
+    grade: str = DEFAULT_GRADE
+    tolerances: dict[str, float | str | tuple[float | str, ...]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        try:
+            self.declared()
+        except UsageError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    def declared(self) -> Instruments:
+        """The tolerances themselves."""
+        return tolerances_of(self.tolerances, of_grade(self.grade), "tolerances")
+
+
+class InstrumentsConfig(TolerancesConfig):
     """Appendix B (errata E10, E11). `averaged` samples are means over the sample interval before them.
 
-    `errors`, SI, by record effect and component as `brv-hypo mechanisms` lists them, are planted in the order given.
-    `grade` and `tolerances` (keys and units of the flight record) are what the record says of its instruments;
-    `draw` plants errors and asymmetries of the vehicle besides, drawn with the seed from so many times these
-    tolerances; 0: none.
+    `errors`, SI, by record effect and component, are planted in the order given. `draw` plants errors and asymmetries
+    of the vehicle besides, drawn with the seed from so many times the tolerances that the record states; 0: none.
     """
 
     gyro: SensorConfig = SensorConfig()
@@ -219,21 +240,10 @@ class InstrumentsConfig(Section):
     altitude: ScaledGaugeConfig = ScaledGaugeConfig()
     roll_rate_mag: ScaledGaugeConfig | None = None
     errors: dict[str, dict[str, float]] = Field(default_factory=dict)
-    grade: str = DEFAULT_GRADE
-    tolerances: dict[str, float | str | tuple[float | str, ...]] = Field(default_factory=dict)
     draw: NotNegative = 0.0
     averaged: bool = False
     spikes: tuple[SpikesConfig, ...] = ()
     gaps: tuple[GapConfig, ...] = ()
-
-    @model_validator(mode="after")
-    def _known_tolerances(self) -> InstrumentsConfig:
-        self.declared()
-        return self
-
-    def declared(self) -> Instruments:
-        """The tolerances that the flight record states; UsageError for an unknown grade or key."""
-        return tolerances_of(self.tolerances, of_grade(self.grade), "instruments.tolerances")
 
 
 class SimulationConfig(Section):

@@ -124,9 +124,7 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
     return Start(tuple(records), motion, air.rotation)
 
 
-def _drawn_asymmetries(
-    record: Flight, motion: Motion, factor: float, seed: int
-) -> tuple[PlantedConfig, ...]:
+def _drawn_asymmetries(record: Flight, motion: Motion, factor: float, seed: int) -> tuple[PlantedConfig, ...]:
     """Every mechanism that is a tolerance of the vehicle: constant in time, without nonlinear parameters."""
     found = []
     for entry in installed().values():

@@ -14,7 +14,13 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.flight.schema import Record, VehicleRecord
-from brv_hypo.simulation.config import GapConfig, GaugeConfig, ScaledGaugeConfig, SimulationConfig, SpikesConfig
+from brv_hypo.simulation.config import (
+    GapConfig,
+    GaugeConfig,
+    ScaledGaugeConfig,
+    SimulationConfig,
+    SpikesConfig,
+)
 from brv_hypo.simulation.errors import with_errors
 from brv_hypo.simulation.rotation import cross
 
