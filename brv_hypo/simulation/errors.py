@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -117,7 +118,7 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
     records = []
     for i, config in enumerate(configs):
         time = config.start.time + np.arange(config.samples) / config.sample_rate
-        lasting = {name: np.full(time.size, values[i]) for name, values in channels.items()}
+        lasting: dict[str, Any] = {name: np.full(time.size, values[i]) for name, values in channels.items()}
         vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
         records.append(Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting))
     motion = equations.motion(instant, state, air, np.zeros_like(air.speed), None)

@@ -1,7 +1,8 @@
 """What the instruments say of a flight: Appendix B of the report, with errata E10 and E11.
 
 Perfect instruments read the motion at their place and clock, averaged where asked; the record effects of the
-configuration err on that; then come noise, spikes and gaps (NaN). Every channel draws from its own stream of the seed, so that one instrument's errors do not move another's.
+configuration err on that; then come noise, spikes and gaps (NaN). Every channel draws from its own stream of the
+seed, so that one instrument's errors do not move another's.
 """
 
 from __future__ import annotations

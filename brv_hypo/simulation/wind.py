@@ -11,7 +11,10 @@ from brv_hypo.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class WindStep:
-    """`EnvironmentConfig.wind_step` for a batch: time (flights,) s; velocity (3, flights) m/s in the frame, from it on."""
+    """`EnvironmentConfig.wind_step` for a batch: at time (flights,) s the air begins to move.
+
+    `after` (3, flights) m/s, in the frame, is its velocity from then on.
+    """
 
     time: FloatArray
     after: FloatArray
