@@ -102,16 +102,17 @@ class System:
         """Forces and air-relative kinematics; the moments have no part in them."""
         turn = rotation.matrix(state[ATTITUDE])
         gravity, altitude = self.gravity_and_altitude(state[POSITION])
-        velocity = rotation.to_body(turn, state[VELOCITY] - self.wind_velocity(time))
+        wind, wind_rate = self.wind(time)
+        velocity = rotation.to_body(turn, state[VELOCITY] - wind)
         crossed = velocity[1] + 1j * velocity[2]
         speed = np.sqrt(rotation.dot(velocity, velocity))
         air = standard_air(altitude)
         density = air.density if self.density is None else self.density
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
-        velocity_rate = rotation.to_body(turn, gravity) + force - rotation.cross(state[RATES], velocity)
-        if self.wind_course is not None:
-            velocity_rate = velocity_rate - rotation.to_body(turn, self.wind_course.rate(time))
+        velocity_rate = (
+            rotation.to_body(turn, gravity - wind_rate) + force - rotation.cross(state[RATES], velocity)
+        )
         return AirData(
             rotation=turn,
             velocity=velocity,
@@ -198,10 +199,13 @@ class System:
         radius = np.sqrt(rotation.dot(down, down))
         return down * (self.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
-    def wind_velocity(self, time: FloatArray) -> FloatArray | float:
-        """Velocity of the air in the frame, (3, ...) m/s."""
-        winds = [wind.velocity(time) for wind in (self.wind_step, self.wind_course) if wind is not None]
-        return sum(winds[1:], winds[0]) if winds else 0.0
+    def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2; a step's change is not in it."""
+        step = 0.0 if self.wind_step is None else self.wind_step.velocity(time)
+        if self.wind_course is None:
+            return step, 0.0
+        velocity, rate = self.wind_course.at(time)
+        return step + velocity, rate
 
     def _specific_force(
         self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray

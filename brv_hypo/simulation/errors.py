@@ -103,7 +103,7 @@ def wind_course(configs: Sequence[SimulationConfig]) -> WindCourse | None:
     body = np.stack([still if wind is None else -wind for wind in known], axis=1)
     air = rotation.to_frame(start.body_axes, np.moveaxis(body, -1, 0))
     first = configs[0]
-    return WindCourse(first.start.time, 1.0 / first.sample_rate, np.moveaxis(air, 0, -1))
+    return WindCourse(first.start.time, 1.0 / first.sample_rate, air)
 
 
 def start_of(configs: Sequence[SimulationConfig]) -> Start:

@@ -48,7 +48,7 @@ def initial_state(configs: Sequence[SimulationConfig], equations: System) -> Flo
     state = np.zeros((STATES, len(configs)))
     state[2] = -per_flight(configs, "start", "altitude")
     state[VELOCITY] = per_flight(configs, "start", "velocity") * along
-    state[VELOCITY] += equations.wind_velocity(per_flight(configs, "start", "time"))
+    state[VELOCITY] += equations.wind(per_flight(configs, "start", "time"))[0]
     state[ATTITUDE] = rotation.from_pitch_roll(path + per_flight(configs, "start", "alpha"), meridian)
     state[RATES] = np.array([per_flight(configs, "start", "roll_rate"), transverse.real, transverse.imag])
     return state

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class WindStep:
 
 @dataclass(frozen=True)
 class WindCourse:
-    """A wind along the record: `samples` (n, flights, 3) m/s in the frame, `spacing` s apart from `begin` s on.
+    """A wind along the record: `samples` (3, n, flights) m/s in the frame, `spacing` s apart from `begin` s on.
 
     Straight between its samples, and held before the first and after the last.
     """
@@ -36,22 +36,13 @@ class WindCourse:
     spacing: float
     samples: FloatArray
 
-    def velocity(self, time: FloatArray) -> FloatArray:
-        """Velocity of the air in the frame, (3, ...) m/s, at `time` (..., flights) s."""
-        place, left, flight = self._interval(time)
-        part = (np.clip(place, 0.0, self.samples.shape[0] - 1.0) - left)[..., None]
-        found = (1.0 - part) * self.samples[left, flight] + part * self.samples[left + 1, flight]
-        return np.moveaxis(found, -1, 0)
-
-    def rate(self, time: FloatArray) -> FloatArray:
-        """Its change, (3, ...) m/s^2."""
-        place, left, flight = self._interval(time)
-        inside = (place >= 0.0) & (place <= self.samples.shape[0] - 1.0)
-        change = (self.samples[left + 1, flight] - self.samples[left, flight]) / self.spacing
-        return np.moveaxis(change * inside[..., None], -1, 0)
-
-    def _interval(self, time: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
-        """Place in samples, the sample before it, and the flight."""
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2, at `time` (..., flights) s."""
+        last = self.samples.shape[1] - 1
         place = (time - self.begin) / self.spacing
-        left = np.clip(np.floor(place).astype(np.intp), 0, self.samples.shape[0] - 2)
-        return place, left, np.broadcast_to(np.arange(self.samples.shape[1]), left.shape)
+        held = np.minimum(np.maximum(place, 0.0), last)
+        left = np.minimum(held.astype(np.intp), last - 1)
+        flight = np.arange(self.samples.shape[2])
+        before = self.samples[:, left, flight]
+        change = self.samples[:, left + 1, flight] - before
+        return before + (held - left) * change, change * ((held == place) / self.spacing)
