@@ -17,7 +17,8 @@ from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import default_knots, theta_grid
-from brv_hypo.motion import ReconstructionConfig, reconstruct
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.criteria import criteria_of

@@ -17,15 +17,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.attitude import derolled_attitude, running_integral
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.observations import effective
+from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import WindStart, body_crossflow, transverse_axes, wind_direction
 from brv_hypo.regression.channels import Rows
@@ -226,49 +225,6 @@ def start_of(reconstruction: Reconstruction) -> WindStart:
     motion = reconstruction.motion
     xi = crossflow(motion.alpha[:1], motion.windward_meridian[:1])[0]
     return WindStart(np.array([np.cos(motion.alpha[0]), xi.real, xi.imag]), reconstruction.gravity_body)
-
-
-def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
-    """The inertial record of a flight that differs little from the one of `record`.
-
-    The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
-    """
-    before = record.flight
-    time = record.time
-    roll = running_integral(time, flight.p)
-    turn = (flight.q + 1j * flight.r) - (before.q + 1j * before.r)
-    derolled = derolled_attitude(time, (flight.q + 1j * flight.r) * np.exp(1j * roll))
-    attitude = _rolled(derolled, roll)
-    sensed = np.stack([getattr(flight, name) - getattr(before, name) for name in ("ax", "ay", "az")], axis=1)
-    arm = np.subtract(flight.vehicle.accelerometer_position, before.vehicle.accelerometer_position)
-    return replace(
-        record,
-        flight=flight,
-        roll=roll,
-        attitude=attitude,
-        transverse_rate=record.transverse_rate + turn,
-        spin_angle=(1.0 - flight.vehicle.inertia_ratio) * roll,
-        force=record.force + sensed - _arm_acceleration(record, arm),
-    )
-
-
-def _arm_acceleration(record: InertialRecord, arm: FloatArray) -> FloatArray:
-    """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 (errata E10, E11)."""
-    if not np.any(arm):
-        return np.zeros((record.time.size, 3))
-    omega = np.stack([record.flight.p, record.transverse_rate.real, record.transverse_rate.imag], axis=1)
-    roll_change = np.gradient(record.flight.p, record.time)
-    change = np.stack([roll_change, record.rate_change.real, record.rate_change.imag], axis=1)
-    return np.asarray(np.cross(change, arm) + np.cross(omega, np.cross(omega, arm)))
-
-
-def _rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
-    """De-rolled axes (n, 3, 3) turned on by the roll angle (n,)."""
-    cosine, sine = np.cos(roll)[:, np.newaxis], np.sin(roll)[:, np.newaxis]
-    second, third = derolled[:, :, 1], derolled[:, :, 2]
-    return np.stack(
-        [derolled[:, :, 0], second * cosine + third * sine, third * cosine - second * sine], axis=2
-    )
 
 
 def _near(angle: FloatArray, reference: FloatArray) -> FloatArray:

@@ -91,12 +91,11 @@ class Seen:
 def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
     """Reconstruct the flight as the model reads its record.
 
-    The instruments are taken as the record has them: their errors are hypotheses here, not something to be
-    averaged over.
+    The instruments are taken as the record has them: their errors are hypotheses here, none is carried.
     """
     for applied in model.applied:
         flight = applied.effect.perturb(flight, applied.component, -applied.value)
-    settings = ReconstructionConfig(method=config.method, gyro_bias_sigma=0.0, accel_bias_sigma=0.0)
+    settings = ReconstructionConfig(method=config.method)
     record = inertial_record(flight, settings)
     reconstruction = without_wander(record, reconstruct(flight, settings))
     frame = build_frame([reconstruction], list(model.mechanisms.values()))

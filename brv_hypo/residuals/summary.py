@@ -196,7 +196,7 @@ def _picture(before: ResidualMoments, end: Ending) -> Picture:
         measured=_pair(moments.body[kept]),
         before=_pair(before.body[kept]),
         after=_pair(after.body[kept]),
-        sigma=tuple(moments.sigma[kept].tolist()),
+        sigma=tuple(moments.noise_sigma[kept].tolist()),
     )
 
 

@@ -3,22 +3,25 @@ problem.
 
 Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A
 tie (normal force, static moment) sees the crossflow at each sample through a slowly varying, unknown slope.
-Gravity, the biases and the slope's coefficients are globals. The walk is linear, the globals nearly: a few
-Gauss-Newton steps.
+Gravity, the errors of the record and the slope's coefficients are globals. The walk is linear, the globals
+nearly: a few Gauss-Newton steps.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.effect_responses import effect_responses, no_responses
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
-from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
+from brv_hypo.motion.observations import TieModel, effective, force_tie, moment_tie
+from brv_hypo.motion.perturbation import Perturbation
 
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
 _OUTLIER = 6.0
@@ -26,26 +29,49 @@ _OUTLIER = 6.0
 _ENOUGH = 0.1
 
 
-def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
-    """The default method; see the module's description."""
-    problem = TiedWalk(record, config)
-    warnings: list[str] = []
-    force, moment = force_tie(record), moment_tie(record)
+def joint(
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+) -> WindHistory:
+    """The default method; see the module's description.
+
+    The errors of the record are linearised about the motion that is found without them.
+    """
+    problem = TiedWalk(record, config, no_responses(record))
+    fit, warnings = _fitted(problem, config)
+    if perturbations:
+        force = _normal_force(record, fit)
+        responses = effect_responses(record, fit.crossflow, force, perturbations)
+        problem = TiedWalk(record, config, responses)
+        fit, warnings = _fitted(problem, config)
+    return _history(problem, fit, warnings)
+
+
+def _fitted(problem: TiedWalk, config: ReconstructionConfig) -> tuple[TiedFit, tuple[str, ...]]:
+    """The fit with the ties that are wanted, or needed, and what is to be said of them."""
+    record, responses = problem.record, problem.responses
+    moment = moment_tie(record, responses)
     if config.ties == "moment":
-        fit = _with_moment(problem, (), moment)
-    else:
-        fit = _with_force(problem, force)
-        alone = _relative_error(fit, record.measured)
-        too_little = config.ties == "auto" and alone > _ENOUGH
-        if config.ties == "both" or too_little:
-            fit = _with_moment(problem, fit.ties, moment)
-        if too_little:
-            warnings.append(
-                f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment "
-                "was used to tie the attitude to the wind as well. Better accelerometers or a window of "
-                "higher dynamic pressure would do without it"
-            )
-    return _history(problem, fit, tuple(warnings))
+        return _with_moment(problem, (), moment), ()
+    fit = _with_force(problem, force_tie(record, responses))
+    alone = _relative_error(fit, record.measured)
+    too_little = config.ties == "auto" and alone > _ENOUGH
+    if config.ties == "both" or too_little:
+        fit = _with_moment(problem, fit.ties, moment)
+    if not too_little:
+        return fit, ()
+    return fit, (
+        f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment "
+        "was used to tie the attitude to the wind as well. Better accelerometers or a window of "
+        "higher dynamic pressure would do without it",
+    )
+
+
+def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
+    """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
+    for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
+        if tie.name == "force":
+            return np.asarray(tie.scale * tie.slope(coefficients) * effective(fit.crossflow))
+    return record.transverse_force
 
 
 def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
@@ -136,6 +162,7 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
         radial_sigma=radial,
         tangential_sigma=tangential,
         gravity=fit.start.gravity,
+        effects=fit.effects,
         normal_force_slope=slope,
         accel_sigma=accel_sigma,
         warnings=warnings,

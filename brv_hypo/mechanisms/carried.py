@@ -1,0 +1,38 @@
+"""The errors that every analysis allows a record to have: those of the installed record effects."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.registry import installed
+from brv_hypo.motion.perturbation import Perturbation
+
+# Effects of other distributions are hypotheses, tried where asked for: what is installed changes no result.
+_OWN_PACKAGE = "brv-hypo"
+
+
+def carried_effects() -> tuple[RecordEffect, ...]:
+    """The record effects of this distribution that are part of every hypothesis."""
+    items = (entry.item for entry in installed().values() if entry.package == _OWN_PACKAGE)
+    return tuple(item for item in items if isinstance(item, RecordEffect) and item.carried)
+
+
+def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
+    """Every component of every carried effect, with the size that the tolerances of `flight` give it."""
+    return tuple(
+        Perturbation(
+            effect.name,
+            component.name,
+            component.units,
+            component.size,
+            partial(_applied, effect, component.name),
+        )
+        for effect in carried_effects()
+        for component in effect.components(flight)
+    )
+
+
+def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
+    return effect.perturb(flight, component, value)
