@@ -12,6 +12,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 
+_TURNING = ("p", "q", "r")
+_SENSED = ("ax", "ay", "az")
+
 
 @dataclass(frozen=True)
 class Perturbation:
@@ -33,15 +36,19 @@ def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
     The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
     """
     before = record.flight
-    turned = any(getattr(flight, name) is not getattr(before, name) for name in ("p", "q", "r"))
+    turned = any(getattr(flight, name) is not getattr(before, name) for name in _TURNING)
     roll, attitude, rate, change = record.roll, record.attitude, record.transverse_rate, record.rate_change
     if turned:
         measured = flight.q + 1j * flight.r
         roll, attitude = body_attitude(record.time, flight.p, measured)
         more = measured - (before.q + 1j * before.r)
         rate, change = rate + more, change + np.gradient(more, record.time)
-    sensed = np.stack([getattr(flight, name) - getattr(before, name) for name in ("ax", "ay", "az")], axis=1)
-    swing = _swing(flight, rate, change) - _swing(before, record.transverse_rate, record.rate_change)
+    force = record.force
+    if any(getattr(flight, name) is not getattr(before, name) for name in _SENSED):
+        force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
+    if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
+        force = force + _swing(before, record.transverse_rate, record.rate_change)
+        force -= _swing(flight, rate, change)
     return replace(
         record,
         flight=flight,
@@ -50,7 +57,7 @@ def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
         transverse_rate=rate,
         rate_change=change,
         spin_angle=(1.0 - flight.vehicle.inertia_ratio) * roll,
-        force=record.force + sensed - swing,
+        force=force,
     )
 
 

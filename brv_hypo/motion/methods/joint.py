@@ -27,6 +27,8 @@ _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
 _OUTLIER = 6.0
 # The force alone is enough where alpha is then known to this share of its rms.
 _ENOUGH = 0.1
+# Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
+_ROUGH = 0.01
 
 
 def joint(
@@ -36,23 +38,36 @@ def joint(
 
     The errors of the record are linearised about the motion that is found without them.
     """
-    problem = TiedWalk(record, config, no_responses(record))
-    fit, warnings = _fitted(problem, config)
+    near, responses = None, no_responses(record)
     if perturbations:
-        force = _normal_force(record, fit)
-        responses = effect_responses(record, fit.crossflow, force, perturbations)
-        problem = TiedWalk(record, config, responses)
-        fit, warnings = _fitted(problem, config)
+        near = _rough_fit(TiedWalk(record, config, responses, _ROUGH), config)
+        responses = effect_responses(record, near.crossflow, _normal_force(record, near), perturbations)
+    problem = TiedWalk(record, config, responses)
+    fit, warnings = _fitted(problem, config, near)
     return _history(problem, fit, warnings)
 
 
-def _fitted(problem: TiedWalk, config: ReconstructionConfig) -> tuple[TiedFit, tuple[str, ...]]:
+def _rough_fit(problem: TiedWalk, config: ReconstructionConfig) -> TiedFit:
+    """A fit with constant slopes, of the force alone where it says enough."""
+    record, responses = problem.record, problem.responses
+    force, moment = force_tie(record, responses), moment_tie(record, responses)
+    moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
+    if config.ties == "moment":
+        return problem.solve_from_scratch((moment,))
+    fit = problem.solve_from_scratch((force,))
+    enough = _relative_error(fit, record.measured) < _ENOUGH
+    return fit if enough else problem.solve_from_scratch((*fit.ties, moment))
+
+
+def _fitted(
+    problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | None
+) -> tuple[TiedFit, tuple[str, ...]]:
     """The fit with the ties that are wanted, or needed, and what is to be said of them."""
     record, responses = problem.record, problem.responses
     moment = moment_tie(record, responses)
     if config.ties == "moment":
         return _with_moment(problem, (), moment), ()
-    fit = _with_force(problem, force_tie(record, responses))
+    fit = _with_force(problem, force_tie(record, responses), near)
     alone = _relative_error(fit, record.measured)
     too_little = config.ties == "auto" and alone > _ENOUGH
     if config.ties == "both" or too_little:
@@ -74,9 +89,9 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
     return record.transverse_force
 
 
-def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
+def _with_force(problem: TiedWalk, tie: TieModel, near: TiedFit | None) -> TiedFit:
     """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over."""
-    fit = _choose_slope(problem, (), tie)
+    fit = _choose_slope(problem, (), tie, near)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
@@ -91,14 +106,17 @@ def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel)
     for _ in range(2):
         tie = replace(tie, sigma=_coloured_sigma(fit.residual, tie.sigma))
         fit = problem.solve((*others, tie), fit)
-    fit = _choose_slope(problem, others, tie)
+    fit = _choose_slope(problem, others, tie, None)
     sigma = _coloured_sigma(fit.residual, tie.sigma)
     return problem.solve((*others, replace(fit.ties[-1], sigma=sigma)), fit)
 
 
-def _choose_slope(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
+def _choose_slope(
+    problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel, near: TiedFit | None
+) -> TiedFit:
     """The slope's course in time, by the Bayesian information criterion (Schwarz, Ann. Stat. 6:461, 1978)."""
-    best = problem.solve_from_scratch((*others, tie.with_slope_count(problem.record.time, 1)))
+    first = (*others, tie.with_slope_count(problem.record.time, 1))
+    best = problem.solve(first, near) if near else problem.solve_from_scratch(first)
     best_score, fit = best.score, best
     worse = 0
     for count in _SLOPE_COUNTS[1:]:

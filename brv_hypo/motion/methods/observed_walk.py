@@ -26,6 +26,7 @@ from brv_hypo.motion.wind import (
 _MOST_STEPS = 15
 # Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
 _CONVERGED = 1e-2
+_Axes = tuple[FloatArray, FloatArray]
 # Parts of gravity: they stand before the errors of the record among the globals.
 _GRAVITY = 3
 
@@ -63,12 +64,20 @@ class TiedFit:
 
 
 class TiedWalk:
-    """The problem of one record; its attributes are what stays the same over ties and iterations."""
+    """The problem of one record; its attributes are what stays the same over ties and iterations.
+
+    Iterations also end where the crossflow changes by less than the share `rough` of its rms.
+    """
 
     def __init__(
-        self, record: InertialRecord, config: ReconstructionConfig, responses: EffectResponses
+        self,
+        record: InertialRecord,
+        config: ReconstructionConfig,
+        responses: EffectResponses,
+        rough: float = 0.0,
     ) -> None:
         self.record = record
+        self.rough = rough
         self.responses = responses
         self.shared = _GRAVITY + len(responses.effects)
         flight = record.flight
@@ -99,7 +108,7 @@ class TiedWalk:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
         direction = self.direction(self.nose_start)
         xi = body_crossflow(self.record, direction)
-        turn = self._turn(direction)
+        turn = self._turn(transverse_axes(direction))
         seen = np.isfinite(tie.sigma)
         weight = 1.0 / tie.sigma[seen]
         ones = np.ones_like(xi)
@@ -110,7 +119,7 @@ class TiedWalk:
         offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
         if not abs(offset) < 0.5:
             return None
-        return self._moved(self.nose_start, direction, offset, np.zeros(3))
+        return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
 
     def _iterate(
         self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None = None
@@ -121,18 +130,19 @@ class TiedWalk:
         coefficients: tuple[FloatArray, ...] = ()
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
-            nominal, turn = body_crossflow(self.record, direction), self._turn(direction)
+            axes = transverse_axes(direction)
+            nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
             xi = crossflow
             coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
-            drift = self._drift(direction)
+            drift = self._drift(axes)
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
             solution = equations.solve(*self._priors(coefficients, start))
             shift = (solution.walk + drift @ solution.theta[: self.shared]) / self.speed
             crossflow = np.asarray(nominal + turn * shift)
-            start = self._moved(start, direction, solution.walk[0] / self.speed[0], solution.theta[:_GRAVITY])
+            start = _moved(start, axes, solution.walk[0] / self.speed[0], solution.theta[:_GRAVITY])
             coefficients = _added(coefficients, solution.theta[self.shared :])
             wander = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(crossflow - xi) < _CONVERGED * wander):
+            if np.all(np.abs(crossflow - xi) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
                 break
         response = equations.sensitivity.copy()
         response[:, : self.shared] += drift
@@ -191,16 +201,16 @@ class TiedWalk:
         information[:_GRAVITY], information[_GRAVITY : self.shared] = self.gravity_information, 1.0
         return mean, information
 
-    def _drift(self, direction: FloatArray) -> ComplexArray:
+    def _drift(self, axes: _Axes) -> ComplexArray:
         """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size."""
-        second, third = transverse_axes(direction)
+        second, third = axes
         gravity = self.record.time[:, None] * (second + 1j * third)
         across = np.stack([second, third], axis=1) @ self.responses.drift
         return np.concatenate([gravity, -(across[:, 0] + 1j * across[:, 1])], axis=1)
 
-    def _turn(self, direction: FloatArray) -> ComplexArray:
+    def _turn(self, axes: _Axes) -> ComplexArray:
         """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-        second, third = (self.record.to_body(axes) for axes in transverse_axes(direction))
+        second, third = (self.record.to_body(axis) for axis in axes)
         turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
         return np.asarray(turn / np.maximum(np.abs(turn), 1e-12))
 
@@ -213,12 +223,15 @@ class TiedWalk:
         stacked = np.concatenate([columns.real, columns.imag])
         return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
-    def _moved(
-        self, start: WindStart, direction: FloatArray, offset: complex, gravity: FloatArray
-    ) -> WindStart:
-        second, third = transverse_axes(direction[:1])
-        moved = start.direction + second[0] * offset.real + third[0] * offset.imag
-        return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
+
+def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:
+    second, third = axes
+    moved = start.direction + second[0] * offset.real + third[0] * offset.imag
+    return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
+
+
+def _rms(xi: ComplexArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(xi) ** 2)))
 
 
 def _added(coefficients: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:
