@@ -12,11 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude, running_integral
 from brv_hypo.motion.differentiation import differentiate
+from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
+from brv_hypo.motion.wind import WindStart, body_crossflow, wind_direction
 
 
 @dataclass(frozen=True)
@@ -36,9 +39,13 @@ class EffectResponses:
 
 @dataclass(frozen=True)
 class EffectFit:
-    """What the record says of its own errors: mean (k,) and covariance (k, k), in units of their sizes."""
+    """What the record says of its own errors: mean (k,) and covariance (k, k), in units of their sizes.
+
+    `known` (k,) of it is taken out already of the record that the responses belong to.
+    """
 
     responses: EffectResponses
+    known: FloatArray
     value: FloatArray
     covariance: FloatArray
 
@@ -58,36 +65,61 @@ def no_responses(record: InertialRecord) -> EffectResponses:
 def as_expected(responses: EffectResponses) -> EffectFit:
     """What is known of the errors before the record is asked."""
     count = len(responses.effects)
-    return EffectFit(responses, np.zeros(count), np.eye(count))
+    return EffectFit(responses, np.zeros(count), np.zeros(count), np.eye(count))
+
+
+def corrected(flight: Flight, fit: EffectFit) -> Flight:
+    """The flight with the errors that were found taken out."""
+    for effect, value in zip(fit.responses.effects, fit.value, strict=True):
+        flight = effect.apply(flight, -effect.size * float(value))
+    return flight
 
 
 def effect_responses(
-    record: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
+    record: InertialRecord, start: WindStart, effects: Sequence[Perturbation], slope: ComplexArray | None = None
 ) -> EffectResponses:
-    """Linearise each effect about the motion of `crossflow` (n,) and the transverse force (n,) m/s^2 at the c.g.
+    """Linearise each effect about the motion from `start`; one-sided differences of one standard deviation.
 
-    One-sided differences of one standard deviation. Effects that change nothing are left out.
+    `slope` (n,) m/s^2 is the transverse force at the c.g. per rad of crossflow; the measured force if None.
     """
     if not effects:
         return no_responses(record)
-    smooth = noise_free(record, force)
+    smooth, crossflow = noise_free(record, start, slope)
     records = [perturbed(smooth, effect.apply(smooth.flight, effect.size)) for effect in effects]
-    drift = _drift(smooth, crossflow, records)
     pressure = np.stack([r.force_scale / smooth.force_scale - 1.0 for r in records], axis=1)
     forces = np.stack([r.transverse_force - smooth.transverse_force for r in records], axis=1)
-    forces = forces - pressure * force[:, None]
-    moment = np.stack([r.moment - smooth.moment for r in records], axis=1)
-    telling = np.any(drift != 0.0, axis=(0, 1)) | np.any(forces != 0.0, axis=0) | np.any(moment != 0.0, axis=0)
-    kept = tuple(effect for effect, tells in zip(effects, telling, strict=True) if tells)
-    return EffectResponses(kept, drift[:, :, telling], forces[:, telling], moment[:, telling])
+    return EffectResponses(
+        effects=tuple(effects),
+        drift=_drift(smooth, crossflow, records),
+        force=forces - pressure * smooth.transverse_force[:, None],
+        moment=np.stack([r.moment - smooth.moment for r in records], axis=1),
+    )
 
 
-def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
-    """The record as instruments without noise would read: smoothed, with that transverse force (n,) m/s^2."""
+def telling(responses: EffectResponses) -> EffectResponses:
+    """The responses of those effects that change anything."""
+    drift, force, moment = responses.drift, responses.force, responses.moment
+    tells = np.any(drift != 0.0, axis=(0, 1)) | np.any(force != 0.0, axis=0) | np.any(moment != 0.0, axis=0)
+    kept = tuple(effect for effect, tell in zip(responses.effects, tells, strict=True) if tell)
+    return EffectResponses(kept, drift[:, :, tells], force[:, tells], moment[:, tells])
+
+
+def noise_free(
+    record: InertialRecord, start: WindStart, slope: ComplexArray | None
+) -> tuple[InertialRecord, ComplexArray]:
+    """The record as instruments without noise would read, and the crossflow (n,) that goes with it.
+
+    Its crossflow obeys the kinematics of its rates to the last digit: what no data can tell, such as a delay
+    of all instruments alike, changes nothing in it either.
+    """
     flight = record.flight
     p, p_change = _smoothed(record, flight.p)
     axial, _ = _smoothed(record, record.force[:, 0])
     rate, change = record.transverse_rate, record.rate_change
+    roll, attitude = body_attitude(record.time, p, rate)
+    turned = replace(record, roll=roll, attitude=attitude)
+    crossflow = body_crossflow(turned, wind_direction(turned, start))
+    force = record.transverse_force if slope is None else slope * effective(crossflow)
     at_cg = np.stack([axial, force.real, force.imag], axis=1)
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, arm)).T
@@ -102,9 +134,8 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
         velocity=_smoothed(record, flight.velocity)[0],
         dynamic_pressure=_smoothed(record, flight.dynamic_pressure)[0],
     )
-    roll, attitude = body_attitude(record.time, p, rate)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
+    return replace(turned, flight=quiet, spin_angle=spin_angle, force=at_cg), crossflow
 
 
 def _smoothed(record: InertialRecord, channel: FloatArray) -> tuple[FloatArray, FloatArray]:

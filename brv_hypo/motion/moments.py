@@ -14,15 +14,15 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
     """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count.
 
     With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I
-    (C_m + i C_n): it is y that is differentiated. What was found of the record's errors is taken out; what
-    they may be beyond that counts in `sigma`.
+    (C_m + i C_n): it is y that is differentiated. `record` has lost `known` of its errors; the
+    rest of what was found is taken out here, and what they may be beyond that counts in `sigma`.
     """
     spin = record.spin_rate
     noise = np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale
     rows = effects.responses.moment
     unknown = sum(projected_variance(part, effects.covariance) for part in (rows.real, rows.imag))
     return MomentEstimate(
-        body=record.moment - rows @ effects.value,
+        body=record.moment - rows @ (effects.value - effects.known),
         sigma=np.sqrt(noise**2 + 0.5 * unknown),
         noise_sigma=np.asarray(noise),
         usable=record.measured & spin.interior,

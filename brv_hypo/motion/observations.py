@@ -17,10 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.effect_responses import EffectResponses
-from brv_hypo.motion.frames import angle_of_attack
+from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
+
+# Samples at the ends of a segment that tie nothing: what a late clock makes of them lies outside the record.
+_END = 4
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,6 @@ class TieModel:
         return replace(self, slope_basis=slope_basis(time, count))
 
 
-def effective(xi: ComplexArray) -> ComplexArray:
-    """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
-    size = np.maximum(np.abs(xi), 1e-12)
-    return np.asarray(xi * (angle_of_attack(xi) / size))
-
-
 def slope_basis(time: FloatArray, count: int) -> FloatArray:
     """B-splines (n, count) in time: a constant, a line, a parabola, then cubics with even knots."""
     degree = min(count - 1, 3)
@@ -89,7 +86,7 @@ def force_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.zeros((record.time.size, 0), dtype=complex),
         effects=responses.force,
-        sigma=np.where(record.measured, record.force_sigma, np.inf),
+        sigma=np.where(_inside(record), record.force_sigma, np.inf),
         complex_slope=False,
     )
 
@@ -110,3 +107,11 @@ def moment_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
         complex_slope=True,
     )
+
+
+def _inside(record: InertialRecord) -> BoolArray:
+    """Where the instruments were read (n,), less the ends of the segments."""
+    inside = np.zeros(record.time.size, dtype=bool)
+    for start, stop in record.flight.segments:
+        inside[start + _END : stop - _END] = True
+    return inside

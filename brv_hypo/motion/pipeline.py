@@ -10,7 +10,7 @@ from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.answerable import require_answerable
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.effect_responses import EffectFit
+from brv_hypo.motion.effect_responses import EffectFit, corrected
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
@@ -35,7 +35,7 @@ def reconstruct(
     require_answerable(flight)
     record = inertial_record(flight, config)
     wind = METHODS[config.method](record, config, perturbations)
-    moments = moment_estimate(record, wind.effects)
+    moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     return Reconstruction(
         flight=flight,
@@ -49,7 +49,7 @@ def reconstruct(
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,
         effects=_estimates(wind.effects),
-        corrected=_corrected(flight, wind.effects),
+        corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
     )
@@ -59,7 +59,7 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
     flight = record.flight
     xi = wind.crossflow
     alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
-    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(record, wind))
+    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(wind))
     in_plane = plane_from_body(moments.body, meridian).real
     weight = np.where(moments.usable, 1.0 / moments.noise_sigma**2, 0.0)
     unknown = np.full(flight.samples, np.nan)
@@ -90,16 +90,9 @@ def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:
     )
 
 
-def _corrected(flight: Flight, fit: EffectFit) -> Flight:
-    """The flight with the errors that were found taken out."""
-    for effect, value in zip(fit.responses.effects, fit.value, strict=True):
-        flight = effect.apply(flight, -effect.size * float(value))
-    return flight
-
-
-def _crossflow_rate(record: InertialRecord, wind: WindHistory) -> ComplexArray:
+def _crossflow_rate(wind: WindHistory) -> ComplexArray:
     """Rate of the crossflow (n,), 1/s, from the kinematics: Eq. 3.1 with gravity, per unit of speed."""
-    flight, xi = record.flight, wind.crossflow
+    record, flight, xi = wind.record, wind.record.flight, wind.crossflow
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     acceleration = record.force + record.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
     transverse = acceleration[:, 1] + 1j * acceleration[:, 2]

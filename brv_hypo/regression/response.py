@@ -19,11 +19,10 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
+from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, effective, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.observations import effective
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import WindStart, body_crossflow, transverse_axes, wind_direction

@@ -11,16 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.effect_responses import effect_responses, no_responses
-from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.effect_responses import corrected, effect_responses, no_responses, telling
+from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
-from brv_hypo.motion.observations import TieModel, effective, force_tie, moment_tie
+from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
 
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
@@ -29,6 +30,8 @@ _OUTLIER = 6.0
 _ENOUGH = 0.1
 # Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
 _ROUGH = 0.01
+# How often they are linearised anew about what was found of them.
+_LINEARISATIONS = 1
 
 
 def joint(
@@ -38,25 +41,40 @@ def joint(
 
     The errors of the record are linearised about the motion that is found without them.
     """
-    near, responses = None, no_responses(record)
+    problem, near = TiedWalk(record, config, no_responses(record), np.zeros(0)), None
     if perturbations:
-        near = _rough_fit(TiedWalk(record, config, responses, _ROUGH), config)
-        responses = effect_responses(record, near.crossflow, _normal_force(record, near), perturbations)
-    problem = TiedWalk(record, config, responses)
+        problem, near = _linearised(record, config, perturbations)
     fit, warnings = _fitted(problem, config, near)
     return _history(problem, fit, warnings)
 
 
-def _rough_fit(problem: TiedWalk, config: ReconstructionConfig) -> TiedFit:
+def _linearised(
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+) -> tuple[TiedWalk, TiedFit]:
+    """The problem with the record's errors, linearised where they are nearly taken out, and a rough fit."""
+    flight = record.flight
+    fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
+    responses = telling(effect_responses(record, fit.start, perturbations, _force_slope(fit)))
+    known = np.zeros(len(responses.effects))
+    for _ in range(_LINEARISATIONS):
+        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
+        known = fit.effects.value
+        record = inertial_record(corrected(flight, fit.effects), config)
+        responses = effect_responses(record, fit.start, responses.effects, _force_slope(fit))
+    return TiedWalk(record, config, responses, known), fit
+
+
+def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | None) -> TiedFit:
     """A fit with constant slopes, of the force alone where it says enough."""
     record, responses = problem.record, problem.responses
+    solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
     force, moment = force_tie(record, responses), moment_tie(record, responses)
     moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
     if config.ties == "moment":
-        return problem.solve_from_scratch((moment,))
-    fit = problem.solve_from_scratch((force,))
+        return solve((moment,))
+    fit = solve((force,))
     enough = _relative_error(fit, record.measured) < _ENOUGH
-    return fit if enough else problem.solve_from_scratch((*fit.ties, moment))
+    return fit if enough else problem.solve_from_scratch((force, moment))
 
 
 def _fitted(
@@ -81,12 +99,12 @@ def _fitted(
     )
 
 
-def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
-    """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
+def _force_slope(fit: TiedFit) -> ComplexArray | None:
+    """Transverse force (n,) m/s^2 per rad of crossflow; None where the fit has no force."""
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            return np.asarray(tie.scale * tie.slope(coefficients) * effective(fit.crossflow))
-    return record.transverse_force
+            return np.asarray(tie.scale * tie.slope(coefficients))
+    return None
 
 
 def _with_force(problem: TiedWalk, tie: TieModel, near: TiedFit | None) -> TiedFit:
@@ -176,6 +194,7 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
             slope = tie.slope(coefficients).real
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
+        record=problem.record,
         crossflow=fit.crossflow,
         radial_sigma=radial,
         tangential_sigma=tangential,

@@ -10,8 +10,9 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, projected_variance
+from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.observations import TieModel, effective
+from brv_hypo.motion.observations import TieModel
 from brv_hypo.motion.random_walk import Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
@@ -66,7 +67,8 @@ class TiedFit:
 class TiedWalk:
     """The problem of one record; its attributes are what stays the same over ties and iterations.
 
-    Iterations also end where the crossflow changes by less than the share `rough` of its rms.
+    `known` (k,) of the errors of the record are taken out of it already. Iterations also end where the
+    crossflow changes by less than the share `rough` of its rms.
     """
 
     def __init__(
@@ -74,9 +76,11 @@ class TiedWalk:
         record: InertialRecord,
         config: ReconstructionConfig,
         responses: EffectResponses,
+        known: FloatArray,
         rough: float = 0.0,
     ) -> None:
         self.record = record
+        self.known = known
         self.rough = rough
         self.responses = responses
         self.shared = _GRAVITY + len(responses.effects)
@@ -163,7 +167,8 @@ class TiedWalk:
 
     def _effects(self, solution: WalkSolution) -> EffectFit:
         errors = slice(_GRAVITY, self.shared)
-        return EffectFit(self.responses, solution.theta[errors], solution.covariance[errors, errors])
+        value = self.known + solution.theta[errors]
+        return EffectFit(self.responses, self.known, value, solution.covariance[errors, errors])
 
     def _linear(
         self,
@@ -195,8 +200,7 @@ class TiedWalk:
         self, coefficients: Sequence[FloatArray], start: WindStart
     ) -> tuple[FloatArray, FloatArray]:
         """Mean and information of the globals, those of gravity and of the ties counted from the nominal."""
-        errors = self.shared - _GRAVITY
-        mean = -np.concatenate([start.gravity, np.zeros(errors), *coefficients])
+        mean = -np.concatenate([start.gravity, self.known, *coefficients])
         information = np.zeros(mean.size)
         information[:_GRAVITY], information[_GRAVITY : self.shared] = self.gravity_information, 1.0
         return mean, information

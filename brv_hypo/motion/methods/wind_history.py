@@ -9,7 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.effect_responses import EffectFit, as_expected, effect_responses
+from brv_hypo.motion.effect_responses import EffectFit, as_expected, effect_responses, telling
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.perturbation import Perturbation
@@ -30,11 +30,13 @@ NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"
 class WindHistory:
     """Crossflow (v + i w) / V (n,) in body axes, and the standard deviations (n,) of its two parts.
 
-    `radial_sigma` along the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at
-    the first sample; `normal_force_slope` (n,) 1/rad, NaN where the method does not find it; `accel_sigma`
-    m/s^2 as the fit left it; `effects` what the record says of its own errors.
+    `record` is what it was found in: the flight's, less what was found of its errors. `radial_sigma` along
+    the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at the first sample;
+    `normal_force_slope` (n,) 1/rad, NaN where the method does not find it; `accel_sigma` m/s^2 as the fit
+    left it; `effects` what the record says of its own errors.
     """
 
+    record: InertialRecord
     crossflow: ComplexArray
     radial_sigma: FloatArray
     tangential_sigma: FloatArray
@@ -78,11 +80,12 @@ def open_loop(
     xi = body_crossflow(record, wind_direction(record, start, forces=forces))
     elapsed = np.abs(record.time - known_at)
     walk = record.gyro_sigma**2 * record.flight.step * elapsed
-    responses = effect_responses(record, xi, record.transverse_force, perturbations)
+    responses = telling(effect_responses(record, start, perturbations))
     moved = responses.drift - responses.drift[int(np.argmin(elapsed))]
     errors = np.sum(moved**2, axis=(1, 2)) / (2.0 * speed**2)
     sigma = np.sqrt(start_sigma**2 + walk + (gravity_sigma * elapsed / speed) ** 2 + errors)
     return WindHistory(
+        record=record,
         crossflow=xi,
         radial_sigma=sigma,
         tangential_sigma=sigma,
