@@ -15,11 +15,9 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude, running_integral
 from brv_hypo.motion.differentiation import differentiate
-from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
-from brv_hypo.motion.wind import WindStart, body_crossflow, wind_direction
 
 
 @dataclass(frozen=True)
@@ -76,22 +74,22 @@ def corrected(flight: Flight, fit: EffectFit) -> Flight:
 
 
 def effect_responses(
-    record: InertialRecord, start: WindStart, effects: Sequence[Perturbation], slope: ComplexArray | None = None
+    record: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
 ) -> EffectResponses:
-    """Linearise each effect about the motion from `start`; one-sided differences of one standard deviation.
+    """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g.
 
-    `slope` (n,) m/s^2 is the transverse force at the c.g. per rad of crossflow; the measured force if None.
+    One-sided differences of one standard deviation.
     """
     if not effects:
         return no_responses(record)
-    smooth, crossflow = noise_free(record, start, slope)
+    smooth = noise_free(record, force)
     records = [perturbed(smooth, effect.apply(smooth.flight, effect.size)) for effect in effects]
     pressure = np.stack([r.force_scale / smooth.force_scale - 1.0 for r in records], axis=1)
     forces = np.stack([r.transverse_force - smooth.transverse_force for r in records], axis=1)
     return EffectResponses(
         effects=tuple(effects),
         drift=_drift(smooth, crossflow, records),
-        force=forces - pressure * smooth.transverse_force[:, None],
+        force=forces - pressure * force[:, None],
         moment=np.stack([r.moment - smooth.moment for r in records], axis=1),
     )
 
@@ -104,22 +102,12 @@ def telling(responses: EffectResponses) -> EffectResponses:
     return EffectResponses(kept, drift[:, :, tells], force[:, tells], moment[:, tells])
 
 
-def noise_free(
-    record: InertialRecord, start: WindStart, slope: ComplexArray | None
-) -> tuple[InertialRecord, ComplexArray]:
-    """The record as instruments without noise would read, and the crossflow (n,) that goes with it.
-
-    Its crossflow obeys the kinematics of its rates to the last digit: what no data can tell, such as a delay
-    of all instruments alike, changes nothing in it either.
-    """
+def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
+    """The record as instruments without noise would read: smoothed, with that transverse force (n,) m/s^2."""
     flight = record.flight
     p, p_change = _smoothed(record, flight.p)
     axial, _ = _smoothed(record, record.force[:, 0])
     rate, change = record.transverse_rate, record.rate_change
-    roll, attitude = body_attitude(record.time, p, rate)
-    turned = replace(record, roll=roll, attitude=attitude)
-    crossflow = body_crossflow(turned, wind_direction(turned, start))
-    force = record.transverse_force if slope is None else slope * effective(crossflow)
     at_cg = np.stack([axial, force.real, force.imag], axis=1)
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, arm)).T
@@ -134,8 +122,9 @@ def noise_free(
         velocity=_smoothed(record, flight.velocity)[0],
         dynamic_pressure=_smoothed(record, flight.dynamic_pressure)[0],
     )
+    roll, attitude = body_attitude(record.time, p, rate)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    return replace(turned, flight=quiet, spin_angle=spin_angle, force=at_cg), crossflow
+    return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
 
 
 def _smoothed(record: InertialRecord, channel: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,6 +18,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import corrected, effect_responses, no_responses, telling
+from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
@@ -54,13 +55,14 @@ def _linearised(
     """The problem with the record's errors, linearised where they are nearly taken out, and a rough fit."""
     flight = record.flight
     fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
-    responses = telling(effect_responses(record, fit.start, perturbations, _force_slope(fit)))
+    responses = telling(effect_responses(record, fit.crossflow, _normal_force(record, fit), perturbations))
     known = np.zeros(len(responses.effects))
     for _ in range(_LINEARISATIONS):
         fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
-        responses = effect_responses(record, fit.start, responses.effects, _force_slope(fit))
+        force = _normal_force(record, fit)
+        responses = effect_responses(record, fit.crossflow, force, responses.effects)
     return TiedWalk(record, config, responses, known), fit
 
 
@@ -99,12 +101,12 @@ def _fitted(
     )
 
 
-def _force_slope(fit: TiedFit) -> ComplexArray | None:
-    """Transverse force (n,) m/s^2 per rad of crossflow; None where the fit has no force."""
+def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
+    """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            return np.asarray(tie.scale * tie.slope(coefficients))
-    return None
+            return np.asarray(tie.scale * tie.slope(coefficients) * effective(fit.crossflow))
+    return record.transverse_force
 
 
 def _with_force(problem: TiedWalk, tie: TieModel, near: TiedFit | None) -> TiedFit:
