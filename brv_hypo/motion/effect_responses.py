@@ -146,8 +146,13 @@ def _drift(
     seen = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
     velocity = np.einsum("nij,nj->ni", smooth.attitude, seen)
     before = smooth.force_inertial
-    pulls = np.stack([record.force_inertial - before for record in records], axis=2)
-    drift = running_integral(smooth.time, pulls)
+    drift = np.zeros((smooth.time.size, 3, len(records)))
+    moved = [
+        k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude
+    ]
+    if moved:
+        pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
+        drift[:, :, moved] = running_integral(smooth.time, pulls)
     for k, record in enumerate(records):
         drift[:, :, k] -= _wind(record) - _wind(smooth)
         if record.attitude is not smooth.attitude:
