@@ -1,7 +1,7 @@
 """Hypothesis testing for spinning entry bodies: which mechanism explains the moments that were flown?
 
 load_flight(path)              flight record -> Flight                     brv_hypo.flight
-reconstruct(flight)            wind-relative motion and moments            brv_hypo.motion
+reconstruct(flight)            wind-relative motion and moments            brv_hypo.model
 compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
 trace(flight, config)          what is left over, traced to its effect     brv_hypo.residuals
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from brv_hypo.flight import load_flight as load_flight
-    from brv_hypo.motion import reconstruct as reconstruct
+    from brv_hypo.model.reconstruction import reconstruct as reconstruct
     from brv_hypo.ranking import compare as compare
     from brv_hypo.residuals import trace as trace
     from brv_hypo.simulation import simulate as simulate
 
 _HOME = {
     "load_flight": "brv_hypo.flight",
-    "reconstruct": "brv_hypo.motion",
+    "reconstruct": "brv_hypo.model.reconstruction",
     "compare": "brv_hypo.ranking",
     "trace": "brv_hypo.residuals",
     "simulate": "brv_hypo.simulation",

@@ -40,8 +40,8 @@ def reconstruct(
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
     session.claim(output)
+    from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
-    from brv_hypo.motion import reconstruct as reconstructed
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_line, reconstruction_view
     from brv_hypo.settings import read_settings
 

@@ -23,8 +23,8 @@ from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.mechanisms import find
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
+from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion import reconstruct
 from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
 from brv_hypo.regression.whitening import difference, fit_noise
 from brv_hypo.simulation import SimulatedFlight, simulate_batch

@@ -3,6 +3,7 @@
 hookspecs.py  the plugin border, and the manual for plugin authors
 contract.py   what a mechanism and a record effect are
 registry.py   finds what is installed, by name
+carried.py    the errors that every analysis allows a record to have
 filed.py      mechanisms that a YAML file defines
 conformance/  named checks that every plugin must pass
 template/     a plugin package to start from

@@ -1,30 +1,44 @@
-"""What is part of every hypothesis: the record effects and the vehicle's tolerances that this distribution brings.
-
-What another package installs is carried by nobody unless it is asked for, so that it changes no result.
-"""
+"""What is part of every hypothesis: the errors that a record may have, and the tolerances of its vehicle."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import partial
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import installed
+from brv_hypo.motion.perturbation import Perturbation
 
-_OWN = "brv-hypo"
+# Effects of other distributions are hypotheses, tried where asked for: what is installed changes no result.
+_OWN_PACKAGE = "brv-hypo"
 
 
-@lru_cache(maxsize=1)
 def carried_effects() -> tuple[RecordEffect, ...]:
-    """The record effects that every hypothesis holds, by name."""
-    return tuple(
-        entry.item
-        for entry in installed().values()
-        if isinstance(entry.item, RecordEffect) and entry.item.carried and entry.package == _OWN
-    )
+    """The record effects of this distribution that are part of every hypothesis."""
+    items = (entry.item for entry in installed().values() if entry.package == _OWN_PACKAGE)
+    return tuple(item for item in items if isinstance(item, RecordEffect) and item.carried)
 
 
 def carried_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
-    """The mechanisms whose coefficients the record's tolerances of the vehicle bound, by name."""
-    own = (entry.item for entry in installed().values() if entry.package == _OWN)
+    """The mechanisms of this distribution whose coefficients the record's tolerances of the vehicle bound."""
+    own = (entry.item for entry in installed().values() if entry.package == _OWN_PACKAGE)
     return tuple(item for item in own if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+
+
+def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
+    """Every component of every carried effect, with the size that the tolerances of `flight` give it."""
+    return tuple(
+        Perturbation(
+            effect.name,
+            component.name,
+            component.units,
+            component.size,
+            partial(_applied, effect, component.name),
+        )
+        for effect in carried_effects()
+        for component in effect.components(flight)
+    )
+
+
+def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
+    return effect.perturb(flight, component, value)

@@ -3,4 +3,5 @@
 time_variation.py  how a coefficient changes in time: constant, jump, ramp
 columns.py         the candidates of a mechanism
 baseline.py        the terms that are always fitted along
+reconstruction.py  motion and moments of a flight, its record known to its tolerances
 """

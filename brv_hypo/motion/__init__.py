@@ -1,8 +1,9 @@
 """Motion relative to the wind, and moments, from a flight record.
 
-reconstruct(flight, config) -> Reconstruction     pipeline.py
+reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py
     gyros to attitude, accelerometers to c.g.     inertial.py
     the crossflow: joint, velocity, rates, polar  methods/
+    what errors of the record make of it all      perturbation.py, effect_responses.py
     Euler's equations inverted                    moments.py
 write_motion(reconstruction, path)                store.py
 Motion: what a mechanism may know                 motion.py, history.py, frames.py
@@ -10,13 +11,16 @@ Motion: what a mechanism may know                 motion.py, history.py, frames.
 
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.pipeline import reconstruct
-from brv_hypo.motion.reconstruction import MomentEstimate, Reconstruction
+from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
 from brv_hypo.motion.store import write_motion
 
 __all__ = [
+    "EffectEstimate",
     "MomentEstimate",
     "Motion",
+    "Perturbation",
     "Reconstruction",
     "ReconstructionConfig",
     "reconstruct",

@@ -32,6 +32,26 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     return _matrices(_running_product(_quaternions(coning, steps)))
 
 
+def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
+    """De-rolled axes (n, 3, 3) turned on by the roll angle (n,): the body's."""
+    cosine, sine = np.cos(roll)[:, np.newaxis], np.sin(roll)[:, np.newaxis]
+    second, third = derolled[:, :, 1], derolled[:, :, 2]
+    return np.stack(
+        [derolled[:, :, 0], second * cosine + third * sine, third * cosine - second * sine], axis=2
+    )
+
+
+def body_attitude(
+    time: FloatArray, p: FloatArray, transverse_rate: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Roll angle (n,) rad, and rotations (n, 3, 3) from body axes to those of the first sample.
+
+    `p` (n,) and q + i r (n,), rad/s, in body axes.
+    """
+    roll = running_integral(time, p)
+    return roll, rolled(derolled_attitude(time, transverse_rate * np.exp(1j * roll)), roll)
+
+
 def _quaternions(axial: FloatArray, transverse: ComplexArray) -> FloatArray:
     """Unit quaternions (n, 4), scalar first, of rotation vectors (axial, Re, Im) in rad."""
     half = 0.5 * np.hypot(axial, np.abs(transverse))

@@ -34,7 +34,3 @@ class ReconstructionConfig(BaseModel):
     accel_sigma: float | None = Field(
         default=None, gt=0.0, description="white noise, m/s^2; from the record if None"
     )
-    gyro_bias_sigma: float = Field(
-        default=1e-3, ge=0.0, description="how large a constant gyro bias may be, rad/s"
-    )
-    accel_bias_sigma: float = Field(default=0.1, ge=0.0, description="the same for the accelerometers, m/s^2")

@@ -34,6 +34,12 @@ def crossflow(alpha: FloatArray, phi_w: FloatArray) -> ComplexArray:
     return np.asarray(1j * np.sin(alpha) * np.exp(-1j * phi_w), dtype=complex)
 
 
+def effective(xi: ComplexArray) -> ComplexArray:
+    """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
+    size = np.maximum(np.abs(xi), 1e-12)
+    return np.asarray(xi * (angle_of_attack(xi) / size))
+
+
 def angle_rates(xi: ComplexArray, xi_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Rates of alpha and phi_w, rad/s, from the crossflow and its rate (1/s)."""
     product = xi_rate * np.conj(xi)

@@ -9,7 +9,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import Derivative, differentiate
 from brv_hypo.motion.noise import white_noise_level
@@ -64,6 +64,13 @@ class InertialRecord:
         return np.asarray(self.flight.dynamic_pressure * self.flight.vehicle.moment_scale)
 
     @property
+    def moment(self) -> ComplexArray:
+        """C_m + i C_n (n,) by Euler's equations from the smoothed rates (Eq. 2.3)."""
+        spin = 1.0 - self.flight.vehicle.inertia_ratio
+        turning = 1j * spin * self.flight.p * self.transverse_rate
+        return np.asarray((self.rate_change + turning) / self.moment_scale)
+
+    @property
     def force_inertial(self) -> FloatArray:
         """Specific force at the c.g. in the axes of the first sample (n, 3), m/s^2."""
         return np.asarray(np.einsum("nij,nj->ni", self.attitude, self.force))
@@ -82,7 +89,7 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     gyro_sigma = config.gyro_sigma or _pooled(flight, ("q", "r"))
     accel_sigma = config.accel_sigma or _pooled(flight, ("ay", "az"))
     time = flight.time - flight.time[0]
-    roll = running_integral(time, flight.p)
+    roll, attitude = body_attitude(time, flight.p, flight.q + 1j * flight.r)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     spin = differentiate(
         (flight.q + 1j * flight.r) * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments
@@ -90,12 +97,11 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     rate = spin.value * np.exp(-1j * spin_angle)
     turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate
     change = spin.rate * np.exp(-1j * spin_angle) - turning
-    derolled = derolled_attitude(time, (flight.q + 1j * flight.r) * np.exp(1j * roll))
     force, force_sigma = _force_at_cg(flight, rate, change, spin, gyro_sigma, accel_sigma)
     return InertialRecord(
         flight=flight,
         roll=roll,
-        attitude=derolled @ _roll_matrices(roll),
+        attitude=attitude,
         transverse_rate=rate,
         rate_change=change,
         spin_rate=spin,
@@ -137,13 +143,16 @@ def _measured(flight: Flight) -> BoolArray:
     return inside
 
 
-def _roll_matrices(roll: FloatArray) -> FloatArray:
-    """Rotations (n, 3, 3) from body to de-rolled axes."""
-    matrices = np.zeros((roll.size, 3, 3))
-    matrices[:, 0, 0] = 1.0
-    matrices[:, 1, 1] = matrices[:, 2, 2] = np.cos(roll)
-    matrices[:, 1, 2], matrices[:, 2, 1] = -np.sin(roll), np.sin(roll)
-    return matrices
+def arm_acceleration(
+    p: FloatArray, p_change: FloatArray, rate: ComplexArray, change: ComplexArray, arm: FloatArray
+) -> FloatArray:
+    """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 at `arm` (3,) m from the c.g. (errata E10, E11).
+
+    `p` and q + i r = `rate` (n,) rad/s; `p_change`, `change` their derivatives.
+    """
+    omega = np.stack([p, rate.real, rate.imag], axis=1)
+    acceleration = np.stack([p_change, change.real, change.imag], axis=1)
+    return np.asarray(np.cross(acceleration, arm) + np.cross(omega, np.cross(omega, arm)))
 
 
 def _force_at_cg(
@@ -154,7 +163,7 @@ def _force_at_cg(
     gyro_sigma: float,
     accel_sigma: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Specific force at the c.g. (n, 3) and its transverse noise (n,), from CONVENTIONS (errata E10, E11)."""
+    """Specific force at the c.g. (n, 3) and its transverse noise (n,), from CONVENTIONS."""
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     sensed = np.stack([flight.ax, flight.ay, flight.az], axis=1)
     if not np.any(arm):
@@ -162,8 +171,6 @@ def _force_at_cg(
     roll_rate = differentiate(
         flight.p.astype(complex), flight.step, _pooled(flight, ("p", "p")), flight.segments
     )
-    omega = np.stack([flight.p, rate.real, rate.imag], axis=1)
-    acceleration = np.stack([roll_rate.rate.real, change.real, change.imag], axis=1)
-    moved = sensed - np.cross(acceleration, arm) - np.cross(omega, np.cross(omega, arm))
+    moved = sensed - arm_acceleration(flight.p, roll_rate.rate.real, rate, change, arm)
     gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
     return moved, np.sqrt(accel_sigma**2 + (np.linalg.norm(arm) * gyro_sigma * gain) ** 2)

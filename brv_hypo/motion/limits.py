@@ -42,7 +42,7 @@ def _moment_noise(moments: MomentEstimate) -> str | None:
     if not moments.usable.any():
         return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
     size = float(np.sqrt(np.mean(np.abs(moments.body[moments.usable]) ** 2) / 2.0))
-    share = float(np.sqrt(np.mean(moments.sigma[moments.usable] ** 2))) / max(size, 1e-300)
+    share = float(np.sqrt(np.mean(moments.noise_sigma[moments.usable] ** 2))) / max(size, 1e-300)
     if share < _NOISY_MOMENTS:
         return None
     percent = 100.0 * share

@@ -5,21 +5,26 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.motion.effect_responses import EffectFit, projected_variance
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import MomentEstimate
 
 
-def moment_estimate(record: InertialRecord) -> MomentEstimate:
+def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimate:
     """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count.
 
     With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I
-    (C_m + i C_n): it is y that is differentiated.
+    (C_m + i C_n): it is y that is differentiated. `record` has lost `known` of its errors; the
+    rest of what was found is taken out here, and what they may be beyond that counts in `sigma`.
     """
     spin = record.spin_rate
-    turned = np.exp(-1j * record.spin_angle)
+    noise = np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale
+    rows = effects.responses.moment
+    unknown = sum(projected_variance(part, effects.covariance) for part in (rows.real, rows.imag))
     return MomentEstimate(
-        body=np.asarray(spin.rate * turned / record.moment_scale),
-        sigma=np.asarray(np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale),
+        body=record.moment - rows @ (effects.value - effects.known),
+        sigma=np.sqrt(noise**2 + 0.5 * unknown),
+        noise_sigma=np.asarray(noise),
         usable=record.measured & spin.interior,
         filter_half_width=spin.half_width,
         noise_correlation=spin.noise_correlation,

@@ -3,10 +3,11 @@
 Both oppose the crossflow, with a slope that varies slowly and is not known beforehand. Each model is linear
 in its unknowns, given the crossflow xi:
 
-    force    f_y + i f_z = -(q_inf S / m) C_N(t) (alpha / sin alpha) xi + b
+    force    f_y + i f_z = -(q_inf S / m) C_N(t) (alpha / sin alpha) xi
     moment   C_m + i C_n = -i C_m_alpha(t) (alpha / sin alpha) xi + C_mq omega d / 2V + trim
 
-The moment's slope is complex, so that an out-of-plane moment does not turn the wind.
+each with what the errors of the record add to it. The moment's slope is complex, so that an out-of-plane
+moment does not turn the wind.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.motion.frames import angle_of_attack
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.motion.effect_responses import EffectResponses
+from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
 
-# How far the accelerometers may be misaligned with the spin axis, rad; a body-fixed force looks the same.
-_MISALIGNMENT = 2e-3
+# Samples at the ends of a segment that tie nothing: what a late clock makes of them lies outside the record.
+_END = 4
 
 
 @dataclass(frozen=True)
@@ -29,10 +31,9 @@ class TieModel:
     """One kind of observation of the crossflow.
 
     `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance;
-    `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients, each expected within its
-    `nuisance_sigma` (m,); `sigma` (n,), inf where nothing is seen; `complex_slope`: whether the slope's
-    coefficients are complex; `accelerometers`: whether a constant accelerometer bias adds to the
-    observation.
+    `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` (n, e) what
+    errors of the record of one standard deviation add to the observation at the same crossflow; `sigma`
+    (n,), inf where nothing is seen; `complex_slope`: whether the slope's coefficients are complex.
     """
 
     name: str
@@ -40,10 +41,9 @@ class TieModel:
     scale: ComplexArray
     slope_basis: FloatArray
     nuisance: ComplexArray
-    nuisance_sigma: FloatArray
+    effects: ComplexArray
     sigma: FloatArray
     complex_slope: bool
-    accelerometers: bool
 
     @property
     def unknowns(self) -> int:
@@ -64,24 +64,9 @@ class TieModel:
         parts = [slopes, 1j * slopes] if self.complex_slope else [slopes]
         return np.concatenate([*parts, self.nuisance], axis=1)
 
-    def prior_sigma(self) -> FloatArray:
-        """How large each coefficient (unknowns,) may be; inf where nothing is known."""
-        slopes = self.unknowns - self.nuisance.shape[1]
-        return np.concatenate([np.full(slopes, np.inf), self.nuisance_sigma])
-
-    def is_error(self) -> IntArray:
-        """1 for the coefficients (unknowns,) that are errors of the instruments, else 0."""
-        return np.isfinite(self.prior_sigma()).astype(np.int64)
-
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
         """The same model with a slope of `count` coefficients in time."""
         return replace(self, slope_basis=slope_basis(time, count))
-
-
-def effective(xi: ComplexArray) -> ComplexArray:
-    """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
-    size = np.maximum(np.abs(xi), 1e-12)
-    return np.asarray(xi * (angle_of_attack(xi) / size))
 
 
 def slope_basis(time: FloatArray, count: int) -> FloatArray:
@@ -92,37 +77,41 @@ def slope_basis(time: FloatArray, count: int) -> FloatArray:
     return np.asarray(BSpline.design_matrix(time, knots, degree).toarray())
 
 
-def force_tie(record: InertialRecord) -> TieModel:
-    """The normal force as seen by the accelerometers; they may be misaligned with the spin axis."""
-    axial = record.force[:, 0].astype(complex)
+def force_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
+    """The normal force as seen by the accelerometers."""
     return TieModel(
         name="force",
         observed=record.transverse_force,
         scale=-record.force_scale.astype(complex),
         slope_basis=slope_basis(record.time, 1),
-        nuisance=np.stack([axial, 1j * axial], axis=1),
-        nuisance_sigma=np.full(2, _MISALIGNMENT),
-        sigma=np.where(record.measured, record.force_sigma, np.inf),
+        nuisance=np.zeros((record.time.size, 0), dtype=complex),
+        effects=responses.force,
+        sigma=np.where(_inside(record), record.force_sigma, np.inf),
         complex_slope=False,
-        accelerometers=True,
     )
 
 
-def moment_tie(record: InertialRecord) -> TieModel:
+def moment_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
     """The static moment as seen by the differentiated gyros."""
     flight = record.flight
-    moment = (record.spin_rate.rate * np.exp(-1j * record.spin_angle)) / record.moment_scale
     rate = record.transverse_rate * flight.vehicle.reference_length / (2.0 * flight.velocity)
     ones = np.ones(record.time.size, dtype=complex)
     noise = record.gyro_sigma * record.spin_rate.rate_gain / record.moment_scale
     return TieModel(
         name="moment",
-        observed=moment,
+        observed=record.moment,
         scale=np.full(record.time.size, -1j),
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.stack([ones, 1j * ones, rate], axis=1),
-        nuisance_sigma=np.full(3, np.inf),
+        effects=responses.moment,
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
         complex_slope=True,
-        accelerometers=False,
     )
+
+
+def _inside(record: InertialRecord) -> BoolArray:
+    """Where the instruments were read (n,), less the ends of the segments."""
+    inside = np.zeros(record.time.size, dtype=bool)
+    for start, stop in record.flight.segments:
+        inside[start + _END : stop - _END] = True
+    return inside

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.answerable import require_answerable
 from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.effect_responses import EffectFit, corrected
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
@@ -15,19 +18,24 @@ from brv_hypo.motion.limits import limits_of
 from brv_hypo.motion.methods import METHODS, WindHistory
 from brv_hypo.motion.moments import moment_estimate, static_in_plane
 from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.reconstruction import MomentEstimate, Reconstruction
+from brv_hypo.motion.perturbation import Perturbation
+from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
 
 
-def reconstruct(flight: Flight, config: ReconstructionConfig | None = None) -> Reconstruction:
+def reconstruct(
+    flight: Flight, config: ReconstructionConfig | None = None, perturbations: Sequence[Perturbation] = ()
+) -> Reconstruction:
     """Wind-relative motion and moments of `flight`, with standard deviations.
 
-    Raises UnanswerableError where the record is too short, or the vehicle is not in the air.
+    The record may err by each of `perturbations`, as likely as their sizes say; without any it is taken as
+    free of all but white noise. Raises UnanswerableError where the record is too short, or the vehicle is
+    not in the air.
     """
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
-    wind = METHODS[config.method](record, config)
-    moments = moment_estimate(record)
+    wind = METHODS[config.method](record, config, perturbations)
+    moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     return Reconstruction(
         flight=flight,
@@ -40,6 +48,8 @@ def reconstruct(flight: Flight, config: ReconstructionConfig | None = None) -> R
         normal_force_slope=wind.normal_force_slope,
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,
+        effects=_estimates(wind.effects),
+        corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
     )
@@ -49,9 +59,9 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
     flight = record.flight
     xi = wind.crossflow
     alpha, meridian = angle_of_attack(xi), np.unwrap(windward_meridian(xi))
-    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(record, wind))
+    alpha_rate, meridian_rate = angle_rates(xi, _crossflow_rate(wind))
     in_plane = plane_from_body(moments.body, meridian).real
-    weight = np.where(moments.usable, 1.0 / moments.sigma**2, 0.0)
+    weight = np.where(moments.usable, 1.0 / moments.noise_sigma**2, 0.0)
     unknown = np.full(flight.samples, np.nan)
     return Motion(
         time=flight.time,
@@ -71,9 +81,18 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
     )
 
 
-def _crossflow_rate(record: InertialRecord, wind: WindHistory) -> ComplexArray:
+def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:
+    """What is known of each error, in its units."""
+    sigma = np.sqrt(np.diag(fit.covariance))
+    return tuple(
+        EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(error))
+        for e, value, error in zip(fit.responses.effects, fit.value, sigma, strict=True)
+    )
+
+
+def _crossflow_rate(wind: WindHistory) -> ComplexArray:
     """Rate of the crossflow (n,), 1/s, from the kinematics: Eq. 3.1 with gravity, per unit of speed."""
-    flight, xi = record.flight, wind.crossflow
+    record, flight, xi = wind.record, wind.record.flight, wind.crossflow
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     acceleration = record.force + record.to_body(np.broadcast_to(wind.gravity, (flight.samples, 3)))
     transverse = acceleration[:, 1] + 1j * acceleration[:, 2]

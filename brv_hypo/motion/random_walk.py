@@ -35,18 +35,6 @@ class Tie:
 
 
 @dataclass(frozen=True)
-class GlobalPriors:
-    """Several Gaussian priors of the globals: mean (k,), diagonals of information (m, k), log weights (m,).
-
-    Information is zero where nothing is known: in the same places for all of them.
-    """
-
-    mean: FloatArray
-    information: FloatArray
-    log_weight: FloatArray
-
-
-@dataclass(frozen=True)
 class WalkEquations:
     """The problem once the walk is eliminated: normal equations of the globals.
 
@@ -61,32 +49,16 @@ class WalkEquations:
     walk_variance: FloatArray
     gram: FloatArray
 
-    def solve(self, priors: GlobalPriors) -> WalkSolution:
-        """Walk and globals averaged over Gaussian priors of the globals, each weighted by its evidence."""
-        prior_mean, prior_information = priors.mean, priors.information
-        normal = self.gram[1:, 1:] + prior_information[:, :, None] * np.eye(prior_mean.size)
-        right = self.gram[1:, 0] + prior_information * prior_mean
-        scale = 1.0 / np.sqrt(np.maximum(np.einsum("mii->mi", normal), 1e-300))
-        inverse = np.linalg.inv(
-            normal * scale[:, :, None] * scale[:, None, :] + _RIDGE * np.eye(prior_mean.size)
-        )
-        covariance = inverse * scale[:, :, None] * scale[:, None, :]
-        theta = np.einsum("mij,mj->mi", covariance, right)
-        misfit = self.gram[0, 0] - np.einsum("mi,mi->m", theta, right) + prior_information @ prior_mean**2
-        _, log_volume = np.linalg.slogdet(normal)
-        known = prior_information[0] > 0.0
-        evidence = -0.5 * (misfit + log_volume - np.sum(np.log(prior_information[:, known]), axis=1))
-        evidence = evidence + priors.log_weight
-        weight = np.exp(evidence - evidence.max())
-        weight /= weight.sum()
-        mean = weight @ theta
-        spread = theta - mean
-        mixed = np.einsum("m,mij->ij", weight, covariance) + (weight[:, None] * spread).T @ spread
-        return self._at(mean, mixed)
-
-    def _at(self, theta: FloatArray, covariance: FloatArray) -> WalkSolution:
-        cost = float(self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta)
-        return WalkSolution(self.walk + self.sensitivity @ theta, theta, covariance, cost)
+    def solve(self, mean: FloatArray, information: FloatArray) -> WalkSolution:
+        """Walk and globals with Gaussian priors of the globals: mean (k,), information (k,), 0 where free."""
+        normal = self.gram[1:, 1:] + np.diag(information)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        inverse = np.linalg.inv(normal * scale[:, None] * scale + _RIDGE * np.eye(mean.size))
+        covariance = inverse * scale[:, None] * scale
+        theta = covariance @ (self.gram[1:, 0] + information * mean)
+        cost = self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta
+        cost += float(information @ (theta - mean) ** 2)
+        return WalkSolution(self.walk + self.sensitivity @ theta, theta, covariance, float(cost))
 
     def residual(self, index: int, solution: WalkSolution) -> ComplexArray:
         """What the solution leaves of the tie number `index`, (n,)."""
@@ -98,7 +70,7 @@ class WalkEquations:
 class WalkSolution:
     """Walk (n,), globals (k,) and their covariance (k, k).
 
-    `cost`: minus twice the log-likelihood but for a constant, without the prior.
+    `cost`: minus twice the log of likelihood times prior, but for a constant.
     """
 
     walk: ComplexArray

@@ -19,19 +19,37 @@ Method = Literal["joint", "velocity", "rates", "polar"]
 class MomentEstimate:
     """Moment coefficients from differentiated gyros, with the noise that differentiation gives them.
 
-    `body` (n,) is C_m + i C_n; `sigma` (n,) the standard deviation of each of its two components;
-    `filter_half_width` samples and `noise_correlation` (2 half_width + 1,) describe the colour: the
-    correlation of the error at lag 0, 1, ... samples. `usable` (n,) is False where no estimate is made.
-    The error is so correlated in the axes that turn with (1 - Ix/I) of the roll: multiply `body` by
-    exp(i spin_angle), `spin_angle` (n,) rad, and by the dynamic pressure, to have it stationary.
+    `body` (n,) is C_m + i C_n, less what was found of the record's errors; `noise_sigma` (n,) the standard
+    deviation of each of its two components by the gyros' noise; `sigma` (n,) the same by noise and by all
+    that is not known of the record's errors, which is anything but white. `filter_half_width` samples and
+    `noise_correlation` (2 half_width + 1,) describe the noise's colour: its correlation at lag 0, 1, ...
+    samples. `usable` (n,) is False where no estimate is made. The noise is so correlated in the axes that
+    turn with (1 - Ix/I) of the roll: multiply `body` by exp(i spin_angle), `spin_angle` (n,) rad, and by the
+    dynamic pressure, to have it stationary.
     """
 
     body: ComplexArray
     sigma: FloatArray
+    noise_sigma: FloatArray
     usable: BoolArray
     filter_half_width: int
     noise_correlation: FloatArray
     spin_angle: FloatArray
+
+
+@dataclass(frozen=True)
+class EffectEstimate:
+    """What the reconstruction says of one component of an error of the record, in `units`.
+
+    `size` is the tolerance to which it was known before; `value` and `std_error` what is known after.
+    """
+
+    effect: str
+    component: str
+    units: str
+    size: float
+    value: float
+    std_error: float
 
 
 @dataclass(frozen=True)
@@ -41,7 +59,8 @@ class Reconstruction:
     Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
     axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force; `gyro_sigma` rad/s
     and `accel_sigma` m/s^2 are the white-noise levels estimated from the record. `status` is "ok" or
-    "degraded"; `warnings` say what limits the result and what would help.
+    "degraded"; `warnings` say what limits the result and what would help. `effects` are the errors that the
+    record was allowed to have; `corrected` is the flight with what was found of them taken out.
     """
 
     flight: Flight
@@ -54,6 +73,8 @@ class Reconstruction:
     normal_force_slope: FloatArray
     gyro_sigma: float
     accel_sigma: float
+    effects: tuple[EffectEstimate, ...]
+    corrected: Flight
     status: Literal["ok", "degraded"]
     warnings: tuple[str, ...]
 

@@ -69,4 +69,5 @@ def _moments(reconstruction: Reconstruction) -> dict[str, tuple[FloatArray, str]
         "C_N_prime": (plane.real, "dimensionless"),
         "C_Z_prime": (plane.imag, "dimensionless"),
         "moment_sigma": (moments.sigma * known, "dimensionless"),
+        "moment_noise_sigma": (moments.noise_sigma * known, "dimensionless"),
     }

@@ -18,8 +18,8 @@ from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import default_knots, theta_grid
-from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.inertial import inertial_record
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
@@ -37,7 +37,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.frame import RateFrame, build_frame, checked_terms
 from brv_hypo.regression.held_out import HeldOut, held_out
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.response import without_wander
+from brv_hypo.regression.response import linearisation_point
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]
@@ -149,11 +149,10 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
         )
     offset = 1 if config.offset_degree is None else config.offset_degree
     slope = 2 if config.slope_degree is None else config.slope_degree
-    records = [
-        inertial_record(rec.flight, ReconstructionConfig(method=config.method)) for rec in reconstructions
-    ]
-    slow = [without_wander(record, rec) for record, rec in zip(records, reconstructions, strict=True)]
-    frame = _frame(slow, offset, slope)
+    settings = ReconstructionConfig(method=config.method)
+    points = [linearisation_point(reconstruction, settings) for reconstruction in reconstructions]
+    records = [record for record, _ in points]
+    frame = _frame([point for _, point in points], offset, slope)
     span = frame.time
     knots = (
         default_knots(float(span.min()), float(span.max()), config.knot_count)

@@ -85,7 +85,7 @@ def _moment_rms(problem: Problem) -> float:
         [m.body[s.rows][m.usable[s.rows]] for m, s in zip(moments, frame.segments, strict=True)]
     )
     noise = np.concatenate(
-        [m.sigma[s.rows][m.usable[s.rows]] for m, s in zip(moments, frame.segments, strict=True)]
+        [m.noise_sigma[s.rows][m.usable[s.rows]] for m, s in zip(moments, frame.segments, strict=True)]
     )
     square = float(np.mean(np.abs(body) ** 2)) - 2.0 * float(np.mean(noise**2))
     return float(np.sqrt(max(square, 1e-4 * float(np.mean(np.abs(body) ** 2)))))

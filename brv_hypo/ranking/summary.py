@@ -282,7 +282,7 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
                 alpha_rad=tuple(motion.alpha[kept].tolist()),
                 windward_meridian_rad=tuple(phi_w.tolist()),
                 measured=plane(measured),
-                sigma=tuple(frame.reconstructions[index].moments.sigma[kept].tolist()),
+                sigma=tuple(frame.reconstructions[index].moments.noise_sigma[kept].tolist()),
                 fitted={name: plane(body) for name, body in predicted.items()},
             )
         )

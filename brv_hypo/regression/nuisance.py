@@ -24,7 +24,8 @@ from brv_hypo.regression.response import LinearisedFlight
 class Nuisance:
     """One unknown of one flight; `size` is one unit of its history in `units`, the prior's sigma where it has one.
 
-    `present` is the value that the linearisation holds already, in units of `size`; NaN where there is no prior.
+    `present` is what the linearisation holds already of the prior's residual, in units of `size`; NaN where there is no
+    prior. `taken_out` is what was taken out of the record before, in `units`.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Nuisance:
     units: str
     size: float
     present: float
+    taken_out: float = 0.0
 
     @property
     def label(self) -> str:
@@ -79,6 +81,7 @@ def nuisances(
             rows.append(history)
 
     for number, linearised in enumerate(flights):
+        known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
         names, histories, values = linearised.unknowns_of_motion()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
@@ -91,8 +94,10 @@ def nuisances(
                 if not effect.carried and (effect.name, component.name) not in free:
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
-                present = np.nan if (effect.name, component.name) in free else 0.0
-                item = Nuisance(effect.name, component.name, number, component.units, component.size, present)
+                key, size = (effect.name, component.name), component.size
+                found = known.get(key, 0.0)
+                present = np.nan if key in free else -found / size
+                item = Nuisance(*key, number, component.units, size, present, found)
                 add(item, on_frame(frame, number, history))
         for mechanism in vehicle:
             for item, rates in _tolerated(frame, number, mechanism):

@@ -17,17 +17,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import differentiate
-from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
+from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, effective, windward_meridian
 from brv_hypo.motion.history import recorded
-from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.noise import white_noise_level
-from brv_hypo.motion.observations import effective
+from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
@@ -234,11 +233,29 @@ def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
     return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
 
 
-def without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
-    """The reconstruction with the slow part alone of what it lets the attitude wander.
+def linearisation_point(
+    reconstruction: Reconstruction, config: ReconstructionConfig
+) -> tuple[InertialRecord, Reconstruction]:
+    """The flight with what was found of its errors taken out, and the motion to linearise about.
 
-    The faster part follows the accelerometers' errors as they turn with the body; here those are hypotheses.
+    The motion has the slow part alone of what the reconstruction lets the attitude wander: the faster part follows
+    errors as they turn with the body, and here those are unknowns of their own.
     """
+    flight = reconstruction.corrected
+    record = inertial_record(flight, config)
+    motion = replace(
+        reconstruction.motion,
+        p=flight.p,
+        q=record.transverse_rate.real,
+        r=record.transverse_rate.imag,
+        velocity=flight.velocity,
+        dynamic_pressure=flight.dynamic_pressure,
+    )
+    return record, _without_wander(record, replace(reconstruction, flight=flight, motion=motion))
+
+
+def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
+    """The reconstruction with its motion propagated from the start, and a slow walk."""
     motion, start = reconstruction.motion, start_of(reconstruction)
     direction = wind_direction(record, start)
     turn, walk = wind_to_body(record, direction), _walk(record, walk_modes(record, reconstruction))
@@ -265,49 +282,6 @@ def start_of(reconstruction: Reconstruction) -> WindStart:
     motion = reconstruction.motion
     xi = crossflow(motion.alpha[:1], motion.windward_meridian[:1])[0]
     return WindStart(np.array([np.cos(motion.alpha[0]), xi.real, xi.imag]), reconstruction.gravity_body)
-
-
-def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
-    """The inertial record of a flight that differs little from the one of `record`.
-
-    The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
-    """
-    before = record.flight
-    time = record.time
-    roll = running_integral(time, flight.p)
-    turn = (flight.q + 1j * flight.r) - (before.q + 1j * before.r)
-    derolled = derolled_attitude(time, (flight.q + 1j * flight.r) * np.exp(1j * roll))
-    attitude = _rolled(derolled, roll)
-    sensed = np.stack([getattr(flight, name) - getattr(before, name) for name in ("ax", "ay", "az")], axis=1)
-    arm = np.subtract(flight.vehicle.accelerometer_position, before.vehicle.accelerometer_position)
-    return replace(
-        record,
-        flight=flight,
-        roll=roll,
-        attitude=attitude,
-        transverse_rate=record.transverse_rate + turn,
-        spin_angle=(1.0 - flight.vehicle.inertia_ratio) * roll,
-        force=record.force + sensed - _arm_acceleration(record, arm),
-    )
-
-
-def _arm_acceleration(record: InertialRecord, arm: FloatArray) -> FloatArray:
-    """omega_dot x r + omega x (omega x r), (n, 3) m/s^2 (errata E10, E11)."""
-    if not np.any(arm):
-        return np.zeros((record.time.size, 3))
-    omega = np.stack([record.flight.p, record.transverse_rate.real, record.transverse_rate.imag], axis=1)
-    roll_change = np.gradient(record.flight.p, record.time)
-    change = np.stack([roll_change, record.rate_change.real, record.rate_change.imag], axis=1)
-    return np.asarray(np.cross(change, arm) + np.cross(omega, np.cross(omega, arm)))
-
-
-def _rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
-    """De-rolled axes (n, 3, 3) turned on by the roll angle (n,)."""
-    cosine, sine = np.cos(roll)[:, np.newaxis], np.sin(roll)[:, np.newaxis]
-    second, third = derolled[:, :, 1], derolled[:, :, 2]
-    return np.stack(
-        [derolled[:, :, 0], second * cosine + third * sine, third * cosine - second * sine], axis=2
-    )
 
 
 def _near(angle: FloatArray, reference: FloatArray) -> FloatArray:

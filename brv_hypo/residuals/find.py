@@ -27,7 +27,7 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     reconstruction = look.seen.reconstruction
     usable = left.usable
     time = reconstruction.motion.time
-    sigma = reconstruction.moments.sigma
+    sigma = reconstruction.moments.noise_sigma
     body = np.where(usable, left.body, 0.0)
     p_value = _whiteness(look)
     channels = _channels(look, body)

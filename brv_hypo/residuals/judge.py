@@ -140,4 +140,4 @@ def noise_floor(part: Part, reconstruction: Reconstruction) -> float:
     """Mean square of the moment coefficients' noise on a part."""
     moments = reconstruction.moments
     usable = moments.usable[part.samples]
-    return float(np.mean(moments.sigma[part.samples][usable] ** 2))
+    return float(np.mean(moments.noise_sigma[part.samples][usable] ** 2))

@@ -12,14 +12,15 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
-from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
-from brv_hypo.regression.response import without_wander
+from brv_hypo.regression.response import linearisation_point
 from brv_hypo.regression.whitening import difference
 from brv_hypo.residuals.config import TraceConfig
 
@@ -72,20 +73,15 @@ class Seen:
 
 
 def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
-    """Reconstruct the flight as the model reads its record.
-
-    The instruments are taken as the record has them: their errors are hypotheses here, not something to be
-    averaged over.
-    """
+    """Reconstruct the flight as the model reads its record, errors within its tolerances taken out."""
     for applied in model.applied:
         flight = applied.effect.perturb(flight, applied.component, -applied.value)
-    settings = ReconstructionConfig(method=config.method, gyro_bias_sigma=0.0, accel_bias_sigma=0.0)
-    record = inertial_record(flight, settings)
-    reconstruction = without_wander(record, reconstruct(flight, settings))
+    settings = ReconstructionConfig(method=config.method)
+    record, reconstruction = linearisation_point(reconstruct(flight, settings), settings)
     frame = build_frame([reconstruction], list(model.mechanisms.values()))
     seen = _force_seen(frame, record, reconstruction)
     fitted, held_out = split(frame, seen, config.blocks)
-    return Seen(flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen))
+    return Seen(reconstruction.flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen))
 
 
 def start_model(flight: Flight, mechanisms: Sequence[Mechanism]) -> Model:

@@ -82,6 +82,6 @@ def record_values(problem: Problem, fit: HypothesisFit) -> dict[tuple[str, str],
     _, others = problem.solution(fit.frame, fit.columns)
     items = problem.rows.nuisances.items
     return {
-        (item.name, item.component): float(value) * item.size
+        (item.name, item.component): float(value) * item.size + item.taken_out
         for item, value in zip(items, np.asarray(others), strict=True)
     }

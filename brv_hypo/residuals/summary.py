@@ -202,7 +202,7 @@ def _picture(before: ResidualMoments, end: Ending) -> Picture:
         measured=_pair(moments.body[samples]),
         before=_pair(before.body[kept]),
         after=_pair(after.body[kept]),
-        sigma=tuple(moments.sigma[samples].tolist()),
+        sigma=tuple(moments.noise_sigma[samples].tolist()),
     )
 
 

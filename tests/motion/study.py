@@ -1,5 +1,5 @@
 """Accuracy of the reconstruction on simulated flights: `python -m tests.motion.study [SEEDS]` prints the
-table.
+table for perfect instruments, `python -m tests.motion.study SEEDS GRADE` that for erring ones.
 
 Errors are rms over time and seeds: alpha in deg, phi_w in rad where alpha > 0.2 deg, moments in per cent of
 their rms. `ratio` is rms error over rms stated standard deviation.
@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from brv_hypo.model.reconstruction import reconstruct as reconstruct_record
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
+from tests.motion.tolerances import erring
 from tests.motion.truth import CAPSULE, CONE, SLENDER, Scenario, Truth, fly, observe
 
 _MERIDIAN_FROM = np.radians(0.2)
@@ -74,6 +76,44 @@ def _squares(truth: Truth, result: Reconstruction) -> list[float]:
     ]
 
 
+@dataclass(frozen=True)
+class FlightScore:
+    """One flight: rms error and rms stated standard deviation of alpha rad, meridian rad, moments (relative)."""
+
+    error: tuple[float, float, float]
+    stated: tuple[float, float, float]
+
+    @property
+    def honesty(self) -> tuple[float, ...]:
+        """Stated over true error of each."""
+        return tuple(stated / error for stated, error in zip(self.stated, self.error, strict=True))
+
+
+def score_with_errors(scenario: Scenario, seed: int, grade: str, factor: float = 1.0) -> FlightScore:
+    """One flight whose record errs as the grade allows, times `factor`, reconstructed with all tolerances."""
+    truth, flight = erring(scenario, seed, grade, factor)
+    alpha, alpha_s, phi, phi_s, moment, moment_s, size = np.sqrt(_squares(truth, reconstruct_record(flight)))
+    return FlightScore((alpha, phi, moment / size), (alpha_s, phi_s, moment_s / size))
+
+
+def print_with_errors(seeds: int, grade: str) -> None:
+    """Print rms errors, rms stated sigmas, and the median and the tenth percentile of their ratio."""
+    for scenario in (CONE, CAPSULE, SLENDER):
+        found = [score_with_errors(scenario, seed, grade) for seed in range(seeds)]
+        error, stated = (
+            np.sqrt(np.mean(np.square([getattr(flight, name) for flight in found]), axis=0))
+            for name in ("error", "stated")
+        )
+        honesty = np.array([flight.honesty for flight in found])
+        for k, (name, unit) in enumerate((("alpha", 180.0 / np.pi), ("meridian", 1.0), ("moments", 100.0))):
+            print(
+                f"{scenario.name:10s} {name:10s} error {unit * error[k]:9.5f} stated {unit * stated[k]:9.5f} "
+                f"ratio: rms {stated[k] / error[k]:5.2f} median {np.median(honesty[:, k]):5.2f} "
+                f"one in ten below {np.quantile(honesty[:, k], 0.1):5.2f}",
+                flush=True,
+            )
+
+
 def variations() -> Iterator[tuple[str, Scenario, dict[str, object]]]:
     """Name, scenario to fly, changes of its instruments."""
     for base in (CONE, CAPSULE, SLENDER):
@@ -127,4 +167,7 @@ def _row(name: str, s: Score) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10)
+    if len(sys.argv) > 2:
+        print_with_errors(int(sys.argv[1]), sys.argv[2])
+    else:
+        main(int(sys.argv[1]) if len(sys.argv) > 1 else 10)

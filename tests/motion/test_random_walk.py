@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.motion.random_walk import GlobalPriors, Tie, walk_equations
+from brv_hypo.motion.random_walk import Tie, walk_equations
 
 START_VARIANCE = 4.0
 
@@ -50,9 +50,7 @@ def _dense(ties: list[Tie], steps: np.ndarray, information: np.ndarray) -> tuple
 def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
     ties, steps = _problem(seed, n, k)
     information = np.full(k, 0.3)
-    solution = walk_equations(ties, steps, START_VARIANCE).solve(
-        GlobalPriors(np.zeros(k), information[None], np.zeros(1))
-    )
+    solution = walk_equations(ties, steps, START_VARIANCE).solve(np.zeros(k), information)
     expected, covariance = _dense(ties, steps, information)
     assert solution.walk.real == pytest.approx(expected[:n], rel=1e-7, abs=1e-9)
     assert solution.walk.imag == pytest.approx(expected[n : 2 * n], rel=1e-7, abs=1e-9)
@@ -65,20 +63,21 @@ def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
 def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
     ties, steps = _problem(seed, n, 2)
     equations = walk_equations(ties, steps, START_VARIANCE)
-    solution = equations.solve(GlobalPriors(np.zeros(2), np.full((1, 2), 0.3), np.zeros(1)))
+    solution = equations.solve(np.zeros(2), np.full(2, 0.3))
     _, covariance = _dense(ties, steps, np.full(2, 0.3))
     response = equations.sensitivity.real
     variance = equations.walk_variance + np.einsum("nk,kl,nl->n", response, solution.covariance, response)
     assert variance == pytest.approx(np.diag(covariance)[:n], rel=1e-6)
 
 
-def test_a_prior_that_the_data_refute_loses_its_weight() -> None:
-    n = 400
+def test_a_prior_counts_as_one_more_observation() -> None:
+    n, size, prior = 400, 0.5, 0.1
     rng = np.random.default_rng(3)
     column = np.ones((n, 1), dtype=complex)
-    observed = 0.5 * column[:, 0] + 0.1 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    observed = size * column[:, 0] + 0.1 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     tie = Tie(observed, np.zeros(n, dtype=complex), column, np.full(n, 0.1))
-    priors = GlobalPriors(np.zeros(1), np.array([[1.0], [1e6]]), np.log([0.5, 0.5]))
-    solution = walk_equations([tie], np.ones(n - 1), 1.0).solve(priors)
-    assert solution.theta[0] == pytest.approx(0.5, abs=0.02)
-    assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(0.1 / np.sqrt(n), rel=0.05)
+    solution = walk_equations([tie], np.ones(n - 1), 1.0).solve(np.array([prior]), np.array([n / 0.1**2]))
+    assert solution.theta[0] == pytest.approx(0.5 * (np.mean(observed.real) + prior), rel=1e-9)
+    assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(0.1 / np.sqrt(2 * n), rel=1e-6)
+    left = np.sum(np.abs(observed - solution.theta[0]) ** 2) / 0.1**2
+    assert solution.cost == pytest.approx(left + n * (solution.theta[0] - prior) ** 2 / 0.1**2, rel=1e-9)

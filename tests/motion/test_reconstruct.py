@@ -12,8 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
-from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
-from tests.motion.study import Score, score
+from brv_hypo.flight.instruments import of_grade, with_stated
+from brv_hypo.model.reconstruction import reconstruct as reconstruct_record
+from brv_hypo.motion import Perturbation, Reconstruction, ReconstructionConfig, reconstruct
+from tests.motion.study import Score, score, score_with_errors
 from tests.motion.truth import CAPSULE, CONE, SLENDER, Scenario, Truth, fly, observe
 from tests.shared_data import shared_file
 
@@ -92,11 +94,50 @@ def test_accuracy_elsewhere(scenario: Scenario) -> None:
 
 
 @pytest.mark.slow
-def test_small_biases_are_borne_and_stated(truths: dict[str, Truth]) -> None:
+def test_biases_within_the_tolerances_are_borne_and_found(truths: dict[str, Truth]) -> None:
     biases = {"gyro_bias": (2e-4, -3e-4, 2e-4), "accel_bias": (0.05, 0.03, -0.04)}
-    found = score(truths["cone"], SEEDS, **biases)
-    assert found.alpha_deg < 0.003
-    assert 0.5 < found.alpha_ratio < 1.3
+    known = with_stated(of_grade("tactical"), {"accel_bias": 0.05})
+    found = reconstruct_record(replace(observe(truths["cone"], 0, **biases), instruments=known))
+    error = np.sqrt(np.mean((found.motion.alpha - truths["cone"].alpha) ** 2))
+    assert np.degrees(error) < 0.003
+    assert error < 2.0 * found.alpha_rms_sigma
+    bias = {e.component: e for e in found.effects if e.effect == "accel_bias"}
+    for axis, true in zip("yz", (0.03, -0.04), strict=True):
+        assert abs(bias[axis].value - true) < 3.0 * bias[axis].std_error
+        assert bias[axis].std_error < bias[axis].size
+
+
+def test_stated_sigmas_count_what_the_tolerances_allow() -> None:
+    """Every error drawn at its tolerance: stated sigmas neither claim more nor give up what the record tells.
+
+    The error of one flight is that of a few unknowns, so that single flights scatter as |N(0, 1)| does.
+    """
+    flights = [
+        score_with_errors(replace(scenario, sample_rate=100.0), seed, "tactical")
+        for scenario in (CONE, CAPSULE, SLENDER)
+        for seed in range(4)
+    ]
+    honesty = np.array([flight.honesty for flight in flights])
+    assert np.all(np.median(honesty, axis=0) > 0.7)
+    assert np.all(np.median(honesty, axis=0) < 1.6)
+    assert np.mean(honesty >= 0.5) >= 0.9
+    assert np.degrees(max(flight.error[0] for flight in flights)) < 0.15
+
+
+def test_an_error_without_effect_on_the_record_is_not_carried(truths: dict[str, Truth]) -> None:
+    flight = observe(truths["cone"], 0)
+    idle = Perturbation("idle", "x", "1", 1.0, lambda record, value: record)
+    assert reconstruct(flight, None, (idle,)).effects == ()
+
+
+def test_what_was_found_of_an_error_is_taken_out_of_the_corrected_flight(truths: dict[str, Truth]) -> None:
+    flight = observe(truths["cone"], 0)
+    bias = Perturbation("bias", "q", "rad/s", 1e-3, lambda record, value: replace(record, q=record.q + value))
+    found = reconstruct(bias.apply(flight, 2e-3), None, (bias,))
+    assert found.effects[0].value == pytest.approx(2e-3, abs=3.0 * found.effects[0].std_error)
+    assert found.corrected.q == pytest.approx(found.flight.q - found.effects[0].value, abs=1e-12)
+    assert found.moments.noise_sigma == pytest.approx(reconstruct(flight).moments.noise_sigma, rel=0.1)
+    assert np.all(found.moments.sigma >= found.moments.noise_sigma)
 
 
 def test_a_normal_force_of_nothing_is_replaced_by_the_static_moment() -> None:

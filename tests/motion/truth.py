@@ -16,7 +16,10 @@ from brv_hypo.flight.record import Flight, Vehicle
 
 @dataclass(frozen=True)
 class Scenario:
-    """A vehicle, its flight and its instruments, SI; angles in rad."""
+    """A vehicle, its flight and its instruments, SI; angles in rad.
+
+    `wind` m/s, in the axes of the ground: amplitudes of cosines of 1, 2, ... half waves over the flight.
+    """
 
     name: str
     vehicle: Vehicle
@@ -35,6 +38,7 @@ class Scenario:
     density: float = 1.225
     scale_height: float = 7200.0
     planet: str = "earth"
+    wind: tuple[tuple[float, float, float], ...] = ()
     duration: float = 5.4
     sample_rate: float = 200.0
     gyro_noise: float = np.radians(0.02)
@@ -129,7 +133,7 @@ def fly(scenario: Scenario) -> Truth:
         [velocity, [0.0, 0.0, -scenario.altitude], matrix.ravel(), [scenario.roll_rate, turn[1], turn[2]]]
     )
     answer = solve_ivp(
-        lambda t, x: _derivative(scenario, x)[0],
+        lambda t, x: _derivative(scenario, t, x)[0],
         (0.0, time[-1]),
         state,
         method="DOP853",
@@ -137,7 +141,7 @@ def fly(scenario: Scenario) -> Truth:
         rtol=1e-10,
         atol=1e-10,
     )
-    rows = [_derivative(scenario, column)[1] for column in answer.y.T]
+    rows = [_derivative(scenario, t, column)[1] for t, column in zip(time, answer.y.T, strict=True)]
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     force, speed, pressure, xi, moment, omega, change, gravity = columns
     r = np.array(scenario.vehicle.accelerometer_position)
@@ -157,10 +161,14 @@ def fly(scenario: Scenario) -> Truth:
     )
 
 
-def _derivative(s: Scenario, x: np.ndarray) -> tuple[np.ndarray, tuple]:
+def _derivative(s: Scenario, t: float, x: np.ndarray) -> tuple[np.ndarray, tuple]:
     velocity, matrix, omega = x[:3], x[6:15].reshape(3, 3), x[15:]
-    speed = np.linalg.norm(velocity)
-    body = matrix.T @ velocity
+    relative = velocity - sum(
+        np.array(amplitude) * np.cos(np.pi * wave * t / s.duration)
+        for wave, amplitude in enumerate(s.wind, start=1)
+    )
+    speed = np.linalg.norm(relative)
+    body = matrix.T @ relative
     alpha = np.arctan2(np.hypot(body[1], body[2]), body[0])
     meridian = np.arctan2(body[1], body[2])
     pressure = 0.5 * s.density * np.exp(x[5] / s.scale_height) * speed**2

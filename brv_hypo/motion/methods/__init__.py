@@ -8,7 +8,7 @@ polar      Appendix A: the start from one instant, then method 1
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
@@ -17,9 +17,12 @@ from brv_hypo.motion.methods.polar import polar
 from brv_hypo.motion.methods.rates import rates
 from brv_hypo.motion.methods.velocity import velocity
 from brv_hypo.motion.methods.wind_history import WindHistory
+from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.reconstruction import Method
 
-METHODS: dict[Method, Callable[[InertialRecord, ReconstructionConfig], WindHistory]] = {
+_Finder = Callable[[InertialRecord, ReconstructionConfig, Sequence[Perturbation]], WindHistory]
+
+METHODS: dict[Method, _Finder] = {
     "joint": joint,
     "velocity": velocity,
     "rates": rates,

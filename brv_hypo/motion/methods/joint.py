@@ -3,54 +3,115 @@ problem.
 
 Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A
 tie (normal force, static moment) sees the crossflow at each sample through a slowly varying, unknown slope.
-Gravity, the biases and the slope's coefficients are globals. The walk is linear, the globals nearly: a few
-Gauss-Newton steps.
+Gravity, the errors of the record and the slope's coefficients are globals. The walk is linear, the globals
+nearly: a few Gauss-Newton steps.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.effect_responses import corrected, effect_responses, no_responses, telling
+from brv_hypo.motion.frames import effective
+from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
+from brv_hypo.motion.perturbation import Perturbation
 
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
 _OUTLIER = 6.0
 # The force alone is enough where alpha is then known to this share of its rms.
 _ENOUGH = 0.1
+# Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
+_ROUGH = 0.01
+# How often they are linearised anew about what was found of them.
+_LINEARISATIONS = 1
 
 
-def joint(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
-    """The default method; see the module's description."""
-    problem = TiedWalk(record, config)
-    warnings: list[str] = []
-    force, moment = force_tie(record), moment_tie(record)
+def joint(
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+) -> WindHistory:
+    """The default method; see the module's description.
+
+    The errors of the record are linearised about the motion that is found without them.
+    """
+    problem, near = TiedWalk(record, config, no_responses(record), np.zeros(0)), None
+    if perturbations:
+        problem, near = _linearised(record, config, perturbations)
+    fit, warnings = _fitted(problem, config, near)
+    return _history(problem, fit, warnings)
+
+
+def _linearised(
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+) -> tuple[TiedWalk, TiedFit]:
+    """The problem with the record's errors, linearised where they are nearly taken out, and a rough fit."""
+    flight = record.flight
+    fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
+    responses = telling(effect_responses(record, fit.crossflow, _normal_force(record, fit), perturbations))
+    known = np.zeros(len(responses.effects))
+    for _ in range(_LINEARISATIONS):
+        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
+        known = fit.effects.value
+        record = inertial_record(corrected(flight, fit.effects), config)
+        force = _normal_force(record, fit)
+        responses = effect_responses(record, fit.crossflow, force, responses.effects)
+    return TiedWalk(record, config, responses, known), fit
+
+
+def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | None) -> TiedFit:
+    """A fit with constant slopes, of the force alone where it says enough."""
+    record, responses = problem.record, problem.responses
+    solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
+    force, moment = force_tie(record, responses), moment_tie(record, responses)
+    moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
     if config.ties == "moment":
-        fit = _with_moment(problem, (), moment)
-    else:
-        fit = _with_force(problem, force)
-        alone = _relative_error(fit, record.measured)
-        too_little = config.ties == "auto" and alone > _ENOUGH
-        if config.ties == "both" or too_little:
-            fit = _with_moment(problem, fit.ties, moment)
-        if too_little:
-            warnings.append(
-                f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment "
-                "was used to tie the attitude to the wind as well. Better accelerometers or a window of "
-                "higher dynamic pressure would do without it"
-            )
-    return _history(problem, fit, tuple(warnings))
+        return solve((moment,))
+    fit = solve((force,))
+    enough = _relative_error(fit, record.measured) < _ENOUGH
+    return fit if enough else problem.solve_from_scratch((force, moment))
 
 
-def _with_force(problem: TiedWalk, tie: TieModel) -> TiedFit:
+def _fitted(
+    problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | None
+) -> tuple[TiedFit, tuple[str, ...]]:
+    """The fit with the ties that are wanted, or needed, and what is to be said of them."""
+    record, responses = problem.record, problem.responses
+    moment = moment_tie(record, responses)
+    if config.ties == "moment":
+        return _with_moment(problem, (), moment), ()
+    fit = _with_force(problem, force_tie(record, responses), near)
+    alone = _relative_error(fit, record.measured)
+    too_little = config.ties == "auto" and alone > _ENOUGH
+    if config.ties == "both" or too_little:
+        fit = _with_moment(problem, fit.ties, moment)
+    if not too_little:
+        return fit, ()
+    return fit, (
+        f"the normal force alone knows alpha to {100.0 * alone:.0f} % of its rms; the static moment "
+        "was used to tie the attitude to the wind as well. Better accelerometers or a window of "
+        "higher dynamic pressure would do without it",
+    )
+
+
+def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
+    """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
+    for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
+        if tie.name == "force":
+            return np.asarray(tie.scale * tie.slope(coefficients) * effective(fit.crossflow))
+    return record.transverse_force
+
+
+def _with_force(problem: TiedWalk, tie: TieModel, near: TiedFit | None) -> TiedFit:
     """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over."""
-    fit = _choose_slope(problem, (), tie)
+    fit = _choose_slope(problem, (), tie, near)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
@@ -65,14 +126,17 @@ def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel)
     for _ in range(2):
         tie = replace(tie, sigma=_coloured_sigma(fit.residual, tie.sigma))
         fit = problem.solve((*others, tie), fit)
-    fit = _choose_slope(problem, others, tie)
+    fit = _choose_slope(problem, others, tie, None)
     sigma = _coloured_sigma(fit.residual, tie.sigma)
     return problem.solve((*others, replace(fit.ties[-1], sigma=sigma)), fit)
 
 
-def _choose_slope(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
+def _choose_slope(
+    problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel, near: TiedFit | None
+) -> TiedFit:
     """The slope's course in time, by the Bayesian information criterion (Schwarz, Ann. Stat. 6:461, 1978)."""
-    best = problem.solve_from_scratch((*others, tie.with_slope_count(problem.record.time, 1)))
+    first = (*others, tie.with_slope_count(problem.record.time, 1))
+    best = problem.solve(first, near) if near else problem.solve_from_scratch(first)
     best_score, fit = best.score, best
     worse = 0
     for count in _SLOPE_COUNTS[1:]:
@@ -132,10 +196,12 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
             slope = tie.slope(coefficients).real
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
+        record=problem.record,
         crossflow=fit.crossflow,
         radial_sigma=radial,
         tangential_sigma=tangential,
         gravity=fit.start.gravity,
+        effects=fit.effects,
         normal_force_slope=slope,
         accel_sigma=accel_sigma,
         warnings=warnings,

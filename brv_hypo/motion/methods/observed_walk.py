@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, projected_variance
+from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.observations import TieModel, effective
-from brv_hypo.motion.random_walk import GlobalPriors, Tie, WalkEquations, walk_equations
+from brv_hypo.motion.observations import TieModel
+from brv_hypo.motion.random_walk import Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -27,11 +27,9 @@ from brv_hypo.motion.wind import (
 _MOST_STEPS = 15
 # Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
 _CONVERGED = 1e-2
-# Possible sizes of the instruments' errors, as shares of the largest expected, and how likely each is.
-_LEVELS = (1.0, 0.1, 0.01, 0.001)
-_LEVEL_WEIGHTS = (0.2, 0.2, 0.2, 0.4)
-# Three parts each of gravity and gyro bias, two of accelerometer bias.
-_SHARED = 8
+_Axes = tuple[FloatArray, FloatArray]
+# Parts of gravity: they stand before the errors of the record among the globals.
+_GRAVITY = 3
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,7 @@ class TiedFit:
     crossflow: ComplexArray
     residual: ComplexArray
     covariance: FloatArray
+    effects: EffectFit
     response: ComplexArray
     wander: FloatArray
     turn: ComplexArray
@@ -58,32 +57,41 @@ class TiedFit:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
         along = self.crossflow / np.maximum(np.abs(self.crossflow), 1e-12)
         projected = self.response * (self.turn * np.conj(along))[:, None]
-        radial = np.einsum("nk,kl,nl->n", projected.real, self.covariance, projected.real)
-        tangential = np.einsum("nk,kl,nl->n", projected.imag, self.covariance, projected.imag)
-        radial, tangential = (self.wander**2 + np.maximum(part, 0.0) for part in (radial, tangential))
-        return np.sqrt(radial), np.sqrt(tangential)
+        radial, tangential = (
+            np.sqrt(self.wander**2 + projected_variance(part, self.covariance))
+            for part in (projected.real, projected.imag)
+        )
+        return radial, tangential
 
 
 class TiedWalk:
-    """The problem of one record; its attributes are what stays the same over ties and iterations."""
+    """The problem of one record; its attributes are what stays the same over ties and iterations.
 
-    def __init__(self, record: InertialRecord, config: ReconstructionConfig) -> None:
+    `known` (k,) of the errors of the record are taken out of it already. Iterations also end where the
+    crossflow changes by less than the share `rough` of its rms.
+    """
+
+    def __init__(
+        self,
+        record: InertialRecord,
+        config: ReconstructionConfig,
+        responses: EffectResponses,
+        known: FloatArray,
+        rough: float = 0.0,
+    ) -> None:
         self.record = record
+        self.known = known
+        self.rough = rough
+        self.responses = responses
+        self.shared = _GRAVITY + len(responses.effects)
         flight = record.flight
         self.speed = flight.velocity
         self.gravity_size = config.gravity_magnitude or gravity_magnitude(flight)
         self.impulse = force_impulse(record)
         self.step_variance = _step_variance(record)
         size = self.gravity_size or FREE_GRAVITY
-        biases = np.concatenate([np.full(3, config.gyro_bias_sigma), np.full(2, config.accel_bias_sigma)])
-        self.prior_sigma = np.concatenate([np.full(3, size), np.maximum(biases, 1e-12)])
-        nose_start = start_from_nose(record, self.gravity_size)
-        self.nose_start = nose_start
-        nominal = self.speed[:, None] * self.direction(nose_start)
-        attitude = record.attitude
-        gyro = [-np.cross(attitude[:, :, axis], nominal) for axis in range(3)]
-        accel = [-attitude[:, :, axis] for axis in (1, 2)]
-        self.bias_drift = running_integral(record.time, np.stack([*gyro, *accel], axis=2))
+        self.gravity_information = 1.0 / size**2
+        self.nose_start = start_from_nose(record, self.gravity_size)
 
     def direction(self, start: WindStart) -> FloatArray:
         """Unit velocity (n, 3) in the axes of the first sample."""
@@ -104,7 +112,7 @@ class TiedWalk:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
         direction = self.direction(self.nose_start)
         xi = body_crossflow(self.record, direction)
-        turn = self._turn(direction)
+        turn = self._turn(transverse_axes(direction))
         seen = np.isfinite(tie.sigma)
         weight = 1.0 / tie.sigma[seen]
         ones = np.ones_like(xi)
@@ -115,7 +123,7 @@ class TiedWalk:
         offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
         if not abs(offset) < 0.5:
             return None
-        return self._moved(self.nose_start, direction, offset, np.zeros(3))
+        return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
 
     def _iterate(
         self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None = None
@@ -126,21 +134,22 @@ class TiedWalk:
         coefficients: tuple[FloatArray, ...] = ()
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
-            nominal, turn = body_crossflow(self.record, direction), self._turn(direction)
+            axes = transverse_axes(direction)
+            nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
             xi = crossflow
             coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
-            drift = self._drift(direction)
+            drift = self._drift(axes)
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
-            solution = equations.solve(self._priors(ties, coefficients, start))
-            shift = (solution.walk + drift @ solution.theta[:_SHARED]) / self.speed
+            solution = equations.solve(*self._priors(coefficients, start))
+            shift = (solution.walk + drift @ solution.theta[: self.shared]) / self.speed
             crossflow = np.asarray(nominal + turn * shift)
-            start = self._moved(start, direction, solution.walk[0] / self.speed[0], solution.theta[:3])
-            coefficients = _added(coefficients, solution.theta[_SHARED:])
+            start = _moved(start, axes, solution.walk[0] / self.speed[0], solution.theta[:_GRAVITY])
+            coefficients = _added(coefficients, solution.theta[self.shared :])
             wander = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(crossflow - xi) < _CONVERGED * wander):
+            if np.all(np.abs(crossflow - xi) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
                 break
         response = equations.sensitivity.copy()
-        response[:, :_SHARED] += drift
+        response[:, : self.shared] += drift
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
         return TiedFit(
             ties=ties,
@@ -149,11 +158,17 @@ class TiedWalk:
             crossflow=crossflow,
             residual=equations.residual(len(ties) - 1, solution),
             covariance=solution.covariance,
+            effects=self._effects(solution),
             response=response / self.speed[:, None],
             wander=wander,
             turn=turn,
             score=solution.cost + sum(tie.unknowns for tie in ties) * float(np.log(seen)),
         )
+
+    def _effects(self, solution: WalkSolution) -> EffectFit:
+        errors = slice(_GRAVITY, self.shared)
+        value = self.known + solution.theta[errors]
+        return EffectFit(self.responses, self.known, value, solution.covariance[errors, errors])
 
     def _linear(
         self,
@@ -167,7 +182,7 @@ class TiedWalk:
         """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind
         axes."""
         unknowns = [tie.unknowns for tie in ties]
-        first = np.cumsum([_SHARED, *unknowns])
+        first = np.cumsum([self.shared, *unknowns])
         rows = []
         for tie, values, at in zip(ties, coefficients, first, strict=False):
             own = tie.columns(xi)
@@ -175,40 +190,31 @@ class TiedWalk:
             slope = tie.scale * tie.slope(values) * stretched * turn
             gain = slope / self.speed
             columns = np.zeros((xi.size, first[-1]), dtype=complex)
-            columns[:, :_SHARED] = gain[:, None] * drift
-            if tie.accelerometers:
-                columns[:, 6:8] += np.array([1.0, 1j])
+            columns[:, : self.shared] = gain[:, None] * drift
+            columns[:, _GRAVITY : self.shared] += tie.effects
             columns[:, at : at + tie.unknowns] = own
             rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
         return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
 
     def _priors(
-        self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], start: WindStart
-    ) -> GlobalPriors:
-        """Priors of the globals, counted from the nominal.
+        self, coefficients: Sequence[FloatArray], start: WindStart
+    ) -> tuple[FloatArray, FloatArray]:
+        """Mean and information of the globals, those of gravity and of the ties counted from the nominal."""
+        mean = -np.concatenate([start.gravity, self.known, *coefficients])
+        information = np.zeros(mean.size)
+        information[:_GRAVITY], information[_GRAVITY : self.shared] = self.gravity_information, 1.0
+        return mean, information
 
-        How large the instruments' errors are is itself unknown: gyro bias, accelerometer bias and
-        misalignment each may be any of `_LEVELS` of the largest expected, and are as likely negligible as
-        not.
-        """
-        mean = -np.concatenate([start.gravity, np.zeros(_SHARED - 3), *coefficients])
-        sigma = np.concatenate([self.prior_sigma, *(tie.prior_sigma() for tie in ties)])
-        group = np.concatenate([np.repeat([0, 1, 2], [3, 3, 2]), *(3 * tie.is_error() for tie in ties)])
-        chosen = list(product(range(len(_LEVELS)), repeat=int(group.max())))
-        levels = np.array([[1.0, *(_LEVELS[i] for i in row)] for row in chosen])[:, group]
-        log_weight = np.log([np.prod([_LEVEL_WEIGHTS[i] for i in row]) for row in chosen])
-        return GlobalPriors(mean, 1.0 / (sigma * levels) ** 2, log_weight)
+    def _drift(self, axes: _Axes) -> ComplexArray:
+        """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size."""
+        second, third = axes
+        gravity = self.record.time[:, None] * (second + 1j * third)
+        across = np.stack([second, third], axis=1) @ self.responses.drift
+        return np.concatenate([gravity, -(across[:, 0] + 1j * across[:, 1])], axis=1)
 
-    def _drift(self, direction: FloatArray) -> ComplexArray:
-        """Transverse velocity (n, 8) in wind axes per unit of gravity, gyro bias, accelerometer bias."""
-        second, third = transverse_axes(direction)
-        axes = second + 1j * third
-        gravity = self.record.time[:, None] * axes
-        return np.concatenate([gravity, np.einsum("ni,nij->nj", axes, self.bias_drift)], axis=1)
-
-    def _turn(self, direction: FloatArray) -> ComplexArray:
+    def _turn(self, axes: _Axes) -> ComplexArray:
         """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-        second, third = (self.record.to_body(axes) for axes in transverse_axes(direction))
+        second, third = (self.record.to_body(axis) for axis in axes)
         turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
         return np.asarray(turn / np.maximum(np.abs(turn), 1e-12))
 
@@ -221,12 +227,15 @@ class TiedWalk:
         stacked = np.concatenate([columns.real, columns.imag])
         return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
-    def _moved(
-        self, start: WindStart, direction: FloatArray, offset: complex, gravity: FloatArray
-    ) -> WindStart:
-        second, third = transverse_axes(direction[:1])
-        moved = start.direction + second[0] * offset.real + third[0] * offset.imag
-        return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
+
+def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:
+    second, third = axes
+    moved = start.direction + second[0] * offset.real + third[0] * offset.imag
+    return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
+
+
+def _rms(xi: ComplexArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(xi) ** 2)))
 
 
 def _added(coefficients: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:

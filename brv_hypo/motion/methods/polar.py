@@ -3,6 +3,8 @@ E9)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
@@ -19,6 +21,7 @@ from brv_hypo.motion.methods.wind_history import (
     nose_sigma,
     open_loop,
 )
+from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.wind import WindStart, body_crossflow, force_impulse, start_from_nose, wind_direction
 
 # Instants whose meridian or precession rate is known to less than this share, or angle in rad, are passed
@@ -26,7 +29,9 @@ from brv_hypo.motion.wind import WindStart, body_crossflow, force_impulse, start
 _DOUBTFUL = 0.1
 
 
-def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
+def polar(
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+) -> WindHistory:
     """Start from the best-conditioned instant, then the attitude about a fixed velocity as in method 2.
 
     The meridian is where the transverse force points away from (A.11). The transverse rate then is (q + i
@@ -70,6 +75,7 @@ def polar(record: InertialRecord, config: ReconstructionConfig) -> WindHistory:
         gravity_sigma=nose_gravity_sigma(record, spread)
         if config.gravity
         else expected_gravity(record, config),
+        perturbations=perturbations,
         warnings=(warning,) if config.gravity else (warning, NO_GRAVITY),
     )
 

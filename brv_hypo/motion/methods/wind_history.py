@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.effect_responses import EffectFit, as_expected, effect_responses, telling
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -27,17 +30,20 @@ NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"
 class WindHistory:
     """Crossflow (v + i w) / V (n,) in body axes, and the standard deviations (n,) of its two parts.
 
-    `radial_sigma` along the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at
-    the first sample; `normal_force_slope` (n,) 1/rad, NaN where the method does not find it; `accel_sigma`
-    m/s^2 as the fit left it.
+    `record` is what it was found in: the flight's, less what was found of its errors. `radial_sigma` along
+    the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at the first sample;
+    `normal_force_slope` (n,) 1/rad, NaN where the method does not find it; `accel_sigma` m/s^2 as the fit
+    left it; `effects` what the record says of its own errors.
     """
 
+    record: InertialRecord
     crossflow: ComplexArray
     radial_sigma: FloatArray
     tangential_sigma: FloatArray
     gravity: FloatArray
     normal_force_slope: FloatArray
     accel_sigma: float
+    effects: EffectFit
     warnings: tuple[str, ...] = ()
 
     @property
@@ -61,31 +67,43 @@ def open_loop(
     forces: bool,
     gravity_sigma: float,
     known_at: float,
+    perturbations: Sequence[Perturbation],
     warnings: tuple[str, ...] = (),
 ) -> WindHistory:
     """Attitude about a velocity propagated from `start`, untied: gyro noise adds up as a random walk.
 
     `start_sigma` rad is the standard deviation of each part of the direction, known best `known_at` s after
     the first sample; `gravity_sigma` m/s^2 that of each part of gravity, or gravity itself where it is left
-    out.
+    out. Errors of the record are as large as expected: nothing here tells more of them.
     """
     speed = record.flight.velocity
     xi = body_crossflow(record, wind_direction(record, start, forces=forces))
     elapsed = np.abs(record.time - known_at)
     walk = record.gyro_sigma**2 * record.flight.step * elapsed
-    sigma = np.sqrt(start_sigma**2 + walk + (gravity_sigma * elapsed / speed) ** 2)
+    responses = telling(effect_responses(record, xi, record.transverse_force, perturbations))
+    moved = responses.drift - responses.drift[int(np.argmin(elapsed))]
+    errors = np.sum(moved**2, axis=(1, 2)) / (2.0 * speed**2)
+    sigma = np.sqrt(start_sigma**2 + walk + (gravity_sigma * elapsed / speed) ** 2 + errors)
     return WindHistory(
+        record=record,
         crossflow=xi,
         radial_sigma=sigma,
         tangential_sigma=sigma,
         gravity=start.gravity,
         normal_force_slope=np.full(xi.size, np.nan),
         accel_sigma=record.accel_sigma,
+        effects=as_expected(responses),
         warnings=warnings,
     )
 
 
-def from_nose(record: InertialRecord, config: ReconstructionConfig, *, forces: bool) -> WindHistory:
+def from_nose(
+    record: InertialRecord,
+    config: ReconstructionConfig,
+    perturbations: Sequence[Perturbation],
+    *,
+    forces: bool,
+) -> WindHistory:
     """`open_loop` from the nose's mean direction; gravity is found along unless `config.gravity` is off."""
     size = expected_gravity(record, config)
     start = start_from_nose(record, size if config.gravity else 0.0, forces=forces)
@@ -98,6 +116,7 @@ def from_nose(record: InertialRecord, config: ReconstructionConfig, *, forces: b
         forces=forces,
         known_at=0.5 * float(record.time[-1]),
         gravity_sigma=nose_gravity_sigma(record, sigma) if config.gravity else size,
+        perturbations=perturbations,
         warnings=() if config.gravity else (NO_GRAVITY,),
     )
 
