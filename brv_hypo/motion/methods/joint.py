@@ -31,8 +31,10 @@ _OUTLIER = 6.0
 _ENOUGH = 0.1
 # Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
 _ROUGH = 0.01
-# How often they are linearised anew about what was found of them.
-_LINEARISATIONS = 1
+# They are linearised anew about what was found of them, at most so often, and again where that had moved the
+# crossflow by more than this share of its rms: then second-order terms show in the force.
+_LINEARISATIONS = 4
+_MOVED = 0.2
 
 
 def joint(
@@ -59,10 +61,13 @@ def _linearised(
     known = np.zeros(len(responses.effects))
     for _ in range(_LINEARISATIONS):
         fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
+        moved = np.sqrt(np.mean((responses.drift @ (fit.effects.value - known)) ** 2)) / np.mean(flight.velocity)
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
         responses = effect_responses(record, fit.crossflow, force, responses.effects)
+        if moved < _MOVED * np.sqrt(np.mean(np.abs(fit.crossflow) ** 2)):
+            break
     return TiedWalk(record, config, responses, known), fit
 
 
