@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.constants import DETECTABLE, OTHER_SIZES
+from brv_hypo.ranking.constants import DETECTABLE, OTHER_SIZES, SECOND_ORDER
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.noise import free_moment
@@ -35,8 +35,11 @@ class Misfit:
     gain: float
 
 
-def misfit(problem: Problem, fit: HypothesisFit) -> Misfit:
-    """Test what a fit leaves against a free, smooth moment beside it, at the noise that the record itself has."""
+def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:
+    """Test what a fit leaves against a free, smooth moment beside it, at the noise that the record itself has.
+
+    `null` is the fit of the baseline alone.
+    """
     base = problem.design(fit.frame, fit.columns)
     basis = np.linalg.qr(base / lengths(base))[0]
     free = _free_columns(problem)
@@ -50,7 +53,8 @@ def misfit(problem: Problem, fit: HypothesisFit) -> Misfit:
     f_ratio = (float(found @ found) / found.size) / (rest / free_samples)
     share = problem.efficiency
     p_value = float(stats.f.sf(f_ratio, found.size, max(free_samples * share, 1.0)))
-    return Misfit(ratio, p_value, _gain(found * np.sqrt(share), seen * np.sqrt(share)))
+    second_order = SECOND_ORDER * share * max(null.rss - fit.rss, 0.0)
+    return Misfit(ratio, p_value, _gain(found * np.sqrt(share), seen * np.sqrt(share)) - second_order)
 
 
 def _gain(found: FloatArray, seen: FloatArray) -> float:

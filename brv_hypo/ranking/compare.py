@@ -98,7 +98,8 @@ def _judged(
     ]
     leader = min(fits, key=lambda fit: fit.information)
     repeated = stability(problem, fits, REPETITIONS)
-    return judge(scores, misfit(problem, leader), repeated, limits(problem, hypotheses, fits))
+    null = next(fit for fit in fits if not fit.mechanisms)
+    return judge(scores, misfit(problem, leader, null), repeated, limits(problem, hypotheses, fits))
 
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:

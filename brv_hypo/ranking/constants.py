@@ -19,6 +19,9 @@ CONTESTING_SIGMAS = 2.0
 DETECTABLE = 25.0
 # Sizes of "something else" tried above the weakest one, each twice the one before: to 64 times.
 OTHER_SIZES = 7
+# Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
+# columns) may leave: 7 % of its contribution's rms.
+SECOND_ORDER = 0.005
 # Fall of 2 ln L of the 95 % one-sided limit of an amplitude (chi-squared of one degree, 90 % two-sided).
 LIMIT_FALL = 2.71
 # Standard errors by which a coefficient may lie outside its mechanism's bounds.

@@ -13,7 +13,8 @@ from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
 _AXES = {"y": 1, "z": 2}
 # Half waves over the record that a slow wind may make.
-_WAVES = 6
+_WAVES = 5
+_SHAPES = {"": np.cos, "s": np.sin}
 
 
 def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
@@ -26,8 +27,8 @@ def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
 class Wind(RecordEffect):
     """A wind across the track that changes slowly: half waves over the record, the k-th 1/k as large as the first.
 
-    A constant wind is in the direction of the velocity at the start; wind along the track is in the record's
-    `velocity` already.
+    Cosines and sines alike: cosines alone would hold the wind still at both ends. A constant wind is in the direction
+    of the velocity at the start; wind along the track is in the record's `velocity` already.
     """
 
     name = "wind"
@@ -37,12 +38,13 @@ class Wind(RecordEffect):
     kind = "environment"
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
-        """Cosines of 1, 2, ... half waves along the body axes y and z of the first sample, rms the tolerance."""
+        """Cosines and sines of 1, 2, ... half waves along body axes y and z of the first sample, rms the tolerance."""
         shares = 1.0 / np.arange(1.0, _WAVES + 1.0)
-        shares *= np.sqrt(2.0 / np.sum(shares**2))
+        shares /= np.sqrt(np.sum(shares**2))
         return tuple(
-            Component(f"{axis} {wave}", "m/s", float(share * flight.instruments.wind[place]))
+            Component(f"{axis} {shape}{wave}", "m/s", float(share * flight.instruments.wind[place]))
             for axis, place in _AXES.items()
+            for shape in _SHAPES
             for wave, share in enumerate(shares, start=1)
         )
 
@@ -50,7 +52,7 @@ class Wind(RecordEffect):
         """The record with that much of one half wave left unaccounted for."""
         axis, wave = component.split()
         place = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
-        return _with_wind(flight, axis, value * np.cos(np.pi * int(wave) * place))
+        return _with_wind(flight, axis, value * _SHAPES[wave[:-1]](np.pi * int(wave[-1]) * place))
 
 
 class WindStep(RecordEffect):
