@@ -11,6 +11,7 @@ from typing import ParamSpec
 import typer
 
 from brv_hypo.errors import BrvHypoError
+from brv_hypo.files.printed import printable
 
 PROGRAM_FAULT = 70
 INTERRUPTED = 130
@@ -50,5 +51,5 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def _end(message: str, code: int) -> None:
-    typer.echo(message, err=True)
+    typer.echo(printable(message), err=True)
     raise typer.Exit(code) from None

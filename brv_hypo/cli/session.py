@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from brv_hypo.errors import UsageError
+from brv_hypo.files.printed import printable
 
 STANDARD_OUTPUT = "-"
 
@@ -80,15 +81,15 @@ class Session:
     def _print(self, *renderables: Any) -> None:
         if self.json_only:
             return
-        from rich.console import Console
+        from brv_hypo.report.style import plain_console
 
-        console = Console(highlight=False, markup=False)
+        console = plain_console()
         for renderable in renderables:
             console.print(renderable)
 
     def warn(self, message: str) -> None:
         """One line on standard error."""
-        print(f"brv-hypo: {message}", file=sys.stderr)
+        print(f"brv-hypo: {printable(message)}", file=sys.stderr)
 
     def write_json(self, result: Any) -> None:
         """The result as JSON, where it was asked for; what is not finite becomes null."""
