@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import functools
+import os
+import sys
 import traceback
 import warnings
 from collections.abc import Callable
@@ -10,11 +13,12 @@ from typing import ParamSpec
 
 import typer
 
-from brv_hypo.errors import BrvHypoError
+from brv_hypo.errors import BrvHypoError, UsageError
 from brv_hypo.files.printed import printable
 
 PROGRAM_FAULT = 70
 INTERRUPTED = 130
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
 P = ParamSpec("P")
 
@@ -32,6 +36,7 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
                 if not kwargs.get("verbose"):  # what a user can act on is in the result's own warnings
                     warnings.simplefilter("ignore")
                 command(*args, **kwargs)
+                sys.stdout.flush()
         except (typer.Exit, BrokenPipeError):
             raise
         except BrvHypoError as refusal:
@@ -39,6 +44,12 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
         except KeyboardInterrupt:
             _end("brv-hypo: interrupted; no output was written", INTERRUPTED)
         except Exception as fault:
+            if isinstance(fault, OSError) and fault.errno in FULL:
+                _abandon_output()
+                _end(
+                    f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another.",
+                    UsageError.exit_code,
+                )
             message = (
                 f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
             )
@@ -48,6 +59,12 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             _end(f"{message}the traceback that -v prints.", PROGRAM_FAULT)
 
     return run
+
+
+def _abandon_output() -> None:
+    """Let the interpreter end without another attempt to write what cannot be written."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
 
 
 def _end(message: str, code: int) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Any, Protocol
 
 from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import printable
+from brv_hypo.files.whole import check_target, write_whole
 
 STANDARD_OUTPUT = "-"
 
@@ -57,11 +57,8 @@ class Session:
             self._claim_one(file)
 
     def _claim_one(self, file: Path) -> None:
-        if file.is_dir():
-            raise UsageError(f"{file} is a directory, where a file is to be written. Name a file in it.")
-        if file.exists() and not self.force:
-            raise UsageError(f"{file} exists and is left as it is. Choose another name, or give --force.")
-        folder = file.resolve().parent
+        check_target(file, overwrite=self.force)
+        folder = Path(os.path.realpath(file)).parent
         if not folder.is_dir():
             raise UsageError(
                 f"{file} cannot be written: {folder} does not exist. Create it, or choose another."
@@ -147,20 +144,3 @@ def as_json(result: Any) -> str:
 def _plain(value: Any) -> Any:
     """A NumPy array or scalar as Python numbers."""
     return value.tolist()
-
-
-def write_whole(file: Path, text: str) -> None:
-    """Write the file whole or not at all: beside it first, then renamed."""
-    folder = file.resolve().parent
-    descriptor, partial = tempfile.mkstemp(prefix=f".{file.name}.", suffix=".partial", dir=folder)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(partial, 0o666 & ~mask)
-        os.replace(partial, file)
-    except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error}. Choose another place.") from error
-    finally:
-        Path(partial).unlink(missing_ok=True)

@@ -10,8 +10,9 @@ import typer
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.guard import INTERRUPTED
-from brv_hypo.cli.session import Progress, Session, as_json, write_whole
+from brv_hypo.cli.session import Progress, Session, as_json
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.files.whole import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.study import Outcome, StudySummary
@@ -47,7 +48,12 @@ def study(
     try:
         with session.progress("flying") as progress:
             outcomes = run_study(
-                settings, output, jobs=jobs, overwrite=session.force, progress=_advance(progress)
+                settings,
+                output,
+                jobs=jobs,
+                overwrite=session.force,
+                progress=_advance(progress),
+                note=session.warn,
             )
     except KeyboardInterrupt:
         session.warn(f"interrupted; the same command goes on with what {output} holds")

@@ -9,10 +9,11 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.session import Session, write_whole
+from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_json
 from brv_hypo.files.printed import one_line
+from brv_hypo.files.whole import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.residuals.saved import SavedModel

@@ -1,11 +1,10 @@
 """HDF5 in and out, as a plain tree of datasets with units; reading is done by `files.library`.
 
-A file is written whole or not at all: to a temporary file beside it, then renamed.
+A file is written whole or not at all, by `files.whole`.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from brv_hypo.errors import UsageError
 from brv_hypo.files.library import read_hdf5
 from brv_hypo.files.printed import one_line
+from brv_hypo.files.whole import check_target, write_whole
 
 if TYPE_CHECKING:
     import h5py
@@ -80,26 +79,20 @@ def write_tree(
 
     Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
     """
+    check_target(path, overwrite=overwrite)
+    write_whole(path, _image(tree, dimension), overwrite=overwrite)
+
+
+def _image(tree: Tree, dimension: str | None) -> bytes:
+    """The bytes of the HDF5 file, made in memory: a medium that fails must not fail inside the library."""
     import h5py
 
-    file = Path(path)
-    if file.exists() and not overwrite:
-        raise UsageError(
-            f"{file} exists already and is left as it is. Choose another name, or force the overwrite."
-        )
-    partial = file.with_name(f".{file.name}.{os.getpid()}.partial")
-    try:
-        with h5py.File(partial, "w") as handle:
-            _write_group(handle, tree)
-            if dimension is not None:
-                _attach_scale(handle, dimension)
-        os.replace(partial, file)
-    except OSError as error:
-        raise UsageError(
-            f"{file} cannot be written: {error}. Choose a directory that exists, is writable and has room."
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with h5py.File("image", "w", driver="core", backing_store=False) as handle:
+        _write_group(handle, tree)
+        if dimension is not None:
+            _attach_scale(handle, dimension)
+        handle.flush()
+        return bytes(handle.id.get_file_image())
 
 
 def _write_group(group: h5py.Group, tree: Tree) -> None:

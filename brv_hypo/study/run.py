@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 from joblib import Parallel, delayed, parallel_config
@@ -23,22 +24,27 @@ def run_study(
     jobs: int = 1,
     overwrite: bool = False,
     progress: Progress | None = None,
+    note: Callable[[str], None] | None = None,
 ) -> tuple[Outcome, ...]:
     """Fly what `folder` does not hold yet; the outcomes of the whole study, in its order.
 
     `jobs` processes at once (-1: one for each processor), each with one thread for linear algebra.
     `progress` is called with flights done, flights in all and the latest outcome. A flight that fails is an
     outcome with its reason. Raises UsageError for a vehicle or planted set that does not exist, and where
-    `folder` holds another study and `overwrite` is not set.
+    `folder` holds another study and `overwrite` is not set. `note` is told what was dropped of the folder.
     """
     check_names(study)
     store = Store(Path(folder), study, overwrite=overwrite)
     wanted = draws(study)
     missing = [draw for draw in wanted if draw.key not in store.known()]
-    for done, outcome in enumerate(_flown(study, missing, jobs), start=len(wanted) - len(missing) + 1):
-        store.add(outcome)
-        if progress is not None:
-            progress(done, len(wanted), outcome)
+    if note is not None:
+        for line in store.notes:
+            note(line)
+    with closing(store):
+        for done, outcome in enumerate(_flown(study, missing, jobs), start=len(wanted) - len(missing) + 1):
+            store.add(outcome)
+            if progress is not None:
+                progress(done, len(wanted), outcome)
     known = store.known()
     return tuple(known[draw.key] for draw in wanted)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 
 import h5py
 import pytest
@@ -48,4 +50,30 @@ def test_a_pipe_is_refused_and_not_waited_for(brv_hypo, tmp_path, arguments, cod
     done = brv_hypo(*arguments, cwd=tmp_path)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
+    assert [entry.name for entry in tmp_path.iterdir()] == ["pipe"]
+
+
+@pytest.mark.parametrize("arguments", [["--json", "-"], []])
+def test_a_full_standard_output_is_a_message(flight_file, arguments):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "brv_hypo", "inspect", flight_file, *arguments],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith("brv-hypo: an output cannot be written")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("special", ["/dev/null", "pipe"])
+def test_a_device_is_no_output_even_when_forced(brv_hypo, tmp_path, special):
+    os.mkfifo(tmp_path / "pipe")
+    done = brv_hypo("simulate", "demo", "-o", special, "--force", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Name a regular file" in done.stderr
+    assert os.path.exists("/dev/null")
     assert [entry.name for entry in tmp_path.iterdir()] == ["pipe"]
