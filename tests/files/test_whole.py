@@ -90,7 +90,7 @@ def test_what_dead_processes_left_is_removed_and_all_else_kept(tmp_path):
 
 
 def test_a_folder_is_filled_whole_or_not_at_all(tmp_path):
-    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "made") as folder:
+    with pytest.raises(ZeroDivisionError), whole_folder(tmp_path / "made") as folder:  # noqa: PT012
         (folder / "half").write_text("half")
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
