@@ -6,13 +6,14 @@ whole or not at all. With `--json -` standard output holds JSON and nothing else
 
 from __future__ import annotations
 
+import json as json_format
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import printable
@@ -37,6 +38,7 @@ class Session:
     force: bool = False
     quiet: bool = False
     verbose: bool = False
+    stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
     def json_only(self) -> bool:
@@ -92,9 +94,9 @@ class Session:
         """The result as JSON, where it was asked for; what is not finite becomes null."""
         if self.json is None:
             return
-        text = as_json(result)
+        text = as_json(result, left_out())
         if self.json_only:
-            sys.stdout.write(text)
+            self.stdout.write(text)
         else:
             write_whole(Path(self.json), text)
 
@@ -133,11 +135,27 @@ def _silent(stage: str, fraction: float | None = None) -> None:
     """No bar."""
 
 
-def as_json(result: Any) -> str:
-    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null."""
+def left_out() -> tuple[str, ...]:
+    """Why plugins were left out, where any were loaded."""
+    if "brv_hypo.mechanisms" not in sys.modules:
+        return ()
+    from brv_hypo.mechanisms import left_out as reasons
+
+    return reasons()
+
+
+def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
+    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null.
+
+    `warnings` are added to those that it holds.
+    """
     from pydantic_core import to_json
 
     text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=_plain)
+    if warnings:
+        content = json_format.loads(text)
+        content["warnings"] = [*content.get("warnings", ()), *warnings]
+        text = json_format.dumps(content, indent=2, ensure_ascii=False).encode()
     return text.decode() + "\n"
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
 
 
-@in_session("json", "force")
+@in_session("json", "force", "plugin")
 def study(
     session: Session,
     config: Annotated[

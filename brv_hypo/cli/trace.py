@@ -30,7 +30,7 @@ MechanismFile = Annotated[
 ]
 
 
-@in_session("json", "report", "force")
+@in_session("json", "report", "force", "plugin")
 def trace(
     session: Session,
     flight: options.FlightFile,

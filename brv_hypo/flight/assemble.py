@@ -46,6 +46,7 @@ def assemble(record: Record) -> Flight:
         time=time[first:last],
         **{name: values[first:last] for name, values in whole.items()},
         vehicle=record.vehicle.vehicle(),
+        instruments=record.instruments,
         segments=tuple((start - first, stop - first) for start, stop in segments),
         planet=record.planet,
         title=record.title,
@@ -73,6 +74,7 @@ def unassemble(flight: Flight) -> Record:
                 name: _masked(values, usable) for name, values in present.items() if values is not None
             },
             "vehicle": validated(VehicleRecord, vehicle, group="vehicle"),
+            "instruments": flight.instruments,
             "planet": flight.planet,
             "title": flight.title,
             "source": flight.source,

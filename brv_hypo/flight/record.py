@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.instruments import Instruments, of_grade
 
 CHANNELS = ("p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure")
 OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
@@ -47,6 +48,7 @@ class Flight:
     Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment.
     `segments` are the index ranges [start, stop) that are contiguous and usable.
     `wind` (n, 3) m/s is what is known of the wind, in body axes of the first sample; None where nothing is.
+    `instruments` are the tolerances to which record, vehicle and air are known.
     `notes` say what was derived, resampled, bridged or cut. The `truth` of a simulated flight is not here:
     nothing that analyses a flight may see it.
     """
@@ -67,6 +69,7 @@ class Flight:
     reynolds: FloatArray | None = None
     roll_rate_mag: FloatArray | None = None
     wind: FloatArray | None = None
+    instruments: Instruments = field(default_factory=of_grade)
     segments: tuple[tuple[int, int], ...] = ()
     planet: str = "earth"
     title: str = ""

@@ -24,6 +24,7 @@ from pydantic import (
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.files.printed import one_line
+from brv_hypo.flight.instruments import Instruments, of_grade
 from brv_hypo.flight.record import CHANNELS, Vehicle
 from brv_hypo.flight.refusal import refusal
 from brv_hypo.flight.units import Dimension
@@ -142,6 +143,7 @@ class Record(BaseModel):
     time: SkipValidation[FloatArray]
     channels: SkipValidation[Mapping[str, FloatArray]]
     vehicle: VehicleRecord
+    instruments: Instruments = Field(default_factory=of_grade)
     planet: str = "earth"
     title: str = ""
     source: str = ""

@@ -16,6 +16,14 @@ from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import one_line
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
+from brv_hypo.flight.instruments import (
+    DEFAULT_GRADE,
+    GRADES,
+    INSTRUMENT_DIMENSIONS,
+    Instruments,
+    of_grade,
+    with_stated,
+)
 from brv_hypo.flight.record import Flight
 from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.schema import (
@@ -33,7 +41,11 @@ from brv_hypo.flight.schema import (
 from brv_hypo.flight.units import SI, Dimension, to_si
 
 # All that is read of a record; the rest of the file is never opened.
-READ = {"": tuple(CHANNEL_DIMENSIONS), "vehicle": tuple(VEHICLE_DIMENSIONS)}
+READ = {
+    "": tuple(CHANNEL_DIMENSIONS),
+    "vehicle": tuple(VEHICLE_DIMENSIONS),
+    "instruments": tuple(INSTRUMENT_DIMENSIONS),
+}
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
@@ -83,7 +95,10 @@ def save_flight(
     header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
     channels = {"time": record.time, **record.channels}
-    groups = {"vehicle": Tree(datasets=_with_units(record.vehicle.model_dump(), VEHICLE_DIMENSIONS))}
+    groups = {
+        "vehicle": Tree(datasets=_with_units(record.vehicle.model_dump(), VEHICLE_DIMENSIONS)),
+        "instruments": _instruments_tree(record.instruments),
+    }
     if truth is not None:
         groups["truth"] = _truth_tree(truth)
     tree = Tree(
@@ -128,6 +143,7 @@ def _record_from(tree: Tree, path: str) -> Record:
             "time": arrays.pop("time"),
             "channels": arrays,
             "vehicle": _vehicle(tree.groups.get("vehicle")),
+            "instruments": _instruments(tree.groups.get("instruments")),
             "planet": header.planet.strip().lower(),
             "title": one_line(header.title),
             "source": one_line(header.source),
@@ -186,6 +202,43 @@ def _vehicle_value(dataset: Dataset, dimension: Dimension, name: str, shape: tup
             "give one value (three, in body axes, for the accelerometer position)",
         )
     return array.reshape(shape).tolist()
+
+
+def _instruments(group: Tree | None) -> Instruments:
+    """The tolerances that the record states, over those of its grade."""
+    if group is None:
+        return of_grade()
+    grade = str(group.attributes.get("grade", DEFAULT_GRADE))
+    if grade not in GRADES:
+        raise refusal(
+            "instruments (attribute 'grade')",
+            repr(grade),
+            f"one of {', '.join(GRADES)}",
+            "another vocabulary",
+            "name the nearest grade, and state what is known better as datasets",
+        )
+    unknown = sorted({*group.datasets, *group.unread} - set(INSTRUMENT_DIMENSIONS))
+    if unknown:
+        near = difflib.get_close_matches(unknown[0], INSTRUMENT_DIMENSIONS, n=1, cutoff=0.5)
+        raise refusal(
+            f"instruments/{unknown[0]}",
+            "an unknown tolerance",
+            f"one of {', '.join(INSTRUMENT_DIMENSIONS)}",
+            f"'{near[0]}' is meant" if near else "a tolerance that format 1 does not have",
+            "rename or drop it",
+        )
+    stated = {
+        name: _in_si(dataset, INSTRUMENT_DIMENSIONS[name], f"instruments/{name}")
+        for name, dataset in group.datasets.items()
+    }
+    return with_stated(of_grade(grade), stated)
+
+
+def _instruments_tree(instruments: Instruments) -> Tree:
+    """The grade, and the tolerances that differ from it."""
+    plain = of_grade(instruments.grade).values()
+    stated = {key: value for key, value in instruments.values().items() if value != plain[key]}
+    return Tree(attributes={"grade": instruments.grade}, datasets=_with_units(stated, INSTRUMENT_DIMENSIONS))
 
 
 def _in_si(dataset: Dataset, dimension: Dimension, name: str) -> FloatArray:

@@ -30,6 +30,7 @@ Dimension = Literal[
     "area",
     "mass",
     "moment of inertia",
+    "angle",
     "dimensionless",
 ]
 
@@ -44,6 +45,7 @@ SI: dict[Dimension, str] = {
     "area": "m^2",
     "mass": "kg",
     "moment of inertia": "kg*m^2",
+    "angle": "rad",
     "dimensionless": "dimensionless",
 }
 
@@ -58,6 +60,7 @@ EXAMPLES: dict[Dimension, str] = {
     "area": "m^2, ft^2",
     "mass": "kg, slug, lb",
     "moment of inertia": "kg*m^2, slug*ft^2",
+    "angle": "rad, deg",
     "dimensionless": "dimensionless, 1",
 }
 

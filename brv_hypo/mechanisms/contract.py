@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -57,6 +57,14 @@ class Derived:
     units: str
 
 
+class Component(NamedTuple):
+    """One value of a record effect: `size` is the 1-sigma tolerance to which the record knows it, in SI `units`."""
+
+    name: str
+    units: str
+    size: float
+
+
 class Mechanism(BaseModel, ABC):
     """A hypothesis about the moments. Subclass it, set the class variables, write `terms`.
 
@@ -98,6 +106,13 @@ class Mechanism(BaseModel, ABC):
         """Quantities derived from one region's coefficients (in the order of `terms`); none by default."""
         return ()
 
+    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
+        """1-sigma of each term's coefficient that the record's tolerances of the vehicle allow; None: not a tolerance.
+
+        A mechanism with one is part of every hypothesis, with that Gaussian prior.
+        """
+        return None
+
     def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
         """Log-likelihood of whitened innovations (n,) of sigma `std_error`: Gaussian by default."""
         n = innovations.size
@@ -119,14 +134,17 @@ class RecordEffect(BaseModel, ABC):
     claims: ClassVar[str]
     source: ClassVar[str]
     kind: ClassVar[Literal["instrument", "environment"]]
+    carried: ClassVar[bool] = True
+    """Whether it is part of every hypothesis, with the prior that the record's tolerances give it; False for events
+    that are hypotheses of their own, as a step of the wind."""
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
         """The effect with each setting to try on this flight, such as an unknown time; itself by default."""
         return (self,)
 
     @abstractmethod
-    def components(self) -> tuple[tuple[str, str, float], ...]:
-        """(name, units, typical size in those units, SI) of each value that the effect has."""
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """Each value that the effect has, with its tolerance on this flight (`flight.instruments`)."""
 
     @abstractmethod
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:

@@ -14,7 +14,6 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,6 +30,8 @@ ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 _ENGINE = Path(__file__).resolve().parents[1]
 # By top-level module or file, the distribution that brought it; the registry fills it.
 _packages: dict[str, str] = {}
+_plain_classes: dict[type[Any], type[Any]] = {}
+_guarded_classes: dict[type[Any], type[Any]] = {}
 _limited = False
 
 Item = TypeVar("Item", bound=Mechanism | RecordEffect)
@@ -60,7 +61,11 @@ def answer(name: str, package: str, call: Callable[..., Result], *arguments: Any
 
 
 def fault(
-    name: str, package: str, found: str, call: Callable[..., Any] | None = None, error: BaseException | None = None
+    name: str,
+    package: str,
+    found: str,
+    call: Callable[..., Any] | None = None,
+    error: BaseException | None = None,
 ) -> MechanismError:
     """The error to raise for a plugin: what was found, and where in its files that came from."""
     where = "" if call is None and error is None else _place(call, error)
@@ -90,12 +95,12 @@ def guarded(item: Item) -> Item:
 
 def is_guarded(item: Mechanism | RecordEffect) -> bool:
     """Whether `guarded` made it."""
-    return "_plain_class" in vars(type(item))
+    return type(item) in _plain_classes
 
 
 def plain(item: Item) -> Item:
     """What `guarded` was given."""
-    return vars(type(item))["_plain_class"].model_construct(**dict(item)) if is_guarded(item) else item  # type: ignore[no-any-return]
+    return _plain_classes[type(item)].model_construct(**dict(item)) if is_guarded(item) else item
 
 
 def checked_terms(mechanism: Mechanism, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
@@ -108,7 +113,9 @@ def checked_terms(mechanism: Mechanism, motion: Motion, theta: Mapping[str, floa
     name, package = item.name, package_of(item)
     terms = answer(name, package, item.terms, read_only(motion), dict(theta))
     if not isinstance(terms, tuple | list) or not all(isinstance(term, Term) for term in terms):
-        raise fault(name, package, f"`terms` gave {one_line(repr(terms))}, expected a tuple of Term", item.terms)
+        raise fault(
+            name, package, f"`terms` gave {one_line(repr(terms))}, expected a tuple of Term", item.terms
+        )
     names = [term.name for term in terms]
     if not names or len(set(names)) < len(names) or not all(isinstance(each, str) for each in names):
         raise fault(name, package, f"`terms` gave the names {names}, expected one for each term", item.terms)
@@ -129,7 +136,9 @@ def checked_perturbation(effect: RecordEffect, flight: Flight, component: str, v
     name, package = item.name, package_of(item)
     changed = answer(name, package, item.perturb, read_only(flight), component, value)
     if not isinstance(changed, Flight):
-        raise fault(name, package, f"`perturb` gave {type(changed).__name__}, expected a Flight", item.perturb)
+        raise fault(
+            name, package, f"`perturb` gave {type(changed).__name__}, expected a Flight", item.perturb
+        )
     for channel in CHANNELS:
         problem = _column_problem(getattr(changed, channel), flight.time.shape)
         if problem:
@@ -149,7 +158,7 @@ def read_only(data: Data) -> Data:
     if isinstance(data, Motion) and data.history is not None:
         past = data.history
         views["history"] = lambda tau: read_only(past(tau))
-    return replace(data, **views)
+    return replace(data, **views)  # type: ignore[type-var]
 
 
 def without_faulty(
@@ -189,15 +198,17 @@ def _column_problem(column: Any, shape: tuple[int, ...]) -> str:
     return ""
 
 
-@lru_cache(maxsize=None)
 def _guarded_class(kind: type[Any]) -> type[Any]:
-    """A subclass whose answers are checked."""
-    own: dict[str, Any] = {"__module__": kind.__module__, "__doc__": kind.__doc__, "_plain_class": kind}
+    """A subclass whose answers are checked; one for each class."""
+    if kind in _guarded_classes:
+        return _guarded_classes[kind]
+    own: dict[str, Any] = {"__module__": kind.__module__, "__doc__": kind.__doc__}
     for name, check in (_OF_A_MECHANISM if issubclass(kind, Mechanism) else _OF_AN_EFFECT).items():
         own[name] = _method(name, check, getattr(kind, name).__doc__)
     own["__reduce__"] = lambda self: (guarded, (plain(self),))
-    own["__annotations__"] = {"_plain_class": "ClassVar[type]"}
-    return type(kind.__name__, (kind,), own)
+    made = type(kind.__name__, (kind,), own)
+    _plain_classes[made], _guarded_classes[kind] = kind, made
+    return made
 
 
 def _method(name: str, check: Callable[..., str], doc: str | None) -> Callable[..., Any]:
@@ -295,10 +306,20 @@ def _place(call: Callable[..., Any] | None, error: BaseException | None) -> str:
 
 def _is_plugins(filename: str) -> bool:
     """Whether a line of a traceback is the plugin's own: neither the engine's nor the import machinery's."""
-    return not filename.startswith("<") and _ENGINE not in Path(filename).parents and "importlib" not in filename
+    return (
+        not filename.startswith("<") and _ENGINE not in Path(filename).parents and "importlib" not in filename
+    )
 
 
 def _source(call: Callable[..., Any] | None) -> tuple[str, int] | None:
+    """File and line of the definition of a plugin's function or class."""
+    if isinstance(call, type):
+        try:
+            found = inspect.getsourcefile(call), inspect.getsourcelines(call)[1]
+        except (OSError, TypeError):  # a class that no file defines
+            return None
+        return found if found[0] and _is_plugins(found[0]) else None
     code = getattr(inspect.unwrap(call), "__code__", None) if call is not None else None
-    return None if code is None or not _is_plugins(code.co_filename) else (code.co_filename, code.co_firstlineno)
-
+    return (
+        None if code is None or not _is_plugins(code.co_filename) else (code.co_filename, code.co_firstlineno)
+    )

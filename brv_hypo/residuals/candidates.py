@@ -139,7 +139,8 @@ def try_record_effect(
     found: list[tuple[HypothesisFit, RecordEffect]] = []
     for effect, names in variants:
         bounds = {
-            name: _LARGEST * size for name, (_, _, size) in zip(names, effect.components(), strict=True)
+            name: _LARGEST * component.size
+            for name, component in zip(names, effect.components(task.frame.reconstructions[0].flight), strict=True)
         }
         groups = [(given_column(name, unit),) for name, unit in names.items()]
         fits = [

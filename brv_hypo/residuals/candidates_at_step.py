@@ -121,7 +121,7 @@ def look(
         name: component
         for variants in catalogue.values()
         for effect, names in variants
-        for name, (component, _, _) in zip(names, effect.components(), strict=True)
+        for name, (component, _, _) in zip(names, effect.components(situation.record.flight), strict=True)
     }
     return Look(seen, task, null, (*told, *found[_TOLD:]), situation, components, dictionary, discovery)
 
@@ -224,7 +224,7 @@ def _variants_of(
     histories: dict[str, Rows] = {}
     for number, variant in enumerate(effect.variants(situation.record.flight)):
         names = {}
-        for component, units, size in variant.components():
+        for component, units, size in variant.components(situation.record.flight):
             name = f"{variant.name} {component} {label}{number}"
             histories[name] = situation.effect(variant, component, size)
             names[name] = units

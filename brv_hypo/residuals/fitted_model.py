@@ -69,7 +69,7 @@ def with_candidate(
         seen = replace(state.seen, frame=candidate.fit.frame)
         return state_of(model, seen, here.task.noise, here.task)
     values = candidate.fit.values[candidate.fit.baseline_size :]
-    sizes = {component: (units, size) for component, units, size in candidate.effect.components()}
+    sizes = {component: (units, size) for component, units, size in candidate.effect.components(flight)}
     applied = tuple(
         Applied(candidate.effect, component, *sizes[component], float(value))
         for column, value in zip(candidate.fit.selected, values, strict=True)

@@ -220,9 +220,8 @@ def _plant_record(
         if name.split(" ")[0] == effect:
             column = here.task.design(here.task.frame, [given_column(name)])[:, 0]
             limits[name] = (component, _LIMIT / max(_free_length(here, column), 1e-12))
-    sizes = {
-        component: size for e in record_effects() if e.name == effect for component, _, size in e.components()
-    }
+    flight = here.seen.flight
+    sizes = {c.name: c.size for e in record_effects() if e.name == effect for c in e.components(flight)}
     fit = [name for name, (component, limit) in limits.items() if times * limit < 15.0 * sizes[component]]
     name = str(draw.choice(fit or [min(limits, key=lambda n: limits[n][1] / sizes[limits[n][0]])]))
     component, limit = limits[name]

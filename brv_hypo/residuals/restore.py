@@ -41,7 +41,7 @@ def restored(content: SavedModel, flight: Flight) -> Model:
     baseline = start_model(flight, ()).mechanisms
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
-    applied = tuple(_applied(error) for error in content.record)
+    applied = tuple(_applied(error, flight) for error in content.record)
     return Model(
         mechanisms={**baseline, **{mechanism.name: mechanism for mechanism in own}},
         columns=tuple(_column(column) for column in content.columns),
@@ -87,7 +87,7 @@ def _file(mechanism: FiledMechanism) -> MechanismFile:
     )
 
 
-def _applied(error: SavedRecordError) -> Applied:
+def _applied(error: SavedRecordError, flight: Flight) -> Applied:
     item = find_installed(error.effect)
     if not isinstance(item, RecordEffect):
         raise UsageError(
@@ -97,7 +97,7 @@ def _applied(error: SavedRecordError) -> Applied:
         effect = type(item).model_validate({**item.model_dump(), **error.options})
     except ValidationError as wrong:
         raise UsageError(f"the model sets options that '{error.effect}' refuses: {wrong}") from None
-    sizes = {name: (units, size) for name, units, size in effect.components()}
+    sizes = {name: (units, size) for name, units, size in effect.components(flight)}
     if error.component not in sizes:
         raise UsageError(
             f"the model holds '{error.component}' of '{error.effect}', which has {', '.join(sizes)}. "

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from joblib import Parallel, delayed, parallel_config
 
+from brv_hypo.mechanisms import plugin_files, use_plugin_files
 from brv_hypo.study.config import StudyConfig
 from brv_hypo.study.draws import Draw, check_names, draws
 from brv_hypo.study.outcome import Outcome
@@ -53,4 +54,11 @@ def _flown(study: StudyConfig, wanted: Sequence[Draw], jobs: int) -> Iterator[Ou
     """Outcomes as they come."""
     with parallel_config(backend="loky", inner_max_num_threads=1):
         parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        yield from parallel(delayed(fly)(study, draw) for draw in wanted)
+        yield from parallel(delayed(_fly)(plugin_files(), study, draw) for draw in wanted)
+
+
+def _fly(plugins: Sequence[str], study: StudyConfig, draw: Draw) -> Outcome:
+    """One flight in whatever process this is, which has to know the plugins that are files."""
+    if tuple(plugins) != plugin_files():
+        use_plugin_files(plugins)
+    return fly(study, draw)

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms import RecordEffect, hookimpl
+from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
+from brv_hypo_effects.triads import turned
 
 _AXES = ("x", "y", "z")
 
@@ -20,9 +21,10 @@ class AccelBias(RecordEffect):
     source = "report, Appendix B"
     kind = "instrument"
 
-    def components(self) -> tuple[tuple[str, str, float], ...]:
+    def components(self, flight: Flight) -> tuple[Component, ...]:
         """One bias for each accelerometer."""
-        return tuple((axis, "m/s^2", 0.05) for axis in _AXES)
+        sizes = flight.instruments.accel_bias
+        return tuple(Component(axis, "m/s^2", size) for axis, size in zip(_AXES, sizes, strict=True))
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with `value` m/s^2 more on that accelerometer."""
@@ -39,9 +41,10 @@ class AccelScale(RecordEffect):
     source = "report, Appendix B"
     kind = "instrument"
 
-    def components(self) -> tuple[tuple[str, str, float], ...]:
+    def components(self, flight: Flight) -> tuple[Component, ...]:
         """One scale error for each accelerometer."""
-        return tuple((axis, "1", 5e-3) for axis in _AXES)
+        sizes = flight.instruments.accel_scale
+        return tuple(Component(axis, "1", size) for axis, size in zip(_AXES, sizes, strict=True))
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that accelerometer's reading larger by the share `value`."""
@@ -58,9 +61,10 @@ class AccelPosition(RecordEffect):
     source = "report, Appendix B; errata E10 and E11"
     kind = "instrument"
 
-    def components(self) -> tuple[tuple[str, str, float], ...]:
+    def components(self, flight: Flight) -> tuple[Component, ...]:
         """One offset for each body axis: true less declared place."""
-        return tuple((axis, "m", 5e-3) for axis in _AXES)
+        sizes = flight.instruments.accel_position
+        return tuple(Component(axis, "m", size) for axis, size in zip(_AXES, sizes, strict=True))
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with the declared place that much short of the true one."""
@@ -71,7 +75,26 @@ class AccelPosition(RecordEffect):
         )
 
 
+class AccelMisalignment(RecordEffect):
+    """The accelerometers' axes are turned by a small rotation against the body's: a reading gains f x m."""
+
+    name = "accel_misalignment"
+    title = "misalignment of the accelerometers"
+    claims = "the accelerometers' axes are turned against the body's, so that the transverse ones read axial force"
+    source = "report, Appendix B"
+    kind = "instrument"
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """The rotation about each body axis."""
+        sizes = flight.instruments.accel_misalignment
+        return tuple(Component(axis, "rad", size) for axis, size in zip(_AXES, sizes, strict=True))
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record of accelerometers that are turned by `value` rad more about that body axis."""
+        return turned(flight, ("ax", "ay", "az"), component, value)
+
+
 @hookimpl
 def brv_hypo_record_effects() -> Sequence[RecordEffect]:
     """The effects of this module."""
-    return [AccelBias(), AccelScale(), AccelPosition()]
+    return [AccelBias(), AccelScale(), AccelMisalignment(), AccelPosition()]

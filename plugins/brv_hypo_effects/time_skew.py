@@ -9,7 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms import RecordEffect, hookimpl
+from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
 _INSTRUMENTS = {
     "gyros": ("p", "q", "r"),
@@ -27,9 +27,10 @@ class TimeSkew(RecordEffect):
     source = "Morelli and Klein, Aircraft System Identification, 2016, chapter 10 (data compatibility)"
     kind = "instrument"
 
-    def components(self) -> tuple[tuple[str, str, float], ...]:
-        """One delay for each instrument."""
-        return tuple((name, "s", 1e-3) for name in _INSTRUMENTS)
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """One delay for each instrument; the tolerance is that of one clock against another."""
+        size = flight.instruments.time_skew[0] / np.sqrt(2.0)
+        return tuple(Component(name, "s", float(size)) for name in _INSTRUMENTS)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that instrument late by `value` s more.

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Derived, Mechanism, Term, hookimpl
 from brv_hypo.motion.motion import Motion
 
@@ -25,6 +26,13 @@ class Trim(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Two terms: C_m0 and C_n0."""
         return body_axes(motion, np.ones_like(motion.alpha), ("C_m0", "C_n0"), "1")
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...]:
+        """A c.g. that lies off the axis within its tolerance: offset times axial force coefficient over d."""
+        vehicle = flight.vehicle
+        axial = float(np.median(np.abs(flight.ax) / flight.dynamic_pressure)) * vehicle.mass / vehicle.reference_area
+        _, y, z = flight.instruments.cg_offset
+        return axial * z / vehicle.reference_length, axial * y / vehicle.reference_length
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
         """Size and meridian of the moment, to first order in the covariance (2, 2)."""
@@ -60,6 +68,13 @@ class DynamicImbalance(Mechanism):
         """Two terms: the products of inertia over S d, -I_xz and I_xy."""
         course = motion.p**2 / motion.dynamic_pressure
         return body_axes(motion, course, ("-I_xz/(S d)", "I_xy/(S d)"), "Pa s^2/rad^2")
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...]:
+        """A principal axis that is tilted within its tolerance: tilt times I - Ix, over S d."""
+        vehicle = flight.vehicle
+        size = abs(vehicle.iyy - vehicle.ixx) / (vehicle.reference_area * vehicle.reference_length)
+        _, y, z = flight.instruments.principal_axis
+        return size * y, size * z
 
 
 def body_axes(motion: Motion, course: FloatArray, names: tuple[str, str], units: str) -> tuple[Term, Term]:

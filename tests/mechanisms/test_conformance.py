@@ -271,7 +271,7 @@ class GyroBias(RecordEffect):
     source = "this test"
     kind = "instrument"
 
-    def components(self):
+    def components(self, flight):
         return (("p", "rad/s", 1e-3),)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:

@@ -16,12 +16,14 @@ _WIND, _PLACE = 10.0, 0.1
 
 
 def _channels(flight: Flight) -> FloatArray:
-    """All that an effect may act on, (rows, samples): channels by their size in the sample, wind, place."""
+    """All that an effect may act on, (rows, samples): channels by their size in the sample, wind, place, inertia."""
     channels = np.array([getattr(flight, name) for name in CHANNELS], dtype=float)
     sizes = np.array([np.max(np.abs(getattr(sample_flight(), name))) for name in CHANNELS], dtype=float)
     wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / _WIND
     place = np.array(flight.vehicle.accelerometer_position)[:, np.newaxis] * np.ones(flight.samples) / _PLACE
-    return np.concatenate([channels / sizes[:, np.newaxis], wind, place])
+    known = sample_flight().vehicle
+    inertia = np.array([[flight.vehicle.ixx / known.ixx], [flight.vehicle.iyy / known.iyy]])
+    return np.concatenate([channels / sizes[:, np.newaxis], wind, place, inertia * np.ones(flight.samples)])
 
 
 def is_declared(effect: RecordEffect) -> None:
@@ -36,7 +38,7 @@ def is_declared(effect: RecordEffect) -> None:
 
 def has_sane_components(effect: RecordEffect) -> None:
     """Each component has a name of its own, a unit and a typical size above zero."""
-    components = effect.components()
+    components = effect.components(sample_flight())
     names = [name for name, _, _ in components]
     expect(bool(names) and len(set(names)) == len(names), f"components need names, each its own: {names}")
     for name, units, size in components:
@@ -47,7 +49,7 @@ def has_sane_components(effect: RecordEffect) -> None:
 def leaves_the_record_alone_at_zero(effect: RecordEffect) -> None:
     """The value zero changes nothing."""
     flight = sample_flight()
-    for name, _, _ in effect.components():
+    for name, _, _ in effect.components(sample_flight()):
         change = np.max(np.abs(_channels(effect.perturb(flight, name, 0.0)) - _channels(flight)))
         expect(bool(change < 1e-12), f"'{name}' = 0 changes the record by {change:.1e} of its size")
 
@@ -55,7 +57,7 @@ def leaves_the_record_alone_at_zero(effect: RecordEffect) -> None:
 def changes_the_record(effect: RecordEffect) -> None:
     """The typical size changes the record, keeps the number of samples and leaves all finite."""
     flight = sample_flight()
-    for name, _, size in effect.components():
+    for name, _, size in effect.components(sample_flight()):
         changed = _channels(effect.perturb(flight, name, size))
         expect(changed.shape == _channels(flight).shape, f"'{name}' changes the number of samples")
         expect(bool(np.isfinite(changed).all()), f"'{name}' leaves values that are not finite")
@@ -65,7 +67,7 @@ def changes_the_record(effect: RecordEffect) -> None:
 def is_linear_for_small_values(effect: RecordEffect) -> None:
     """Half the typical size does half of what the typical size does, within 5 %."""
     flight = sample_flight()
-    for name, _, size in effect.components():
+    for name, _, size in effect.components(sample_flight()):
         whole = _channels(effect.perturb(flight, name, size)) - _channels(flight)
         half = _channels(effect.perturb(flight, name, 0.5 * size)) - _channels(flight)
         off = float(np.max(np.abs(whole - 2.0 * half)) / np.max(np.abs(whole)))
@@ -75,7 +77,7 @@ def is_linear_for_small_values(effect: RecordEffect) -> None:
 def is_pure(effect: RecordEffect) -> None:
     """The given record is left as it was, and the same call gives the same record."""
     flight = sample_flight()
-    for name, _, size in effect.components():
+    for name, _, size in effect.components(sample_flight()):
         first, again = (_channels(effect.perturb(flight, name, size)) for _ in range(2))
         expect(bool(np.array_equal(first, again)), f"two calls with the same '{name}' differ")
         expect(

@@ -1,0 +1,97 @@
+"""The air moves across the track: slowly, or from one instant on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
+
+_AXES = {"y": 1, "z": 2}
+# Half waves over the record that a slow wind may make.
+_WAVES = 4
+
+
+def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
+    """The record with that wind (n,) m/s, along a body axis of the first sample, left unaccounted for."""
+    wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
+    wind[:, _AXES[axis]] -= speed
+    return replace(flight, wind=wind)
+
+
+class Wind(RecordEffect):
+    """A wind across the track that changes slowly: half waves over the record, each half as large as the one before.
+
+    A constant wind is in the direction of the velocity at the start; wind along the track is in the record's
+    `velocity` already.
+    """
+
+    name = "wind"
+    title = "slowly changing wind"
+    claims = "the air moves across the track, slowly changing along the record"
+    source = "kinematics of the velocity relative to the air"
+    kind = "environment"
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """Cosines of 1, 2, ... half waves along the body axes y and z of the first sample, rms the tolerance."""
+        shares = 0.5 ** np.arange(_WAVES)
+        shares *= np.sqrt(2.0 / np.sum(shares**2))
+        return tuple(
+            Component(f"{axis} {wave}", "m/s", float(share * flight.instruments.wind[place]))
+            for axis, place in _AXES.items()
+            for wave, share in enumerate(shares, start=1)
+        )
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that much of one half wave left unaccounted for."""
+        axis, wave = component.split()
+        place = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
+        return _with_wind(flight, axis, value * np.cos(np.pi * int(wave) * place))
+
+
+class WindStep(RecordEffect):
+    """A step of the wind across the track at `time` s (None: the middle of the record).
+
+    No channel senses it: the velocity relative to the air turns while the inertial velocity does not.
+    A step along the track is in the record's `velocity` already. `spread` s is how well `time` is known.
+    """
+
+    name = "wind_step"
+    title = "step of the wind"
+    claims = "from one instant on, the air moves across the track"
+    source = "kinematics of the velocity relative to the air"
+    kind = "environment"
+    carried = False
+
+    time: float | None = None
+    spread: float | None = None
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """Wind along the body axes y and z of the first sample."""
+        return tuple(Component(axis, "m/s", flight.instruments.wind[place]) for axis, place in _AXES.items())
+
+    def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
+        """16 instants over the record; once `time` and `spread` are set, 7 instants near it."""
+        if self.time is None or self.spread is None:
+            instants = np.linspace(flight.time[0], flight.time[-1], 18)[1:-1]
+            spread = float(instants[1] - instants[0])
+        else:
+            instants = self.time + self.spread * np.linspace(-0.75, 0.75, 7)
+            spread = 0.25 * self.spread
+        found = ({"time": float(instant), "spread": spread} for instant in instants)
+        return tuple(self.model_copy(update=settings) for settings in found)
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that much wind left unaccounted for."""
+        at = 0.5 * (flight.time[0] + flight.time[-1]) if self.time is None else self.time
+        return _with_wind(flight, component, np.where(flight.time >= at, value, 0.0))
+
+
+@hookimpl
+def brv_hypo_record_effects() -> Sequence[RecordEffect]:
+    """The effects of this module."""
+    return [Wind(), WindStep()]

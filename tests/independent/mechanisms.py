@@ -1,0 +1,131 @@
+"""What is planted: contributions C_N' + i C_Z' at the running state, after CONVENTIONS or outside its list.
+
+`amplitude` is a coefficient, for `lag` the lag in s. Every one acts in [start, stop) of the record.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+LISTED = ("damping", "inplane", "bodyfixed", "lag", "sticking")
+UNLISTED = ("rotating", "third_harmonic", "mach_step", "magnus", "vortex")
+TRUTHS = ("none", *LISTED, *UNLISTED)
+
+ROTATION = 3.0  # rad/s at which the moment of `rotating` goes round the body
+
+
+@dataclass(frozen=True)
+class Running:
+    """The motion at one time, air-relative; `spin` is p d / 2V, `reduced` d / 2V (s)."""
+
+    time: float
+    alpha: float
+    meridian: float
+    alpha_rate: float
+    meridian_rate: float
+    mach: float
+    spin: float
+    reduced: float
+    static: Callable[[float], float]
+    past: Callable[[float], tuple[float, float]]  # alpha and meridian (to a turn) so many seconds ago
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A mechanism with its values."""
+
+    name: str = "none"
+    amplitude: float = 0.0
+    start: float = 0.0
+    stop: float = 0.0
+    values: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def delay(self) -> float:
+        """How far back it looks, s."""
+        return self.amplitude if self.name == "lag" else float(self.values.get("delay", 0.0))
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Times at which the moment or its first derivatives jump."""
+        if self.name == "none":
+            return ()
+        first = [edge + k * self.delay for edge in (self.start, self.stop) for k in range(3)]
+        return tuple(sorted(set(first)))
+
+    def contribution(self, now: Running) -> complex:
+        if self.amplitude == 0.0 or not self.start <= now.time < self.stop:
+            return 0j
+        return _FORMS[self.name](self, now)
+
+
+def _damping(planted: Planted, now: Running) -> complex:
+    return complex(planted.amplitude * now.alpha_rate * now.reduced)
+
+
+def _inplane(planted: Planted, now: Running) -> complex:
+    return complex(planted.amplitude * (planted.values["offset"] + planted.values["slope"] * now.alpha))
+
+
+def _bodyfixed(planted: Planted, now: Running) -> complex:
+    angle = planted.values["angle"]
+    return complex(
+        planted.amplitude * math.cos(angle - now.meridian), planted.amplitude * math.sin(now.meridian - angle)
+    )
+
+
+def _lag(planted: Planted, now: Running) -> complex:
+    before, _ = now.past(planted.delay)
+    return now.static(before) * cmath.exp(1j * planted.delay * now.meridian_rate) - now.static(now.alpha)
+
+
+def _sticking(planted: Planted, now: Running) -> complex:
+    before, meridian = now.past(planted.delay)
+    return 1j * planted.amplitude * now.static(before) * math.sin(now.meridian - meridian)
+
+
+def _rotating(planted: Planted, now: Running) -> complex:
+    angle = planted.values["angle"] + ROTATION * (now.time - planted.start)
+    return planted.amplitude * cmath.exp(1j * (now.meridian - angle))
+
+
+def _third_harmonic(planted: Planted, now: Running) -> complex:
+    return planted.amplitude * now.alpha * cmath.exp(1j * (3.0 * now.meridian + planted.values["angle"]))
+
+
+def _mach_step(planted: Planted, now: Running) -> complex:
+    step = 0.5 * (1.0 + math.tanh((planted.values["mach"] - now.mach) / planted.values["width"]))
+    return complex(planted.amplitude * step * now.alpha)
+
+
+def _magnus(planted: Planted, now: Running) -> complex:
+    return 1j * planted.amplitude * now.spin * now.alpha
+
+
+def _vortex(planted: Planted, now: Running) -> complex:
+    return 1j * planted.amplitude * now.alpha**2
+
+
+_FORMS: dict[str, Callable[[Planted, Running], complex]] = {
+    "damping": _damping,
+    "inplane": _inplane,
+    "bodyfixed": _bodyfixed,
+    "lag": _lag,
+    "sticking": _sticking,
+    "rotating": _rotating,
+    "third_harmonic": _third_harmonic,
+    "mach_step": _mach_step,
+    "magnus": _magnus,
+    "vortex": _vortex,
+}
+
+
+def body_components(contribution: np.ndarray, meridian: np.ndarray) -> np.ndarray:
+    """C_m + i C_n of C_N' + i C_Z'."""
+    return contribution * np.exp(-1j * meridian)
