@@ -315,10 +315,10 @@ def _source(call: Callable[..., Any] | None) -> tuple[str, int] | None:
     """File and line of the definition of a plugin's function or class."""
     if isinstance(call, type):
         try:
-            found = inspect.getsourcefile(call), inspect.getsourcelines(call)[1]
+            file, line = inspect.getsourcefile(call), inspect.getsourcelines(call)[1]
         except (OSError, TypeError):  # a class that no file defines
             return None
-        return found if found[0] and _is_plugins(found[0]) else None
+        return (file, line) if file is not None and _is_plugins(file) else None
     code = getattr(inspect.unwrap(call), "__code__", None) if call is not None else None
     return (
         None if code is None or not _is_plugins(code.co_filename) else (code.co_filename, code.co_firstlineno)

@@ -94,14 +94,20 @@ def _check(item: Any, plugin: str, package: str) -> None:
     name = getattr(item, "name", None)
     if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "none":
         raise fault(
-            plugin, package, f"the name {name!r}, expected lower case letters, digits and _, not 'none'"
+            plugin,
+            package,
+            f"the name {name!r}, expected lower case letters, digits and _, not 'none'",
+            type(item),
         )
     for attribute in ("title", "claims", "source"):
         if not isinstance(getattr(item, attribute, None), str):
             raise fault(name, package, f"`{attribute}` is not text", type(item))
     if getattr(item, "kind", None) not in _KINDS[kind]:
         raise fault(
-            name, package, f"`kind` is {getattr(item, 'kind', None)!r}, expected one of {_KINDS[kind]}"
+            name,
+            package,
+            f"`kind` is {getattr(item, 'kind', None)!r}, expected one of {_KINDS[kind]}",
+            type(item),
         )
     if package != OWN:
         _check_answers(guarded(item), name, package)

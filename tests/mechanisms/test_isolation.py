@@ -149,7 +149,7 @@ def test_what_is_no_plugin_is_wrong_usage(tmp_path, name):
 
 def test_an_unknown_name_that_was_left_out_is_explained(tmp_path):
     use_plugin_files([written(tmp_path, terms="1 / 0")])
-    with pytest.raises(UsageError, match="unknown mechanism 'bad'.*ZeroDivisionError"):
+    with pytest.raises(UsageError, match=r"unknown mechanism 'bad'.*ZeroDivisionError"):
         find("bad")
 
 
