@@ -13,11 +13,11 @@ from typing import ParamSpec
 
 import typer
 
+from brv_hypo.cli.signals import LINE, WORDS, code_of, end_workers, unwinding
 from brv_hypo.errors import BrvHypoError, UsageError
 from brv_hypo.files.printed import printable
 
 PROGRAM_FAULT = 70
-INTERRUPTED = 130
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
 P = ParamSpec("P")
@@ -32,7 +32,7 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            with warnings.catch_warnings():
+            with unwinding(), warnings.catch_warnings():
                 if not kwargs.get("verbose"):  # what a user can act on is in the result's own warnings
                     warnings.simplefilter("ignore")
                 command(*args, **kwargs)
@@ -41,8 +41,10 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             raise
         except BrvHypoError as refusal:
             _end(f"brv-hypo: {refusal}", refusal.exit_code)
-        except KeyboardInterrupt:
-            _end("brv-hypo: interrupted; no output was written", INTERRUPTED)
+        except KeyboardInterrupt as interrupt:
+            end_workers()
+            code = code_of(interrupt)
+            _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
         except Exception as fault:
             if isinstance(fault, OSError) and fault.errno in FULL:
                 _abandon_output()

@@ -9,7 +9,6 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.guard import INTERRUPTED
 from brv_hypo.cli.session import Progress, Session, as_json
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.files.whole import write_whole
@@ -55,9 +54,8 @@ def study(
                 progress=_advance(progress),
                 note=session.warn,
             )
-    except KeyboardInterrupt:
-        session.warn(f"interrupted; the same command goes on with what {output} holds")
-        raise typer.Exit(INTERRUPTED) from None
+    except KeyboardInterrupt as interrupt:
+        raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     _write(output, outcomes, summary)
     if not summary.compared:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -59,6 +61,8 @@ def _flown(study: StudyConfig, wanted: Sequence[Draw], jobs: int) -> Iterator[Ou
 
 def _fly(plugins: Sequence[str], study: StudyConfig, draw: Draw) -> Outcome:
     """One flight in whatever process this is, which has to know the plugins that are files."""
+    if multiprocessing.parent_process() is not None:  # a signal from the keyboard is the parent's to handle
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     if tuple(plugins) != plugin_files():
         use_plugin_files(plugins)
     return fly(study, draw)
