@@ -9,29 +9,29 @@ from scipy.linalg import qr
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import blocks
+from brv_hypo.regression.held_out import block_of_whitened_row
 from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.problem import Task
+from brv_hypo.regression.problem import Problem
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate
 from brv_hypo.subset.fit import least_squares
 
 
-def criteria_of(task: Task, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
+def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
     """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
-    designs = [task.design(fit.frame, fit.columns) for fit in fits]
-    size = len(task.baseline)
+    designs = [problem.design(fit.frame, fit.columns) for fit in fits]
+    size = len(problem.baseline)
     complete = _independent(
         np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)])
     )
-    null = least_squares(_independent(designs[0][:, :size]), task.response)
+    null = least_squares(_independent(designs[0][:, :size]), problem.response)
     reference = Reference(
         rss_forced=null.rss,
         n_forced=size,
-        complete=least_squares(complete, task.response),
+        complete=least_squares(complete, problem.response),
         complete_rank=complete.shape[1],
-        blocks=_block_of_row(task, block_count),
+        blocks=_blocks(problem, block_count),
     )
-    return tuple(evaluate(least_squares(_independent(d), task.response), reference) for d in designs)
+    return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
 
 
 def _independent(design: FloatArray) -> FloatArray:
@@ -42,12 +42,7 @@ def _independent(design: FloatArray) -> FloatArray:
     return np.asarray(design[:, kept], dtype=float)
 
 
-def _block_of_row(task: Task, count: int) -> IntArray:
-    """Block of each whitened row (rows,); rows of the prior belong to the last one."""
-    samples = task.frame.observed.size
-    block = np.zeros(samples, dtype=np.int64)
-    for index, pieces in enumerate(blocks(task.frame, count)):
-        for a, b in pieces:
-            block[a:b] = index
-    prior = np.full(task.response.size - 2 * samples, block.max(), dtype=np.int64)
-    return np.concatenate([block, block, prior])
+def _blocks(problem: Problem, count: int) -> IntArray:
+    """Block of each whitened row (rows,); rows of the priors belong to the last one."""
+    block = block_of_whitened_row(problem, count)
+    return np.where(block < 0, block.max(), block)

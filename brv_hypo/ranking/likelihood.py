@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from brv_hypo.arrays import FloatArray
-from brv_hypo.identification import Identification, IdentificationConfig, coefficients_without, identify
+from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.verdict import STANDING_PROBABILITY, probabilities
 from brv_hypo.regression.fit import HypothesisFit, extended_bic
-from brv_hypo.regression.frame import Piece
-from brv_hypo.regression.held_out import HeldOut, predicted
-from brv_hypo.regression.problem import Task
 
 CONVERGED = "converged"
 # Starting from a good regression the likelihood converges in a few iterations or not at all.
@@ -88,12 +84,3 @@ def _likelihood_information(fit: HypothesisFit, identification: Identification) 
     parameters = fit.parameters + len(identification.instruments)
     price = extended_bic(1.0, 1, fit.effective, parameters, fit.searched, len(fit.selected))
     return float(-2.0 * identification.log_likelihood * fit.efficiency + price)
-
-
-def held_out_by_likelihood(task: Task, found: Identification, count: int) -> HeldOut:
-    """Held-out errors where the likelihood converged: its coefficients without the measurements of each block."""
-
-    def without(block: tuple[Piece, ...]) -> FloatArray:
-        return coefficients_without(found, block)
-
-    return predicted(task, found.frame, found.columns, count, without)

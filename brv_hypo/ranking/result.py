@@ -76,7 +76,6 @@ class RankedHypothesis(_Result):
     status: Literal["ok", "term limit"] = "ok"
     notes: tuple[str, ...] = ()
     ranked_by: Literal["regression", "maximum likelihood"] = "regression"
-    predicted_by: Literal["regression", "maximum likelihood"] = "regression"
     ml: MaximumLikelihood | None = None
 
 

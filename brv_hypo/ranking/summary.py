@@ -26,13 +26,13 @@ from brv_hypo.ranking.result import (
 )
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import HeldOut, measured_moments
-from brv_hypo.regression.problem import Task
+from brv_hypo.regression.held_out import HeldOut
+from brv_hypo.regression.problem import Problem
 from brv_hypo.subset.criteria import Criteria
 
 
 def summarise(
-    task: Task,
+    problem: Problem,
     fits: Sequence[HypothesisFit],
     errors: Sequence[HeldOut],
     criteria: Sequence[Criteria],
@@ -51,20 +51,17 @@ def summarise(
     )
     order = sorted(range(len(fits)), key=lambda i: information[fits[i].name])
     ranking = tuple(
-        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], task).model_copy(
+        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
             update={
                 "bic": information[fits[i].name],
                 "ranked_by": "maximum likelihood" if fits[i].name in by_likelihood else "regression",
-                "predicted_by": "maximum likelihood"
-                if fits[i].name in likelihoods.converged
-                else "regression",
                 "ml": _likelihood(fits[i], likelihoods.found.get(fits[i].name)),
                 "notes": _notes(fits[i], likelihoods),
             }
         )
         for rank, i in enumerate(order, start=1)
     )
-    reconstructions = task.frame.reconstructions
+    reconstructions = problem.frame.reconstructions
     return Comparison(
         flights=tuple(
             FlightSummary(
@@ -88,15 +85,15 @@ def summarise(
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
-        series=_series(task, fits),
+        series=_series(problem, fits),
         warnings=tuple(warnings),
     )
 
 
 def _ranked(
-    rank: int, fit: HypothesisFit, error: HeldOut, criteria: Criteria, null_error: HeldOut, task: Task
+    rank: int, fit: HypothesisFit, error: HeldOut, criteria: Criteria, null_error: HeldOut, problem: Problem
 ) -> RankedHypothesis:
-    total = float(task.response @ task.response)
+    total = float(problem.response @ problem.response)
     variance = fit.rss / fit.samples
     return RankedHypothesis(
         rank=rank,
@@ -113,7 +110,7 @@ def _ranked(
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
         derived=_derived(fit),
         criteria=asdict(criteria),
-        status="term limit" if len(fit.selected) >= task.max_terms else "ok",
+        status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
     )
 
 
@@ -228,10 +225,10 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     return tuple(found)
 
 
-def _series(task: Task, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
+def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
     """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
-    frame = task.frame
-    measured, _ = measured_moments(frame)
+    frame = problem.frame
+    measured = np.concatenate([frame.reconstructions[s.flight].moments.body[s.rows] for s in frame.segments])
     predicted = {fit.name: fit.frame.moments(fit.columns) @ fit.values for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):

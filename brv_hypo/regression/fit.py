@@ -12,7 +12,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of, solve_scaled
-from brv_hypo.regression.problem import Task
+from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import (
     DesignOf,
     Nonlinear,
@@ -106,7 +106,7 @@ def extended_bic(
 
 
 def fit_hypothesis(
-    task: Task, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
+    problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
 ) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
@@ -115,25 +115,25 @@ def fit_hypothesis(
     refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early where it stays
     far behind `best_rival`, the least criterion of the others so far.
     """
-    frame = task.frame.with_mechanisms(mechanisms)
+    frame = problem.frame.with_mechanisms(mechanisms)
     if not mechanisms:
-        return _solved(task, frame, name, (), task.baseline, 0)
-    offered = offers(task, frame, mechanisms)
+        return _solved(problem, frame, name, (), problem.baseline, 0)
+    offered = offers(problem, frame, mechanisms)
     searched = offered.count
 
     def settle(chosen: tuple[Column, ...], known: tuple[Column, ...] = ()) -> HypothesisFit:
-        return _settled(task, frame, name, mechanisms, (*task.baseline, *chosen), searched, frozenset(known))
+        return _settled(problem, frame, name, mechanisms, (*problem.baseline, *chosen), searched, frozenset(known))
 
     best: HypothesisFit | None = None
     worse = 0
-    exact = [best_by_size(task, frame, family) for family in (offered.single, offered.joint)]
-    for size in range(1, task.max_terms + 1):
+    exact = [best_by_size(problem, frame, family) for family in (offered.single, offered.joint)]
+    for size in range(1, problem.max_terms + 1):
         distinct = dict.fromkeys(columns for family in exact for columns in family.get(size, []))
-        grid = [_solved(task, frame, name, mechanisms, (*task.baseline, *c), searched) for c in distinct]
+        grid = [_solved(problem, frame, name, mechanisms, (*problem.baseline, *c), searched) for c in distinct]
         grid.sort(key=lambda fit: fit.rss)
         starts = [settle(fit.selected) for fit in grid[:STARTS]]
         if best is not None:
-            further = extended(task, best.frame, best.columns, mechanisms, offered.joint or offered.single)
+            further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])
         if not starts:
             continue
@@ -146,26 +146,26 @@ def fit_hypothesis(
     assert best is not None
     if best.information > best_rival + OUT_OF_REACH:
         return replace(best, ended_early=True)
-    for _ in range(NARROWINGS if task.refine else 0):
-        narrower = _least([settle(chosen, chosen) for chosen in narrowed(task, best.frame, best.columns)])
+    for _ in range(NARROWINGS if problem.refine else 0):
+        narrower = _least([settle(chosen, chosen) for chosen in narrowed(problem, best.frame, best.columns)])
         if narrower.information >= best.information:
             break
         best = narrower
     return best
 
 
-def refit(task: Task, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns fitted under the task's noise model, with their uncertainty."""
+def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same columns fitted under the problem's noise model, with their uncertainty."""
     known = frozenset(fit.selected)
-    renewed = _settled(task, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched, known)
+    renewed = _settled(problem, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched, known)
     renewed = replace(renewed, ended_early=fit.ended_early)
-    design = task.design(renewed.frame, renewed.columns)
+    design = problem.design(renewed.frame, renewed.columns)
     if renewed.nonlinear:
         slopes = prediction_slopes(
-            renewed.nonlinear, renewed.columns, renewed.values, _design_of(task, renewed)
+            renewed.nonlinear, renewed.columns, renewed.values, _design_of(problem, renewed)
         )
         design = np.column_stack([design, slopes])
-    covariance = covariance_of(design, renewed.residual, task.samples, task.efficiency)
+    covariance = covariance_of(design, renewed.residual, problem.samples, problem.efficiency)
     linear = renewed.values.size
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))[linear:]
     return replace(renewed, covariance=covariance[:linear, :linear], nonlinear_errors=tuple(errors.tolist()))
@@ -176,7 +176,7 @@ def _least(fits: list[HypothesisFit]) -> HypothesisFit:
 
 
 def _settled(
-    task: Task,
+    problem: Problem,
     frame: RateFrame,
     name: str,
     mechanisms: tuple[Mechanism, ...],
@@ -185,15 +185,15 @@ def _settled(
     known: frozenset[Column],
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
-    fit = _solved(task, frame, name, mechanisms, columns, searched)
+    fit = _solved(problem, frame, name, mechanisms, columns, searched)
     if any(mechanism.parameters() for mechanism in mechanisms):
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
-        fit = _solved(task, frame, name, mechanisms, columns, searched)
-    if not task.refine:
+        fit = _solved(problem, frame, name, mechanisms, columns, searched)
+    if not problem.refine:
         return fit
-    parameters = nonlinear_parameters(columns, fit.baseline_size, frame.mechanisms, task.knots)
+    parameters = nonlinear_parameters(columns, fit.baseline_size, frame.mechanisms, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, _design_of(task, fit), task.response, task.samples)
+    refined = refine(columns, parameters, fresh, _design_of(problem, fit), problem.response, problem.samples)
     return replace(
         fit,
         columns=refined.columns,
@@ -204,29 +204,29 @@ def _settled(
 
 
 def _solved(
-    task: Task,
+    problem: Problem,
     frame: RateFrame,
     name: str,
     mechanisms: tuple[Mechanism, ...],
     columns: tuple[Column, ...],
     searched: int,
 ) -> HypothesisFit:
-    design = task.design(frame, columns)
-    values = solve_scaled(design, task.response)
-    residual = task.response - design @ values
+    design = problem.design(frame, columns)
+    values = solve_scaled(design, problem.response)
+    residual = problem.response - design @ values
     return HypothesisFit(
         name,
         mechanisms,
         frame,
         columns,
-        len(task.baseline),
+        len(problem.baseline),
         values,
         residual,
-        task.samples,
-        task.efficiency,
+        problem.samples,
+        problem.efficiency,
         searched,
     )
 
 
-def _design_of(task: Task, fit: HypothesisFit) -> DesignOf:
-    return lambda columns: task.design(fit.frame, columns)
+def _design_of(problem: Problem, fit: HypothesisFit) -> DesignOf:
+    return lambda columns: problem.design(fit.frame, columns)

@@ -1,19 +1,25 @@
-"""Prediction error on blocks of time that took no part in the fit."""
+"""Prediction error on blocks of time that took no part in the fit.
+
+The rows of a block are taken out of the normal equations: coefficients and nuisances are those of the rest.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.frame import Piece, RateFrame, whiten
-from brv_hypo.regression.linear import solve_scaled
-from brv_hypo.regression.problem import Task
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.residual_moments import residual_moments
+
+# Share of the columns' unit length that keeps the normal equations of fewer rows regular.
+_RIDGE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -28,78 +34,56 @@ class HeldOut:
     by_block: FloatArray
 
 
-def blocks(frame: RateFrame, count: int) -> tuple[tuple[Piece, ...], ...]:
-    """`count` blocks of rows a flight, of equal length; each block as its row ranges."""
-    found: list[tuple[Piece, ...]] = []
+def block_of_row(frame: RateFrame, count: int) -> IntArray:
+    """Block of each row of the frame (rows,): `count` of equal length a flight."""
+    out = np.zeros(frame.observed.size, dtype=np.int64)
     flights = frame.flight_of_row
-    for flight in np.unique(flights):
+    for number, flight in enumerate(np.unique(flights)):
         rows = np.flatnonzero(flights == flight)
-        edges = np.linspace(rows[0], rows[-1] + 1, count + 1).astype(int)
-        found.extend(_cut(frame.pieces, int(a), int(b)) for a, b in itertools.pairwise(edges))
-    return tuple(block for block in found if block)
+        out[rows] = number * count + np.arange(rows.size) * count // rows.size
+    return out
 
 
-def _cut(pieces: tuple[Piece, ...], a: int, b: int) -> tuple[Piece, ...]:
-    return tuple((max(s, a), min(e, b)) for s, e in pieces if s < b and e > a)
+def block_of_whitened_row(problem: Problem, count: int) -> IntArray:
+    """Block of each whitened row (rows,); the rows of priors belong to no block: -1."""
+    rows = problem.rows
+    blocks = block_of_row(problem.frame, count)[rows.part.rows]
+    starts = np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
+    sample = rows.stretch_of_row()
+    return np.where(sample >= 0, blocks[starts][sample], -1)
 
 
-def _without(pieces: tuple[Piece, ...], block: tuple[Piece, ...], shortest: int = 8) -> tuple[Piece, ...]:
-    kept = list(pieces)
-    for a, b in block:
-        kept = [
-            part
-            for s, e in kept
-            for part in ((s, min(e, a)), (max(s, b), e))
-            if part[1] - part[0] >= shortest
-        ]
-    return tuple(kept)
-
-
-def measured_moments(frame: RateFrame) -> tuple[ComplexArray, BoolArray]:
-    """C_m + i C_n of the reconstruction (rows,), and where it is usable."""
-    body = np.empty(frame.observed.size, dtype=complex)
-    usable = np.empty(frame.observed.size, dtype=bool)
-    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
-        moments = frame.reconstructions[segment.flight].moments
-        body[a:b], usable[a:b] = moments.body[segment.rows], moments.usable[segment.rows]
-    return body, usable
-
-
-def held_out(task: Task, fit: HypothesisFit, count: int) -> HeldOut:
-    """Regress the hypothesis's columns without each block in turn, and predict the moments in it."""
-    rates = fit.frame.columns(fit.columns)
-
-    def without(block: tuple[Piece, ...]) -> FloatArray:
-        return coefficients(task, fit.frame, rates, _without(fit.frame.pieces, block))
-
-    return predicted(task, fit.frame, fit.columns, count, without)
-
-
-def predicted(
-    task: Task,
-    frame: RateFrame,
-    columns: Sequence[Column],
-    count: int,
-    without: Callable[[tuple[Piece, ...]], FloatArray],
-) -> HeldOut:
-    """Errors of the moments and of the whitened rates in each block, with the coefficients had `without` it."""
-    rates, moments = frame.columns(columns), frame.moments(columns)
-    measured, usable = measured_moments(frame)
+def held_out(problem: Problem, frame: RateFrame, columns: Sequence[Column], count: int) -> HeldOut:
+    """Fit the columns without each block in turn, and predict the moments and the rates in it."""
+    blocks = block_of_row(problem.frame, count)
+    first_other = len(columns) + 2 * len(problem.rows.part.levels)
     square, size = 0.0, 0
     by_block = []
-    for block in blocks(frame, count):
-        values = without(block)
-        rows = np.concatenate([np.arange(a, b) for a, b in block])
-        rows = rows[usable[rows]]
-        square += float(np.sum(np.abs(measured[rows] - moments[rows] @ values) ** 2)) / 2.0
-        size += rows.size
-        left = whiten((frame.observed - rates @ values)[:, None], block, task.noise)
-        by_block.append(float(np.mean(left**2)))
+    for block, values, error in left_out(problem, frame, columns, count):
+        by_block.append(error)
+        left = problem.left(frame, columns, values[: len(columns)], values[first_other:])
+        moments = residual_moments(frame, problem.records, left.rates)
+        inside = (blocks == block) & moments.usable
+        square += float(np.sum(np.abs(moments.body[inside]) ** 2)) / 2.0
+        size += int(np.count_nonzero(inside))
     return HeldOut(square / max(size, 1), np.array(by_block))
 
 
-def coefficients(task: Task, frame: RateFrame, rates: ComplexArray, pieces: tuple[Piece, ...]) -> FloatArray:
-    """Coefficients (columns,) from some pieces of the record alone."""
-    rows = task.rows_without(pieces)
-    design, response = rows.of(rates), rows.of(frame.observed[:, None])[:, 0]
-    return solve_scaled(design, response, 1e-10)
+def left_out(
+    problem: Problem, frame: RateFrame, columns: Sequence[Column], count: int
+) -> Iterator[tuple[int, FloatArray, float]]:
+    """Each block with coefficients and unknowns fitted without it, and the mean square of its whitened rates."""
+    design = problem.whole_design(frame, columns)
+    scale = lengths(design)
+    design, response = design / scale, problem.raw_response
+    normal, right = design.T @ design + _RIDGE * np.eye(scale.size), design.T @ response
+    of_row = block_of_whitened_row(problem, count)
+    is_rate = np.arange(of_row.size) < problem.rows.rates
+    for block in range(int(of_row.max()) + 1):
+        out = of_row == block
+        if not out.any():
+            continue
+        own = design[out]
+        values = solve(normal - own.T @ own, right - own.T @ response[out], assume_a="sym")
+        error = response[out & is_rate] - design[out & is_rate] @ values
+        yield block, values / scale, float(np.mean(error**2))

@@ -1,91 +1,124 @@
-"""The noise model that all hypotheses are judged by, and the degree of the baseline's drift."""
+"""The noise that every hypothesis is judged by: what the record itself says of it, never the candidates.
+
+A free moment, smooth in time, takes up whatever moved the vehicle slowly; what is left is the instruments' noise with
+its colour.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.interpolate import BSpline
 
-from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column, candidates, theta_grid
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.frame import RateFrame, remove_levels, whiten
-from brv_hypo.regression.linear import lengths, solve_scaled
-from brv_hypo.regression.whitening import NoiseModel, difference, effective_samples, fit_noise
+from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.channels import Noise
+from brv_hypo.regression.frame import RateFrame, remove_levels
+from brv_hypo.regression.linear import solve_scaled
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.response import LinearisedFlight
+from brv_hypo.regression.whitening import fit_noise, white
+
+# Largest order of the autoregression of the noise, and how often noise and fit are repeated.
+_NOISE_ORDER = 12
+_ROUNDS = 2
+# Splines in time of each shape of the free moment, and rows that each of its columns needs.
+_SPLINES = 10
+_ROWS_PER_COLUMN = 12
+# Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
+_PER_CYCLE = 12
 
 
-def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
-    """The columns of the static moment and of pitch damping that the frame knows."""
-    always = TimeFunction("constant")
-    return tuple(
-        Column(name, term.name, (), always, term.units)
-        for name in (StaticMoment.name, PitchDamping.name)
-        for term in frame.mechanisms[name].terms(frame.motions[0], {})
+class FreeMoment(Mechanism):
+    """In-plane and out-of-plane moments, with alpha and without, body-fixed ones and damping, splines in time."""
+
+    name = "free_moment"
+    title = "a moment that is free but smooth"
+    claims = "nothing: it stands for whatever moved the vehicle, so that the noise is what is left"
+    source = "nonparametric regression"
+    time_variation = ("constant",)
+
+    start: float
+    stop: float
+    splines: int
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """Each shape times each spline."""
+        nothing, one = np.zeros_like(motion.alpha), np.ones_like(motion.alpha)
+        body = np.exp(1j * motion.windward_meridian)
+        rate = plane_from_body(
+            np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex), motion.windward_meridian
+        )
+        shapes = (
+            (one, nothing),
+            (motion.alpha, nothing),
+            (nothing, motion.alpha),
+            (body.real, body.imag),
+            (-body.imag, body.real),
+            (rate.real, rate.imag),
+        )
+        courses = self._courses(motion.time)
+        return tuple(
+            Term(f"{number} {k}", inside * course, outside * course)
+            for number, (inside, outside) in enumerate(shapes)
+            for k, course in enumerate(courses.T)
+        )
+
+    def _courses(self, time: FloatArray) -> FloatArray:
+        """Cubic B-splines (n, splines) over the span."""
+        inner = np.linspace(self.start, self.stop, self.splines - 2)
+        knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
+        return np.asarray(BSpline.design_matrix(np.clip(time, self.start, self.stop), knots, 3).toarray())
+
+
+_SHAPES = 6
+
+
+def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
+    """White noise of the level that the records themselves show, and how many rows may be averaged."""
+    return Noise(
+        white(float(np.median([each.record.gyro_sigma for each in flights]))),
+        white(float(np.median([np.median(each.record.force_sigma) for each in flights]))),
+        min(_thinning(each) for each in flights),
     )
 
 
-def maximal_noise(
-    frame: RateFrame, baseline: Sequence[Column], mechanisms: Sequence[Mechanism]
-) -> NoiseModel:
-    """Noise of what a deliberately rich model leaves: the baseline and all mechanisms, coarse knots."""
-    frame = frame.with_mechanisms(mechanisms)
-    time = frame.time
-    coarse = np.linspace(time.min(), time.max(), 7)[1:-1]
-    rich = list(baseline)
-    for mechanism in mechanisms:
-        middle = theta_grid(mechanism)[len(theta_grid(mechanism)) // 2]
-        rich.extend(candidates(mechanism, frame.motions[0], coarse, (middle,)))
-    rows = frame.columns(rich)
-    noise = difference()
-    for _ in range(3):
-        noise = fit_noise(residual_rates(frame, rows, noise))
+def settled_noise(problem: Problem) -> Noise:
+    """The noise with its colour, from what a free, smooth moment leaves."""
+    time = problem.frame.time
+    rows = problem.frame.observed.size * 2
+    count = int(np.clip(rows / (_ROWS_PER_COLUMN * _SHAPES), 4, _SPLINES))
+    free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count)
+    frame = problem.frame.with_mechanisms([free])
+    always = TimeFunction("constant")
+    names = [term.name for term in free.terms(frame.motions[0], {})]
+    columns = (*problem.baseline, *(Column(free.name, name, (), always, "1") for name in names))
+    noise = problem.rows.noise
+    for _ in range(_ROUNDS):
+        noise = _of_residual(problem.under(noise), frame, columns)
     return noise
 
 
-def residual_rates(frame: RateFrame, rows: ComplexArray, noise: NoiseModel) -> list[ComplexArray]:
-    """Derolled rates that the columns do not explain, one (m,) array a piece, rad/s."""
-    design = whiten(rows, frame.pieces, noise)
-    response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
-    values = solve_scaled(design, response, 1e-10)
-    return remove_levels(frame.observed - rows @ values, frame.pieces, noise)
-
-
-def efficiency_of(residual: FloatArray, frame: RateFrame) -> float:
-    """Effective over actual number of samples of a whitened residual (rows,), rows of priors left out."""
-    half = frame.observed.size
-    parts = [
-        channel[a:b] for channel in (residual[:half], residual[half : 2 * half]) for a, b in frame.pieces
-    ]
-    return effective_samples(parts) / (2 * half)
-
-
-def drift_degrees(
-    frame: RateFrame, noise: NoiseModel, offset: int | None, slope: int | None, top: int = 4
-) -> tuple[int, int]:
-    """Legendre degrees of the drift of C_N0 and C_Nalpha with the least BIC, where they are not given."""
-    static = frame.mechanisms[StaticMoment.name]
-    assert isinstance(static, StaticMoment)
-    response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
-    rich = static.model_copy(
-        update={"offset_degree": max(2, offset or 0), "slope_degree": max(top, slope or 0)}
+def _of_residual(problem: Problem, frame: RateFrame, columns: Sequence[Column]) -> Noise:
+    part = problem.rows.part
+    values = solve_scaled(problem.whole_design(frame, columns), problem.raw_response, 1e-9)
+    count, constants = len(columns), 2 * len(part.levels)
+    left = problem.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
+    force = [left.force[a:b][part.seen[a:b]] for a, b in part.pieces]
+    return Noise(
+        fit_noise(remove_levels(left.rates, part.pieces, problem.rows.noise.rates), _NOISE_ORDER),
+        fit_noise([piece for piece in force if piece.size], _NOISE_ORDER),
+        problem.rows.noise.thinning,
     )
-    wide = frame.with_mechanisms([rich])
-    columns = baseline_columns(wide)
-    design = whiten(wide.columns(columns), wide.pieces, noise)
-    design /= lengths(design)
-    scores = {}
-    for i in range(3) if offset is None else (offset,):
-        for j in range(top + 1) if slope is None else (slope,):
-            wanted = {
-                t.name
-                for t in static.model_copy(update={"offset_degree": i, "slope_degree": j}).terms(
-                    frame.motions[0], {}
-                )
-            }
-            kept = [n for n, c in enumerate(columns) if c.mechanism != StaticMoment.name or c.term in wanted]
-            values = np.linalg.lstsq(design[:, kept], response, rcond=1e-12)[0]
-            rss = float(np.sum((response - design[:, kept] @ values) ** 2))
-            scores[i, j] = response.size * np.log(rss) + len(kept) * np.log(response.size)
-    return min(scores, key=lambda pair: scores[pair])
+
+
+def _thinning(flight: LinearisedFlight) -> int:
+    """Samples that may be averaged where a cycle of the fastest motion keeps `_PER_CYCLE` rows."""
+    motion = flight.reconstruction.motion
+    fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
+    return max(1, int(2.0 * np.pi / (fastest * flight.record.flight.step * _PER_CYCLE)))

@@ -1,77 +1,194 @@
-"""What all hypotheses of a comparison share, and the least-squares rows that they are fitted on."""
+"""The one least-squares problem: rows for the rates, for the specific force and for priors.
+
+What is fitted along in every hypothesis is projected out of response and columns alike. Columns of moments show in
+the rates; columns that are given as histories show in both channels.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.crossflow_errors import crossflow_errors
-from brv_hypo.regression.frame import Piece, RateFrame, whiten
-from brv_hypo.regression.whitening import NoiseModel
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.channels import Noise, Part, Rows, side_by_side
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import lengths, solve_scaled
+from brv_hypo.regression.nuisance import Nuisances
+from brv_hypo.regression.whitening import effective_samples
+
+GIVEN = "given"
 
 
-@dataclass(frozen=True)
-class Task:
-    """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples."""
+class GivenColumns(Mechanism):
+    """Stands for the columns that are given as histories: no moment belongs to it."""
 
-    frame: RateFrame
-    baseline: tuple[Column, ...]
-    knots: FloatArray
-    noise: NoiseModel
-    efficiency: float
-    max_terms: int
-    exact_terms: int
-    refine: bool
+    name = GIVEN
+    title = "columns given as histories"
+    claims = "nothing of its own"
+    source = "the regression"
 
-    @cached_property
-    def response(self) -> FloatArray:
-        """Whitened derolled rates, what the reconstruction cannot know projected out (rows,)."""
-        return self._rows.of(self.frame.observed[:, None])[:, 0]
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """None."""
+        return ()
 
-    @cached_property
-    def samples(self) -> int:
-        """Real residuals less the constants of integration that were projected out."""
-        return 2 * (self.frame.observed.size - len(self.frame.pieces))
 
-    def design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
-        """Whitened columns (rows, columns), projected like the response."""
-        return self._rows.of(frame.columns(columns))
-
-    def rows_without(self, pieces: tuple[Piece, ...]) -> WhitenedRows:
-        """The rows of some pieces of the record alone."""
-        return WhitenedRows.build(pieces, self.noise, self._errors)
-
-    @cached_property
-    def _errors(self) -> ComplexArray:
-        return crossflow_errors(self.frame)
-
-    @cached_property
-    def _rows(self) -> WhitenedRows:
-        return WhitenedRows.build(self.frame.pieces, self.noise, self._errors)
+def given_column(name: str, units: str = "1") -> Column:
+    """The column of a history that is given."""
+    return Column(GIVEN, name, (), TimeFunction("constant"), units)
 
 
 @dataclass(frozen=True)
 class WhitenedRows:
-    """Pieces of the record, whitened; a Gaussian prior on the reconstruction's errors adds a row for each."""
+    """A part of the record at unit noise; constants of integration and nuisances are what is projected out."""
 
-    pieces: tuple[Piece, ...]
-    noise: NoiseModel
-    basis: FloatArray
+    part: Part
+    noise: Noise
+    nuisances: Nuisances
 
-    @classmethod
-    def build(cls, pieces: tuple[Piece, ...], noise: NoiseModel, errors: ComplexArray) -> WhitenedRows:
-        """`errors` (record rows, m): rate histories of errors with prior N(0, 1)."""
-        prior = noise.sigma * np.eye(errors.shape[1])
-        basis, _ = np.linalg.qr(np.vstack([whiten(errors, pieces, noise), prior]))
-        return cls(pieces, noise, basis)
+    @cached_property
+    def rates(self) -> int:
+        """Rows of the rates; as many of the force follow, then one for each prior."""
+        return 2 * self.part.thinned_rows(self.noise)
 
-    def of(self, rates: ComplexArray) -> FloatArray:
-        """Rate histories (record rows, columns) as least-squares rows, the errors projected out."""
-        white = whiten(rates, self.pieces, self.noise)
-        rows = np.vstack([white, np.zeros((self.basis.shape[1], white.shape[1]))])
-        return np.asarray(rows - self.basis @ (self.basis.T @ rows), dtype=float)
+    @cached_property
+    def size(self) -> int:
+        """All rows."""
+        return 2 * self.rates + self.nuisances.bounded.size
+
+    def of_moments(self, rates: ComplexArray) -> FloatArray:
+        """Rate histories of moments (frame rows, columns) as rows."""
+        out = np.zeros((self.size, rates.shape[1]))
+        out[: self.rates] = self.part.white_rates(rates[self.part.rows], self.noise)
+        return out
+
+    def of_histories(self, histories: Rows) -> FloatArray:
+        """Histories in both channels (frame rows, columns) as rows."""
+        out = np.zeros((self.size, histories.rates.shape[1]))
+        out[: 2 * self.rates] = self.part.whitened(histories.at(self.part.rows), self.noise)
+        return out
+
+    @cached_property
+    def nuisance_design(self) -> FloatArray:
+        """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
+        constants = np.zeros((self.size, 2 * len(self.part.levels)))
+        constants[: self.rates] = self.part.white_rates(self.part.constants(), self.noise)
+        histories = self.of_histories(self.nuisances.rows)
+        bounded = self.nuisances.bounded
+        histories[2 * self.rates + np.arange(bounded.size), bounded] = 1.0
+        return np.column_stack([constants, histories])
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        design = self.nuisance_design
+        return np.asarray(np.linalg.qr(design / lengths(design))[0], dtype=float)
+
+    def projected(self, rows: FloatArray) -> FloatArray:
+        """Rows (rows, columns) with constants and nuisances projected out."""
+        return np.asarray(rows - self._basis @ (self._basis.T @ rows), dtype=float)
+
+    def stretch_of_row(self) -> IntArray:
+        """Thinned sample that each row belongs to; -1 for the rows of priors (rows,)."""
+        samples = np.arange(self.rates // 2)
+        return np.concatenate([np.tile(samples, 4), np.full(self.nuisances.bounded.size, -1)])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples.
+
+    `records` are those of the flights; `force` (frame rows,) m/s^2 is the transverse specific force at the c.g.;
+    `given` histories that may be asked for
+    as columns, by name.
+    """
+
+    frame: RateFrame
+    records: tuple[InertialRecord, ...]
+    force: ComplexArray
+    rows: WhitenedRows
+    baseline: tuple[Column, ...]
+    knots: FloatArray
+    max_terms: int
+    exact_terms: int
+    refine: bool = True
+    efficiency: float = 1.0
+    given: Mapping[str, Rows] = field(default_factory=dict)
+
+    @cached_property
+    def response(self) -> FloatArray:
+        """Rates, force and priors, whitened, the nuisances projected out (rows,)."""
+        return self.rows.projected(self.raw_response[:, np.newaxis])[:, 0]
+
+    @cached_property
+    def raw_response(self) -> FloatArray:
+        """Rates, force and present values of what has a prior, whitened (rows,)."""
+        observed = Rows(self.frame.observed[:, np.newaxis], self.force[:, np.newaxis])
+        out = self.rows.of_histories(observed)[:, 0]
+        out[2 * self.rows.rates :] = self.rows.nuisances.present
+        return out
+
+    @cached_property
+    def samples(self) -> int:
+        """Real residuals less the constants of integration and the nuisances without a prior."""
+        free = len(self.rows.nuisances.items) - self.rows.nuisances.bounded.size
+        return 2 * self.rows.rates - 2 * len(self.rows.part.levels) - free
+
+    def design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """Whitened columns (rows, columns), projected like the response."""
+        return self.rows.projected(self.raw_design(frame, columns))
+
+    def raw_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """Whitened columns (rows, columns) as they are."""
+        given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
+        if not given:
+            return self.rows.of_moments(frame.columns(columns))
+        others = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
+        out = np.zeros((self.rows.size, len(columns)))
+        if others:
+            out[:, others] = self.rows.of_moments(frame.columns([columns[j] for j in others]))
+        out[:, given] = self.rows.of_histories(side_by_side([self.given[columns[j].term] for j in given]))
+        return out
+
+    def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """The columns as they are, and constants and nuisances after them (rows, columns + unknowns)."""
+        return np.column_stack([self.raw_design(frame, columns), self.rows.nuisance_design])
+
+    def on(self, part: Part) -> Problem:
+        """The same columns and noise on another part of the record."""
+        return replace(self, rows=replace(self.rows, part=part))
+
+    def under(self, noise: Noise) -> Problem:
+        """The same under another noise."""
+        return replace(self, rows=replace(self.rows, noise=noise))
+
+    def solution(self, frame: RateFrame, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
+        """Coefficients (columns,) and nuisances (unknowns,), fitted together."""
+        values = solve_scaled(self.whole_design(frame, columns), self.raw_response)
+        return values[: len(columns)], values[len(columns) + 2 * len(self.rows.part.levels) :]
+
+    def left(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray) -> Rows:
+        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,)."""
+        moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
+        given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
+        histories = self.rows.nuisances.rows
+        rates = self.frame.observed - frame.columns([columns[j] for j in moments]) @ values[moments]
+        rates = rates - histories.rates @ others
+        force = self.force - histories.force @ others
+        if given:
+            more = side_by_side([self.given[columns[j].term] for j in given])
+            rates, force = rates - more.rates @ values[given], force - more.force @ values[given]
+        return Rows(rates, force)
+
+    def efficiency_of(self, residual: FloatArray) -> float:
+        """Effective over actual number of samples of a whitened residual (rows,), rows of priors left out."""
+        n = self.rows.rates // 2
+        channels = residual[: 4 * n].reshape(4, n)
+        pieces = self.rows.part.thinned_pieces(self.rows.noise)
+        return effective_samples([channel[a:b] for channel in channels for a, b in pieces]) / (4 * n)

@@ -9,25 +9,34 @@ motion's errors pose as an effect.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.observations import effective
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.wind import WindStart, body_crossflow, transverse_axes, wind_direction
+from brv_hypo.motion.wind import (
+    FREE_GRAVITY,
+    WindStart,
+    body_crossflow,
+    gravity_magnitude,
+    transverse_axes,
+    wind_direction,
+)
 from brv_hypo.regression.channels import Rows
 
 _TURN = 1e-4  # rad
@@ -41,24 +50,24 @@ _LEFT_OUT = 0.8
 class ForceModel:
     """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
 
-    The reconstruction's slope, with a parabola in time for what it errs by, and a misalignment with the axis.
+    The reconstruction's slope, with a parabola in time for what it errs by.
     """
 
     slope: FloatArray
 
     def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
-        """Columns (n, 5) at the crossflow xi (n,)."""
+        """Columns (n, 3) at the crossflow xi (n,)."""
         time = np.linspace(-1.0, 1.0, xi.size)
         normal = -record.force_scale * self.slope * effective(xi)
-        axial = record.force[:, 0]
-        return np.stack([normal, normal * time, normal * time**2, axial + 0j, 1j * axial], axis=1)
+        return np.stack([normal, normal * time, normal * time**2], axis=1)
 
 
 @dataclass(frozen=True)
-class Situation:
+class LinearisedFlight:
     """A reconstructed flight with the model that explains it, ready to be perturbed.
 
-    `columns` and `values` are the moment model; `force` and `force_values` (5,) the normal force's.
+    `columns` and `values` are the moment model; `force` and `force_values` (3,) the normal force's; `force_seen` (n,)
+    where the transverse force was measured and is no spike.
     """
 
     record: InertialRecord
@@ -69,6 +78,7 @@ class Situation:
     values: FloatArray
     force: ForceModel
     force_values: FloatArray
+    force_seen: BoolArray
 
     @cached_property
     def crossflow(self) -> ComplexArray:
@@ -82,45 +92,74 @@ class Situation:
         return self._residual(self.record, self.crossflow)
 
     def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
-        """Derivative of the residual (n,) by one component of a record effect; central differences of
-        +-`size`.
+        """Derivative of the residual (n,) by one component of a record effect, on the fitted, noise-free motion."""
+        flight = effect.perturb(self._noise_free.flight, component, size)
+        high = self._propagated(perturbed(self._noise_free, flight), self.start)
+        return (high - self._at_noise_free).times(1.0 / size)
+
+    @cached_property
+    def _noise_free(self) -> InertialRecord:
+        """The record as it would read without noise: smoothed rates, the fitted force.
+
+        A column made of a measured channel would hold the same noise as the response, and find itself.
         """
+        record, flight = self.record, self.record.flight
+        modelled = self.force.columns(record, self.crossflow) @ self.force_values
+        noise = record.transverse_force - modelled
+        rate = record.transverse_rate
+        quiet = replace(
+            flight,
+            p=self._smooth(flight.p),
+            q=rate.real,
+            r=rate.imag,
+            ax=self._smooth(flight.ax),
+            ay=flight.ay - noise.real,
+            az=flight.az - noise.imag,
+            dynamic_pressure=self._smooth(flight.dynamic_pressure),
+            velocity=self._smooth(flight.velocity),
+        )
+        return replace(perturbed(record, quiet), transverse_rate=rate)
+
+    def _smooth(self, channel: FloatArray) -> FloatArray:
         flight = self.record.flight
-        ends = [
-            self._propagated(
-                perturbed(self.record, effect.perturb(flight, component, sign * size)), self.start
-            )
-            for sign in (1.0, -1.0)
-        ]
-        return _difference(ends[0], ends[1], 2.0 * size)
+        sigma = max(white_noise_level(channel, flight.segments), 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
+        return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
-    def unknowns_of_motion(self) -> tuple[list[Rows], FloatArray]:
-        """Derivatives by what the reconstruction estimates, and its present values in units of their prior.
+    @cached_property
+    def _at_noise_free(self) -> Rows:
+        return self._propagated(self._noise_free, self.start)
 
-        Direction of the velocity at the start (two, no prior), gravity (three, no prior), and twice `modes`
-        sines of the random walk that the gyros' white noise makes of the attitude (Karhunen-Loeve; prior
-        1).
+    def unknowns_of_motion(self) -> tuple[list[str], list[Rows], FloatArray]:
+        """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
+
+        Direction of the velocity at the start (two, no prior: NaN), gravity (three, prior its size), and twice `modes`
+        sines of the random walk that the gyros' white noise makes of the attitude (Karhunen-Loeve; prior 1).
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
-        starts = [
-            replace(self.start, direction=self.start.direction + _TURN * axis[0]) for axis in (second, third)
-        ]
-        starts += [replace(self.start, gravity=self.start.gravity + _PULL * axis) for axis in np.eye(3)]
-        steps = [_TURN, _TURN, _PULL, _PULL, _PULL]
-        rows = [
-            _difference(self._propagated(self.record, start), self.here, step)
-            for start, step in zip(starts, steps, strict=True)
-        ]
+        size = gravity_magnitude(self.record.flight) or FREE_GRAVITY
+        names, rows, present = [], [], []
+        for name, axis in (("y", second), ("z", third)):
+            moved = replace(self.start, direction=self.start.direction + _TURN * axis[0])
+            names.append(f"start {name}")
+            rows.append((self._propagated(self.record, moved) - self.here).times(1.0 / _TURN))
+            present.append(np.nan)
+        for name, axis, value in zip("xyz", np.eye(3), self.start.gravity, strict=True):
+            moved = replace(self.start, gravity=self.start.gravity + _PULL * axis)
+            names.append(f"gravity {name}")
+            rows.append((self._propagated(self.record, moved) - self.here).times(size / _PULL))
+            present.append(value / size)
         direction = wind_direction(self.record, self.start)
         turn = wind_to_body(self.record, direction)
         walk = _walk(self.record, walk_modes(self.record, self.reconstruction))
-        for mode in walk.T:
-            for part in (1.0, 1j):
-                moved = self.crossflow + part * turn * mode
-                rows.append(_difference(self._residual(self.record, moved), self.here, 1.0))
         offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
-        present = np.linalg.lstsq(walk, offset, rcond=None)[0]
-        return rows, np.column_stack([present.real, present.imag]).ravel()
+        weights = np.linalg.lstsq(walk, offset, rcond=None)[0]
+        for number, (mode, weight) in enumerate(zip(walk.T, weights, strict=True)):
+            for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag)):
+                moved_flow = self.crossflow + part * turn * mode
+                names.append(f"walk {label} {number}")
+                rows.append(self._residual(self.record, moved_flow) - self.here)
+                present.append(float(value))
+        return names, rows, np.array(present)
 
     def _propagated(self, record: InertialRecord, start: WindStart) -> Rows:
         """The residual had the record read so and the motion started there."""
@@ -295,10 +334,3 @@ def _walk(record: InertialRecord, count: int) -> FloatArray:
     )
 
 
-def _difference(high: Rows, low: Rows, by: float) -> Rows:
-    return Rows((high.rates - low.rates) / by, (high.force - low.force) / by)
-
-
-def side_by_side(rows: Sequence[Rows]) -> Rows:
-    """Histories as columns."""
-    return Rows(np.stack([r.rates for r in rows], axis=1), np.stack([r.force for r in rows], axis=1))

@@ -13,7 +13,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta, candidates, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.problem import Task
+from brv_hypo.regression.problem import Problem
 from brv_hypo.subset import best_subsets
 
 
@@ -34,7 +34,7 @@ class Offers:
         return len({column for offer in self.joint or self.single for column in offer})
 
 
-def offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
+def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
     """The columns on offer for a hypothesis."""
 
     def product(grids: list[list[tuple[Theta, ...]]]) -> tuple[tuple[Column, ...], ...]:
@@ -42,7 +42,7 @@ def offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Off
             tuple(
                 column
                 for mechanism, thetas in zip(mechanisms, choice, strict=True)
-                for column in _columns_of(task, frame, mechanism, thetas)
+                for column in _columns_of(problem, frame, mechanism, thetas)
             )
             for choice in itertools.product(*grids)
         )
@@ -62,20 +62,20 @@ def offers(task: Task, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Off
 
 
 def _columns_of(
-    task: Task, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
+    problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
 ) -> tuple[Column, ...]:
     own = mechanism.knots(frame.motions[0])
-    return candidates(mechanism, frame.motions[0], task.knots if own is None else own, thetas)
+    return candidates(mechanism, frame.motions[0], problem.knots if own is None else own, thetas)
 
 
 def best_by_size(
-    task: Task, frame: RateFrame, offered: Sequence[tuple[Column, ...]], n_best: int = 2
+    problem: Problem, frame: RateFrame, offered: Sequence[tuple[Column, ...]], n_best: int = 2
 ) -> dict[int, list[tuple[Column, ...]]]:
     """The `n_best` subsets of least RSS for each number of columns above 0, over all offers."""
     found: dict[int, list[tuple[float, tuple[Column, ...]]]] = {}
-    forced = task.design(frame, task.baseline)
+    forced = problem.design(frame, problem.baseline)
     for columns in offered:
-        for rss, chosen in _subsets(task, frame, forced, columns, task.exact_terms, n_best):
+        for rss, chosen in _subsets(problem, frame, forced, columns, problem.exact_terms, n_best):
             found.setdefault(len(chosen), []).append((rss, chosen))
     return {
         size: [chosen for _, chosen in sorted(ranked, key=lambda pair: pair[0])[:n_best]]
@@ -85,47 +85,47 @@ def best_by_size(
 
 
 def extended(
-    task: Task,
+    problem: Problem,
     frame: RateFrame,
     columns: tuple[Column, ...],
     mechanisms: Sequence[Mechanism],
     offered: Sequence[tuple[Column, ...]],
 ) -> tuple[Column, ...] | None:
     """A model's selected columns with the best further term of its own offer; None where it is full."""
-    selected = columns[len(task.baseline) :]
+    selected = columns[len(problem.baseline) :]
     size = max(2 if column.tied else 1 for column in selected)
-    if len(selected) + size > task.max_terms:
+    if len(selected) + size > problem.max_terms:
         return None
-    forced = task.design(frame, columns)
+    forced = problem.design(frame, columns)
     found = [
         (rss, chosen)
         for offer in _compatible(selected, mechanisms, offered)
-        for rss, chosen in _subsets(task, frame, forced, offer, size)
+        for rss, chosen in _subsets(problem, frame, forced, offer, size)
         if chosen
     ]
     return (*selected, *min(found, key=lambda pair: pair[0])[1]) if found else None
 
 
-def narrowed(task: Task, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
+def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
     """The two best subsets of each size among all courses at a model's own knots and thetas.
 
     It finds the plainer model where refinement has moved several terms to one place.
     """
-    selected = columns[len(task.baseline) :]
-    forced = task.design(frame, task.baseline)
+    selected = columns[len(problem.baseline) :]
+    forced = problem.design(frame, problem.baseline)
     own: dict[Column, None] = {}
     for column in selected:
         mechanism = frame.mechanisms[column.mechanism]
         mine = [c for c in selected if c.mechanism == column.mechanism]
-        knots = _merged([c.course.start for c in mine if c.course.kind != "constant"], _spacing(task) / 4.0)
+        knots = _merged([c.course.start for c in mine if c.course.kind != "constant"], _spacing(problem) / 4.0)
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
     smaller = max(len(selected), 1)
-    return [chosen for _, chosen in _subsets(task, frame, forced, tuple(own), smaller, n_best=2) if chosen]
+    return [chosen for _, chosen in _subsets(problem, frame, forced, tuple(own), smaller, n_best=2) if chosen]
 
 
-def _spacing(task: Task) -> float:
-    return float(np.min(np.diff(task.knots))) if task.knots.size > 1 else 0.0
+def _spacing(problem: Problem) -> float:
+    return float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
 
 
 def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
@@ -158,7 +158,7 @@ def _compatible(
 
 
 def _subsets(
-    task: Task,
+    problem: Problem,
     frame: RateFrame,
     forced: FloatArray,
     offered: tuple[Column, ...],
@@ -172,7 +172,7 @@ def _subsets(
         if column.tied:
             vectors.setdefault(column.vector, []).append(size + j)
     # The triangular factor has the same residual sums of squares as the rows, and is small.
-    rows = np.column_stack([forced, task.design(frame, offered), task.response])
+    rows = np.column_stack([forced, problem.design(frame, offered), problem.response])
     triangle: FloatArray = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
     result = best_subsets(
         triangle[:, :-1],

@@ -17,8 +17,8 @@ from brv_hypo.model.columns import Column, candidates, theta_grid
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
+from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
-from brv_hypo.residuals.problem import TraceTask, given_column
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 
@@ -58,43 +58,43 @@ class Candidate:
         return not telling or any(column.term in telling for column in self.fit.selected)
 
 
-def try_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
+def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
     """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds
     none.
     """
-    fits = _on_grid(task, mechanism)
-    return candidate_of(task, null, _least(fits), mechanism.name, "mechanism") if fits else None
+    fits = _on_grid(problem, mechanism)
+    return candidate_of(problem, null, _least(fits), mechanism.name, "mechanism") if fits else None
 
 
-def refine_mechanism(task: TraceTask, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
+def refine_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
     """The same with knots and delays refined: the best fit of each number of columns.
 
     Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow
     chance.
     """
-    refined = [_refined(task, _least(fits), mechanism) for fits in _by_size(_on_grid(task, mechanism))]
-    errors = [_left_out(task, fit) for fit in refined]
+    refined = [_refined(problem, _least(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
+    errors = [_left_out(problem, fit) for fit in refined]
     sound = [fit for fit, error in zip(refined, errors, strict=True) if error <= _SOUND * min(errors)]
-    return candidate_of(task, null, _least(sound), mechanism.name, "mechanism")
+    return candidate_of(problem, null, _least(sound), mechanism.name, "mechanism")
 
 
-def refine_again(task: TraceTask, null: HypothesisFit, candidate: Candidate) -> Candidate:
+def refine_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
     """The candidate with knots and delays refined once more, or as the exact search finds it, if that is
     better.
     """
     mechanism = candidate.fit.mechanisms[0]
-    searched = fit_hypothesis(task, candidate.name, (mechanism,))
-    rivals = [candidate.fit, _refined(task, candidate.fit, mechanism), searched]
-    errors = [_left_out(task, fit) for fit in rivals]
+    searched = fit_hypothesis(problem, candidate.name, (mechanism,))
+    rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism), searched]
+    errors = [_left_out(problem, fit) for fit in rivals]
     sound = [fit for fit, error in zip(rivals, errors, strict=True) if error <= _SOUND * min(errors)]
-    return candidate_of(task, null, _least(sound), candidate.name, candidate.kind)
+    return candidate_of(problem, null, _least(sound), candidate.name, candidate.kind)
 
 
-def _on_grid(task: TraceTask, mechanism: Mechanism) -> list[HypothesisFit]:
-    frame = task.frame.with_mechanisms([mechanism])
-    offered = _offers(task, frame, mechanism)
+def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
+    frame = problem.frame.with_mechanisms([mechanism])
+    offered = _offers(problem, frame, mechanism)
     searched = len({column for offer in offered for column in offer})
-    return [fit for offer in offered for fit in forward(task, mechanism, frame, groups_of(offer), searched)]
+    return [fit for offer in offered for fit in forward(problem, mechanism, frame, groups_of(offer), searched)]
 
 
 def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:
@@ -103,20 +103,20 @@ def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:
     return [[fit for fit in fits if len(fit.selected) == size] for size in sizes]
 
 
-def _refined(task: TraceTask, fit: HypothesisFit, mechanism: Mechanism) -> HypothesisFit:
+def _refined(problem: Problem, fit: HypothesisFit, mechanism: Mechanism) -> HypothesisFit:
     """Delays and knots moved to their best values, C_mw of Eq. 5.1 brought up to date where it is delayed."""
     frame = fit.frame
     if mechanism.parameters():
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
-    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, task.knots)
+    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, problem.knots)
     fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
     found = refine(
         fit.columns,
         nonlinear,
         fresh,
-        lambda columns: task.design(frame, columns),
-        task.response,
-        task.samples,
+        lambda columns: problem.design(frame, columns),
+        problem.response,
+        problem.samples,
     )
     return replace(
         fit,
@@ -129,7 +129,7 @@ def _refined(task: TraceTask, fit: HypothesisFit, mechanism: Mechanism) -> Hypot
 
 
 def try_record_effect(
-    task: TraceTask, null: HypothesisFit, variants: Sequence[tuple[RecordEffect, Mapping[str, str]]]
+    problem: Problem, null: HypothesisFit, variants: Sequence[tuple[RecordEffect, Mapping[str, str]]]
 ) -> Candidate | None:
     """A record effect's best components, at its best variant; None where only absurd sizes fit.
 
@@ -140,39 +140,39 @@ def try_record_effect(
     for effect, names in variants:
         bounds = {
             name: _LARGEST * component.size
-            for name, component in zip(names, effect.components(task.frame.reconstructions[0].flight), strict=True)
+            for name, component in zip(names, effect.components(problem.frame.reconstructions[0].flight), strict=True)
         }
         groups = [(given_column(name, unit),) for name, unit in names.items()]
         fits = [
             fit
             for size in range(1, len(groups) + 1)
             for chosen in itertools.combinations(groups, size)
-            for fit in [solved(task, effect.name, (), task.frame, sum(chosen, ()), searched)]
+            for fit in [solved(problem, effect.name, (), problem.frame, sum(chosen, ()), searched)]
         ]
         found.extend((fit, effect) for fit in fits if _plausible(fit, bounds))
     if not found:
         return None
     fit, effect = min(found, key=lambda pair: pair[0].information)
-    return replace(candidate_of(task, null, fit, effect.name, effect.kind), effect=effect)
+    return replace(candidate_of(problem, null, fit, effect.name, effect.kind), effect=effect)
 
 
 def forward(
-    task: TraceTask,
+    problem: Problem,
     mechanism: Mechanism,
     frame: RateFrame,
     groups: Sequence[tuple[Column, ...]],
     searched: int,
 ) -> list[HypothesisFit]:
     """Fits of 1, 2, ... groups of columns, each the one before with the group that lowers the error most."""
-    design = task.design(frame, [column for group in groups for column in group])
-    basis = np.linalg.qr(task.design(frame, task.baseline))[0]
+    design = problem.design(frame, [column for group in groups for column in group])
+    basis = np.linalg.qr(problem.design(frame, problem.baseline))[0]
     ends = np.cumsum([0, *(len(group) for group in groups)])
-    left = task.response - basis @ (basis.T @ task.response)
+    left = problem.response - basis @ (basis.T @ problem.response)
     free = design - basis @ (basis.T @ design)
     least = 1e-6 * lengths(design)
     chosen: list[int] = []
     found: list[HypothesisFit] = []
-    while len(chosen) < len(groups) and sum(len(groups[i]) for i in chosen) < task.max_terms:
+    while len(chosen) < len(groups) and sum(len(groups[i]) for i in chosen) < problem.max_terms:
         gains = [
             _gain(free[:, a:b], left, least[a:b]) if i not in chosen else -1.0
             for i, (a, b) in enumerate(itertools.pairwise(ends))
@@ -185,7 +185,7 @@ def forward(
         left = left - own @ (own.T @ left)
         free = free - own @ (own.T @ free)
         columns = tuple(column for i in chosen for column in groups[i])
-        found.append(solved(task, mechanism.name, (mechanism,), frame, columns, searched))
+        found.append(solved(problem, mechanism.name, (mechanism,), frame, columns, searched))
     return found
 
 
@@ -199,11 +199,11 @@ def _gain(columns: FloatArray, left: FloatArray, least: FloatArray) -> float:
     return float(np.sum((own.T @ left) ** 2))
 
 
-def _offers(task: TraceTask, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Column, ...]]:
+def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Column, ...]]:
     """The mechanism's columns: one set, or one for each theta where one theta at a time is allowed."""
     grid, motion = theta_grid(mechanism), frame.motions[0]
     own = mechanism.knots(motion)
-    knots = task.knots if own is None else own
+    knots = problem.knots if own is None else own
     together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
     return [candidates(mechanism, motion, knots, thetas) for thetas in together]
 
@@ -229,7 +229,7 @@ def _plausible(fit: HypothesisFit, bounds: Mapping[str, float]) -> bool:
 
 
 def solved(
-    task: TraceTask,
+    problem: Problem,
     name: str,
     mechanisms: tuple[Mechanism, ...],
     frame: RateFrame,
@@ -237,25 +237,25 @@ def solved(
     searched: int,
 ) -> HypothesisFit:
     """The model with these columns beside it."""
-    columns = (*task.baseline, *chosen)
-    design = task.design(frame, columns)
-    values = solve_scaled(design, task.response)
+    columns = (*problem.baseline, *chosen)
+    design = problem.design(frame, columns)
+    values = solve_scaled(design, problem.response)
     return HypothesisFit(
         name,
         mechanisms,
         frame,
         columns,
-        len(task.baseline),
+        len(problem.baseline),
         values,
-        task.response - design @ values,
-        task.samples,
-        task.efficiency,
+        problem.response - design @ values,
+        problem.samples,
+        problem.efficiency,
         searched,
     )
 
 
 def candidate_of(
-    task: TraceTask, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind
+    problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind
 ) -> Candidate:
     """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves."""
     extra = fit.parameters - null.parameters
@@ -271,27 +271,27 @@ def candidate_of(
         f_ratio=f_ratio,
         p_value=min(chance * choices, 1.0),
         contribution=null.residual - fit.residual,
-        in_rates=_fall(task, null, fit),
+        in_rates=_fall(problem, null, fit),
     )
 
 
-def _fall(task: TraceTask, null: HypothesisFit, fit: HypothesisFit) -> float:
+def _fall(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> float:
     """Fall of the squared residual of the rates, at the noise that the fit leaves."""
-    rates = slice(0, 2 * task.part.thinned_pieces(task.both)[-1][1])
+    rates = slice(0, problem.rows.rates)
     before, after = null.residual[rates], fit.residual[rates]
     return float((before @ before - after @ after) / (fit.rss / fit.samples))
 
 
-def explained(task: TraceTask, null: HypothesisFit, fit: HypothesisFit) -> float:
+def explained(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> float:
     """Share of the null's squared error that the fit saves on stretches left out in turn."""
-    return 1.0 - _left_out(task, fit) / _left_out(task, null)
+    return 1.0 - _left_out(problem, fit) / _left_out(problem, null)
 
 
-def _left_out(task: TraceTask, fit: HypothesisFit) -> float:
+def _left_out(problem: Problem, fit: HypothesisFit) -> float:
     """Sum of squared errors on each piece, from a fit of coefficients and unknowns to the others."""
-    design, response = task.whole_design(fit.frame, fit.columns), task.raw_response
+    design, response = problem.whole_design(fit.frame, fit.columns), problem.raw_response
     design = design / lengths(design)
-    pieces = task.part.thinned_pieces(task.both)
+    pieces = problem.rows.part.thinned_pieces(problem.rows.noise)
     n = pieces[-1][1]
     normal, right = design.T @ design, design.T @ response
     total = 0.0

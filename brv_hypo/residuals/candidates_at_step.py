@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.motion.frames import crossflow
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.regression.response import ForceModel, Situation, start_of
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.nuisance import on_frame
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
     candidate_of,
@@ -25,16 +25,8 @@ from brv_hypo.residuals.candidates import (
 )
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
-from brv_hypo.residuals.linearisation import Model, Seen, normal_force_slope
-from brv_hypo.residuals.problem import (
-    TraceTask,
-    Unknowns,
-    build_task,
-    plain_task,
-    unknowns,
-    with_efficiency,
-    with_less_noise,
-)
+from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
 _WORTH_REFINING = 0.4
 _REFINED = 3
@@ -54,27 +46,22 @@ class Look:
     """
 
     seen: Seen
-    task: TraceTask
+    problem: Problem
     null: HypothesisFit
     candidates: tuple[Candidate, ...]
-    situation: Situation
+    flight: LinearisedFlight
     components: Mapping[str, str]
     dictionary: Dictionary | None = None
     discovery: Discovery | None = None
 
 
-def bare_look(seen: Seen, model: Model, values: FloatArray, noise: Noise) -> Look:
-    """The regression of a model alone on the fitted part, under a noise that is known."""
-    situation = _situation(seen, model, values)
-    task = plain_task(situation, seen.frame, seen.fitted, _fixed(situation, model), {}, noise)
-    return Look(seen, task, fit_hypothesis(task, "none", ()), (), situation, {})
-
-
-def _fixed(situation: Situation, model: Model) -> Unknowns:
-    """What is fitted along always: unknowns of the motion, and the record effects that the model holds."""
-    return unknowns(
-        situation, {a.name: situation.effect(a.effect, a.component, a.size) for a in model.applied}
-    )
+def bare_look(
+    seen: Seen, model: Model, values: FloatArray, config: TraceConfig, noise: Noise | None = None
+) -> Look:
+    """The regression of a model alone on the fitted part."""
+    flight = linearised_at(seen, model, values)
+    problem = problem_of(seen, model, flight, config, noise=noise)
+    return Look(seen, problem, fit_hypothesis(problem, "none", ()), (), flight, {})
 
 
 def look(
@@ -83,47 +70,41 @@ def look(
     values: FloatArray,
     mechanisms: Sequence[Mechanism],
     effects: Sequence[RecordEffect],
-    rich: Sequence[Mechanism],
     config: TraceConfig,
 ) -> Look:
-    """Fit the model and every candidate on the fitted part, under the noise of the leader's residual.
+    """Fit the model and every candidate on the fitted part, under the noise that the record itself says.
 
     Where the dictionary is searched too, `discovery` is the one entry of it that describes best what is left.
     """
-    situation = _situation(seen, model, values)
-    fixed = _fixed(situation, model)
-    catalogue, histories = _histories(situation, effects)
-    task = build_task(
-        situation, seen.frame, seen.fitted, fixed, histories, rich, config.knot_count, config.max_terms
-    )
-    null = fit_hypothesis(task, "none", ())
+    flight = linearised_at(seen, model, values)
+    catalogue, histories = _histories(seen.frame, flight, effects)
+    problem = problem_of(seen, model, flight, config, histories)
+    null = fit_hypothesis(problem, "none", ())
     by_name = {mechanism.name: mechanism for mechanism in mechanisms}
-    found = _try_all(task, null, mechanisms, catalogue)
+    found = _try_all(problem, null, mechanisms, catalogue)
     if found:
-        task = _settled(task, _leader(found).fit)
-        null = fit_hypothesis(task, "none", ())
-        found = _refined(task, null, [_again(task, null, candidate) for candidate in found], by_name)
-        task, found, catalogue = _closer(task, null, found, situation, catalogue)
-        task = _settled(task, _leader(found).fit)
-        null = fit_hypothesis(task, "none", ())
-        found = [_again(task, null, candidate) for candidate in found]
+        problem = with_efficiency(problem, _leader(found).fit)
+        null = fit_hypothesis(problem, "none", ())
+        found = _refined(problem, null, [_again(problem, null, candidate) for candidate in found], by_name)
+        problem, found, catalogue = _closer(problem, null, found, flight, catalogue)
         leader = _leader(found)
         if _has_nonlinear(leader):
-            closer = refine_again(task, null, leader)
-            task = _settled(task, closer.fit)
-            null = fit_hypothesis(task, "none", ())
-            found = [_again(task, null, closer if c is leader else c) for c in found]
+            closer = refine_again(problem, null, leader)
+            found = [closer if c is leader else c for c in found]
+        problem = with_efficiency(problem, _leader(found).fit)
+        null = fit_hypothesis(problem, "none", ())
+        found = [_again(problem, null, candidate) for candidate in found]
     found = sorted(found, key=lambda candidate: candidate.fit.information)
-    dictionary = dictionary_of(task) if config.discover else None
-    discovery = discover(task, null, dictionary, generic_name(model), 1) if dictionary else None
-    told = [replace(c, explains=explained(task, null, c.fit)) for c in found[:_TOLD]]
+    dictionary = dictionary_of(problem) if config.discover else None
+    discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
+    told = [replace(c, explains=explained(problem, null, c.fit)) for c in found[:_TOLD]]
     components = {
         name: component
         for variants in catalogue.values()
         for effect, names in variants
-        for name, (component, _, _) in zip(names, effect.components(situation.record.flight), strict=True)
+        for name, (component, _, _) in zip(names, effect.components(seen.flight), strict=True)
     }
-    return Look(seen, task, null, (*told, *found[_TOLD:]), situation, components, dictionary, discovery)
+    return Look(seen, problem, null, (*told, *found[_TOLD:]), flight, components, dictionary, discovery)
 
 
 def generic_name(model: Model) -> str:
@@ -135,40 +116,33 @@ def _leader(found: Sequence[Candidate]) -> Candidate:
     return min(found, key=lambda candidate: candidate.fit.information)
 
 
-def _settled(task: TraceTask, fit: HypothesisFit) -> TraceTask:
-    """The task with the effective share of samples that a fit leaves, and its noise where that is less."""
-    task = with_less_noise(task, fit.frame, fit.columns)
-    again = solved(task, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched)
-    return with_efficiency(replace(task, efficiency=1.0), again)
-
-
-def _again(task: TraceTask, null: HypothesisFit, candidate: Candidate) -> Candidate:
-    """A candidate with its columns as they are, under the task's noise."""
+def _again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
+    """A candidate with its columns as they are, under the problem's noise."""
     fit = candidate.fit
     renewed = replace(
-        solved(task, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
+        solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
     )
-    return replace(candidate_of(task, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
+    return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
 
 
 def _refined(
-    task: TraceTask, null: HypothesisFit, found: Sequence[Candidate], mechanisms: Mapping[str, Mechanism]
+    problem: Problem, null: HypothesisFit, found: Sequence[Candidate], mechanisms: Mapping[str, Mechanism]
 ) -> list[Candidate]:
     """The candidates, the best few with their knots and delays refined."""
     ranked = sorted(found, key=lambda candidate: -candidate.gain)
     most = max(ranked[0].gain, 0.0) if ranked else 0.0
     worth = [c.name for c in ranked if c.name in mechanisms and c.gain > _WORTH_REFINING * most]
     worth = [c.name for c in ranked if c.name in worth and _has_nonlinear(c)][:_REFINED]
-    return [refine_mechanism(task, null, mechanisms[c.name]) if c.name in worth else c for c in found]
+    return [refine_mechanism(problem, null, mechanisms[c.name]) if c.name in worth else c for c in found]
 
 
 def _closer(
-    task: TraceTask,
+    problem: Problem,
     null: HypothesisFit,
     found: Sequence[Candidate],
-    situation: Situation,
+    flight: LinearisedFlight,
     catalogue: Catalogue,
-) -> tuple[TraceTask, list[Candidate], Catalogue]:
+) -> tuple[Problem, list[Candidate], Catalogue]:
     """The candidates, record effects that come in variants brought closer to their best one."""
     most = max(candidate.gain for candidate in found)
     closer = []
@@ -180,15 +154,15 @@ def _closer(
             and candidate.gain > _WORTH_REFINING * most
         ):
             for turn in range(_CLOSER):
-                variants, histories = _variants_of(situation, effect, f"{turn}.")
-                task = replace(task, given={**task.given, **histories})
+                variants, histories = _variants_of(problem.frame, flight, effect, f"{turn}.")
+                problem = replace(problem, given={**problem.given, **histories})
                 catalogue = {**catalogue, effect.name: [*catalogue[effect.name], *variants]}
-                nearer = try_record_effect(task, null, variants)
+                nearer = try_record_effect(problem, null, variants)
                 if nearer is not None and nearer.effect is not None and nearer.gain > candidate.gain:
                     candidate = replace(nearer, fit=replace(nearer.fit, searched=candidate.fit.searched))
                     effect = nearer.effect
         closer.append(candidate)
-    return task, closer, catalogue
+    return problem, closer, catalogue
 
 
 def _has_nonlinear(candidate: Candidate) -> bool:
@@ -196,57 +170,39 @@ def _has_nonlinear(candidate: Candidate) -> bool:
 
 
 def _try_all(
-    task: TraceTask,
+    problem: Problem,
     null: HypothesisFit,
     mechanisms: Sequence[Mechanism],
     catalogue: Catalogue,
 ) -> list[Candidate]:
-    tried = [try_mechanism(task, null, mechanism) for mechanism in mechanisms]
-    tried += [try_record_effect(task, null, variants) for variants in catalogue.values()]
+    tried = [try_mechanism(problem, null, mechanism) for mechanism in mechanisms]
+    tried += [try_record_effect(problem, null, variants) for variants in catalogue.values()]
     return [candidate for candidate in tried if candidate is not None]
 
 
-def _histories(situation: Situation, effects: Sequence[RecordEffect]) -> tuple[Catalogue, dict[str, Rows]]:
+def _histories(
+    frame: RateFrame, flight: LinearisedFlight, effects: Sequence[RecordEffect]
+) -> tuple[Catalogue, dict[str, Rows]]:
     """Every variant of every record effect with the histories of its components, by name."""
     catalogue: Catalogue = {}
     histories: dict[str, Rows] = {}
     for effect in effects:
-        variants, own = _variants_of(situation, effect, "")
+        variants, own = _variants_of(frame, flight, effect, "")
         catalogue = {**catalogue, effect.name: variants}
         histories.update(own)
     return catalogue, histories
 
 
 def _variants_of(
-    situation: Situation, effect: RecordEffect, label: str
+    frame: RateFrame, flight: LinearisedFlight, effect: RecordEffect, label: str
 ) -> tuple[list[tuple[RecordEffect, Mapping[str, str]]], dict[str, Rows]]:
     variants: list[tuple[RecordEffect, Mapping[str, str]]] = []
     histories: dict[str, Rows] = {}
-    for number, variant in enumerate(effect.variants(situation.record.flight)):
+    for number, variant in enumerate(effect.variants(flight.record.flight)):
         names = {}
-        for component, units, size in variant.components(situation.record.flight):
+        for component, units, size in variant.components(flight.record.flight):
             name = f"{variant.name} {component} {label}{number}"
-            histories[name] = situation.effect(variant, component, size)
+            histories[name] = on_frame(frame, 0, flight.effect(variant, component, size))
             names[name] = units
         variants.append((variant, names))
     return variants, histories
-
-
-def _situation(seen: Seen, model: Model, values: FloatArray) -> Situation:
-    motion = seen.reconstruction.motion
-    force = ForceModel(normal_force_slope(seen.reconstruction))
-    found = force.columns(seen.record, crossflow(motion.alpha, motion.windward_meridian))
-    keep = seen.force_seen
-    stacked = np.concatenate([found[keep].real, found[keep].imag])
-    observed = seen.record.transverse_force[keep]
-    force_values = np.linalg.lstsq(stacked, np.concatenate([observed.real, observed.imag]), rcond=None)[0]
-    return Situation(
-        seen.record,
-        seen.reconstruction,
-        start_of(seen.reconstruction),
-        seen.frame.mechanisms,
-        model.columns,
-        values,
-        force,
-        np.asarray(force_values, dtype=float),
-    )

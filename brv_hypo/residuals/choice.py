@@ -108,13 +108,13 @@ def choose(
 
 def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidate], State]) -> Tried:
     after, held_out = add(candidate), state.seen.held_out
-    first, second = (residuals_of(here.task, held_out, fit) for fit in (here.null, candidate.fit))
+    first, second = (residuals_of(here.problem, held_out, fit) for fit in (here.null, candidate.fit))
     return Tried(
         candidate,
         after,
-        score(here.task, held_out, first, second),
+        score(here.problem, held_out, first, second),
         *ratio(state.held_out, after.held_out),
-        force_errors(here.task, held_out, second),
+        force_errors(here.problem, held_out, second),
     )
 
 

@@ -14,9 +14,9 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
 from brv_hypo.residuals.dictionary import Entry, entries
-from brv_hypo.residuals.problem import TraceTask
 from brv_hypo.subset import best_subsets
 
 _SCREENED = 10
@@ -40,14 +40,14 @@ class Dictionary:
     columns: tuple[FloatArray, ...]
 
 
-def dictionary_of(task: TraceTask) -> Dictionary:
-    """The entries for the task's flight."""
-    found = entries(task.frame.motions[0])
-    return Dictionary(found, tuple(_white(task, found)))
+def dictionary_of(problem: Problem) -> Dictionary:
+    """The entries for the problem's flight."""
+    found = entries(problem.frame.motions[0])
+    return Dictionary(found, tuple(_white(problem, found)))
 
 
 def discover(
-    task: TraceTask, null: HypothesisFit, dictionary: Dictionary, name: str, most: int
+    problem: Problem, null: HypothesisFit, dictionary: Dictionary, name: str, most: int
 ) -> Discovery | None:
     """The best description of at most `most` entries of the dictionary beside the model; None if there is
     none.
@@ -55,24 +55,24 @@ def discover(
     Entries are screened one after another, moved to their best places, and the best subset of each size is
     found exactly.
     """
-    response, basis = task.response, np.linalg.qr(task.design(task.frame, task.baseline))[0]
+    response, basis = problem.response, np.linalg.qr(problem.design(problem.frame, problem.baseline))[0]
     left = response - basis @ (basis.T @ response)
     chosen: list[Entry] = []
     for _ in range(min(most + 2, _SCREENED) if most > 1 else 1):
         gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
         if not gains or max(gains) <= 0.0:
             break
-        best = _moved(task, dictionary.entries[int(np.argmax(gains))], basis, left)
-        own = _free(_white(task, [best])[0], basis)
+        best = _moved(problem, dictionary.entries[int(np.argmax(gains))], basis, left)
+        own = _free(_white(problem, [best])[0], basis)
         basis = np.column_stack([basis, np.linalg.qr(own)[0]])
         left = response - basis @ (basis.T @ response)
         chosen.append(best)
     searched = len(dictionary.entries)
-    fits = [_fit(task, name, subset, searched) for subset in _subsets(task, chosen, most)]
+    fits = [_fit(problem, name, subset, searched) for subset in _subsets(problem, chosen, most)]
     if not fits:
         return None
     (fit, file), words = min(fits, key=lambda pair: pair[0][0].information)
-    candidate = replace(candidate_of(task, null, fit, name, "discovered"))
+    candidate = replace(candidate_of(problem, null, fit, name, "discovered"))
     valued = [
         term.model_copy(update={"value": float(v)})
         for term, v in zip(file.terms, fit.values[fit.baseline_size :], strict=True)
@@ -80,13 +80,13 @@ def discover(
     return Discovery(candidate, file.model_copy(update={"terms": tuple(valued)}), words)
 
 
-def _subsets(task: TraceTask, chosen: Sequence[Entry], most: int) -> list[tuple[Entry, ...]]:
+def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple[Entry, ...]]:
     """The best subsets of 1 to `most` of the chosen entries."""
     if len(chosen) <= 1:
         return [tuple(chosen)] if chosen else []
-    frame, columns = _columns(task, chosen)
-    base = task.design(task.frame, task.baseline)
-    rows = np.column_stack([base, task.design(frame, [c for group in columns for c in group]), task.response])
+    frame, columns = _columns(problem, chosen)
+    base = problem.design(problem.frame, problem.baseline)
+    rows = np.column_stack([base, problem.design(frame, [c for group in columns for c in group]), problem.response])
     small = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
     size = base.shape[1]
     ends = np.cumsum([size, *(len(group) for group in columns)])
@@ -106,7 +106,7 @@ def _subsets(task: TraceTask, chosen: Sequence[Entry], most: int) -> list[tuple[
 
 
 def _fit(
-    task: TraceTask, name: str, chosen: tuple[Entry, ...], searched: int
+    problem: Problem, name: str, chosen: tuple[Entry, ...], searched: int
 ) -> tuple[tuple[HypothesisFit, MechanismFile], str]:
     words = " and ".join(entry.words for entry in chosen)
     file = MechanismFile(
@@ -117,28 +117,28 @@ def _fit(
         terms=tuple(term for entry in chosen for term in entry.terms),
     )
     mechanism = mechanism_of(file)
-    frame = task.frame.with_mechanisms([mechanism])
+    frame = problem.frame.with_mechanisms([mechanism])
     columns = tuple(_column(name, term.name, term.units) for term in file.terms)
-    return (solved(task, name, (mechanism,), frame, columns, searched), file), words
+    return (solved(problem, name, (mechanism,), frame, columns, searched), file), words
 
 
-def _moved(task: TraceTask, entry: Entry, basis: FloatArray, left: FloatArray) -> Entry:
+def _moved(problem: Problem, entry: Entry, basis: FloatArray, left: FloatArray) -> Entry:
     """The entry at the place near it that explains most."""
     spacing = entry.spacing
     while entry.at is not None and spacing > 0.02 * entry.spacing:
         places = [
             entry.at(entry.position + spacing * shift) for shift in np.linspace(-1.0, 1.0, 2 * _FINER + 1)
         ]
-        gains = [_gain(_free(own, basis), left) for own in _white(task, places)]
+        gains = [_gain(_free(own, basis), left) for own in _white(problem, places)]
         entry = places[int(np.argmax(gains))]
         spacing /= _FINER
     return entry
 
 
-def _white(task: TraceTask, chosen: Sequence[Entry]) -> list[FloatArray]:
+def _white(problem: Problem, chosen: Sequence[Entry]) -> list[FloatArray]:
     """The whitened columns of each entry."""
-    frame, groups = _columns(task, chosen)
-    design = task.design(frame, [column for group in groups for column in group])
+    frame, groups = _columns(problem, chosen)
+    design = problem.design(frame, [column for group in groups for column in group])
     ends = np.cumsum([0, *(len(group) for group in groups)])
     return [design[:, a:b] for a, b in itertools.pairwise(ends)]
 
@@ -156,10 +156,10 @@ def _gain(columns: FloatArray, left: FloatArray) -> float:
     return float(right @ np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right)
 
 
-def _columns(task: TraceTask, chosen: Sequence[Entry]) -> tuple[RateFrame, list[tuple[Column, ...]]]:
+def _columns(problem: Problem, chosen: Sequence[Entry]) -> tuple[RateFrame, list[tuple[Column, ...]]]:
     name = "dictionary"
     mechanism = FiledMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
-    frame = replace(task.frame.with_mechanisms([]), mechanisms={**task.frame.mechanisms, name: mechanism})
+    frame = replace(problem.frame.with_mechanisms([]), mechanisms={**problem.frame.mechanisms, name: mechanism})
     return frame, [tuple(_column(name, term.name, term.units) for term in entry.terms) for entry in chosen]
 
 

@@ -10,10 +10,10 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import SMOOTH
 from brv_hypo.regression.frame import remove_levels
+from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.regression.whitening import effective_samples, white
 from brv_hypo.residuals.candidates_at_step import Look
-from brv_hypo.residuals.judge import ResidualMoments
-from brv_hypo.residuals.problem import residual
+from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Correlation, Residual
 
 _LAGS = 20
@@ -56,14 +56,14 @@ def _whiteness(look: Look) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise,
     doubled.
     """
-    left = residual(look.task, look.null.frame, look.null.columns)
-    pieces = remove_levels(left.rates, look.seen.fitted.pieces, white())
+    left = left_by(look.problem, look.null).rates[look.seen.fitted.rows]
+    pieces = remove_levels(left, look.seen.fitted.pieces, white())
     parts = [channel for piece in pieces for channel in (piece.real, piece.imag)]
     chances = [
         float(acorr_ljungbox(part, lags=[min(_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
     ]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
-    total = sum(float(part @ part) for part in parts) / look.situation.record.gyro_sigma**2
+    total = sum(float(part @ part) for part in parts) / look.flight.record.gyro_sigma**2
     free = sum(part.size - 1 for part in parts)
     # The noise level is itself estimated, to about one part in the root of the samples.
     spread = np.sqrt(2.0 * free) * np.sqrt(3.0)

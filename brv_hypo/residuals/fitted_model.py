@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.regression.whitening import NoiseModel, difference
+from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.judge import Prediction, ResidualMoments, moment_errors, residual_moments
+from brv_hypo.residuals.judge import Prediction, moment_errors
 from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
-from brv_hypo.residuals.problem import TraceTask, solution, unknown_values
+from brv_hypo.residuals.problem import linearised_at, problem_of, record_values
 
 # How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
 _CORRECTIONS = 2
@@ -23,37 +23,33 @@ _TRIFLE = 1.01
 
 @dataclass(frozen=True)
 class State:
-    """A model with its coefficients, the flight as it is seen with it, and the moments that it leaves.
+    """A model with its coefficients (columns,), the flight as it is seen with it, and the moments that it leaves.
 
-    `task` is the regression that the coefficients are of; None before the first look.
+    `problem` is the regression that the coefficients are of.
     """
 
     model: Model
     seen: Seen
     values: FloatArray
-    noise: NoiseModel
     left: ResidualMoments
     errors: Prediction
     held_out: Prediction
-    task: TraceTask | None
+    problem: Problem
 
 
-def state_of(model: Model, seen: Seen, noise: NoiseModel, task: TraceTask | None) -> State:
-    """The model's coefficients on the fitted part, and its errors.
+def state_of(model: Model, seen: Seen, problem: Problem) -> State:
+    """The model's coefficients on the fitted part, and its errors."""
+    values, others = problem.solution(seen.frame, model.columns)
+    rates = problem.left(seen.frame, model.columns, values, others).rates
+    left = residual_moments(seen.frame, problem.records, rates)
+    errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
+    return State(model, seen, values, left, errors, held_out, problem)
 
-    A model that lacks something fits the moments badly under the noise of one that does not; plain least
-    squares of the moments are tried too, and the smaller error of the fitted part decides.
-    """
-    nothing = np.zeros(seen.record.time.size, dtype=complex)
-    answers = [(seen.values(seen.fitted, model.columns, difference()), nothing)]
-    if task is not None:
-        answers.append(solution(task, seen.frame, model.columns))
-    found = []
-    for values, others in answers:
-        left = residual_moments(seen.frame, seen.record, model.columns, values, others)
-        errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
-        found.append(State(model, seen, values, noise, left, errors, held_out, task))
-    return min(found, key=lambda state: state.errors.mean_square)
+
+def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
+    """The state of a model of which nothing but its columns is known."""
+    flight = linearised_at(seen, model, seen.values(seen.fitted, model.columns))
+    return state_of(model, seen, problem_of(seen, model, flight, config))
 
 
 def with_candidate(
@@ -67,7 +63,7 @@ def with_candidate(
             model, mechanisms=known, columns=candidate.fit.columns, added=(*model.added, candidate.name)
         )
         seen = replace(state.seen, frame=candidate.fit.frame)
-        return state_of(model, seen, here.task.noise, here.task)
+        return state_of(model, seen, replace(here.problem, frame=seen.frame))
     values = candidate.fit.values[candidate.fit.baseline_size :]
     sizes = {component: (units, size) for component, units, size in candidate.effect.components(flight)}
     applied = tuple(
@@ -77,8 +73,7 @@ def with_candidate(
     )
     model = replace(model, applied=(*model.applied, *applied), added=(*model.added, candidate.name))
     seen = with_in_plane_moment(see(flight, model, config), model.columns)
-    task = bare_look(seen, model, state.values, here.task.both).task
-    return state_of(model, seen, here.task.noise, task)
+    return state_of(model, seen, bare_look(seen, model, state.values, config, here.problem.rows.noise).problem)
 
 
 def refitted(flight: Flight, config: TraceConfig, state: State) -> State:
@@ -89,13 +84,15 @@ def refitted(flight: Flight, config: TraceConfig, state: State) -> State:
     """
     best = state
     for _ in range(_CORRECTIONS if state.model.applied else 0):
-        assert best.task is not None
-        wrong = unknown_values(best.task, best.seen.frame, best.model.columns)
-        applied = tuple(replace(a, value=a.value + wrong[a.name]) for a in best.model.applied)
+        fit = fit_hypothesis(best.problem, "none", ())
+        wrong = record_values(best.problem, fit)
+        applied = tuple(
+            replace(a, value=a.value + wrong.get((a.effect.name, a.component), 0.0)) for a in best.model.applied
+        )
         model = replace(best.model, applied=applied)
         seen = with_in_plane_moment(see(flight, model, config), model.columns)
-        task = bare_look(seen, model, best.values, best.task.both).task
-        found = state_of(model, seen, best.noise, task)
+        problem = bare_look(seen, model, best.values, config, best.problem.rows.noise).problem
+        found = state_of(model, seen, problem)
         if found.errors.mean_square > best.errors.mean_square * _TRIFLE:
             break
         best = found

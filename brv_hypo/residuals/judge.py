@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.model.columns import Column
-from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.channels import Part, Rows
+from brv_hypo.regression.channels import Noise, Part, Rows
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.frame import Piece, RateFrame
-from brv_hypo.residuals.problem import TraceTask, residuals
+from brv_hypo.regression.frame import Piece
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.residuals.problem import left_by
 
 # Rows that are summed before their squares are, so that short correlations count.
 _CLUSTER = 8
@@ -42,19 +41,20 @@ class Residuals:
     held_out: Rows
 
 
-def residuals_of(task: TraceTask, held_out: Part, fit: HypothesisFit) -> Residuals:
+def residuals_of(problem: Problem, held_out: Part, fit: HypothesisFit) -> Residuals:
     """The residuals of a fit; the rates but for a constant of integration a segment of the record."""
-    return Residuals(*residuals(task, fit.frame, fit.columns, (task.part, held_out)))
+    left = left_by(problem, fit)
+    return Residuals(left.at(problem.rows.part.rows), left.at(held_out.rows))
 
 
-def score(task: TraceTask, held_out: Part, before: Residuals, after: Residuals) -> float:
+def score(problem: Problem, held_out: Part, before: Residuals, after: Residuals) -> float:
     """Fall of the held-out squared error in both channels, in standard errors: the larger of two measures.
 
     Rates from the constant of integration that the fitted part has show what changes slowly; where the record itself
     drifts, that drowns the rest, and rates from a constant of each stretch's own show what changes within it.
     """
     return max(
-        _fall(*(whitened(task, held_out, left) for left in (before, after)))
+        _fall(*(whitened(problem, held_out, left) for left in (before, after)))
         for whitened in (_from_fitted_constants, _from_own_constants)
     )
 
@@ -73,80 +73,52 @@ def _fall(first: FloatArray, second: FloatArray) -> float:
     return float(gain.sum() / max(np.sqrt(np.sum(clusters**2)), 1e-300))
 
 
-def _from_fitted_constants(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
+def _from_fitted_constants(problem: Problem, held_out: Part, left: Residuals) -> FloatArray:
     """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
-    constants = task.part.constants(left.fitted.rates, task.both)[:, 0]
-    level_of = dict(zip(_segments(task, task.part.levels, task.part), constants, strict=True))
+    constants = _constants(problem.rows.part, left.fitted.rates, problem.rows.noise)
+    level_of = dict(zip(_segments(problem, problem.rows.part.levels, problem.rows.part), constants, strict=True))
     rates = left.held_out.rates.copy()
-    for (a, b), segment in zip(held_out.pieces, _segments(task, held_out.pieces, held_out), strict=True):
+    for (a, b), segment in zip(held_out.pieces, _segments(problem, held_out.pieces, held_out), strict=True):
         rates[a:b] -= level_of.get(segment, rates[a:b].mean())
-    white = held_out.white_rates_as_they_are(rates, task.both)
-    return np.concatenate([white[:, 0], held_out.white_force(left.held_out.force, task.both)[:, 0]])
+    return held_out.whitened(Rows(rates, left.held_out.force), problem.rows.noise)[:, 0]
 
 
-def _from_own_constants(task: TraceTask, held_out: Part, left: Residuals) -> FloatArray:
+def _from_own_constants(problem: Problem, held_out: Part, left: Residuals) -> FloatArray:
     """The same with the constant of each held-out stretch taken out."""
-    return held_out.whitened(left.held_out, task.both)[:, 0]
+    rates = left.held_out.rates.copy()
+    constants = _constants(held_out, rates, problem.rows.noise)
+    for (a, b), constant in zip(held_out.levels, constants, strict=True):
+        rates[a:b] -= constant
+    return held_out.whitened(Rows(rates, left.held_out.force), problem.rows.noise)[:, 0]
 
 
-def _segments(task: TraceTask, ranges: Sequence[Piece], part: Part) -> list[int]:
+def _constants(part: Part, rates: ComplexArray, noise: Noise) -> ComplexArray:
+    """Constants of integration (levels,) of residual rates (samples,), as the noise weighs them."""
+    design = part.white_rates(part.constants(), noise)
+    values = np.linalg.lstsq(design, part.white_rates(rates, noise)[:, 0], rcond=None)[0]
+    return np.asarray(values[::2] + 1j * values[1::2], dtype=complex)
+
+
+def _segments(problem: Problem, ranges: Sequence[Piece], part: Part) -> list[int]:
     """The segment of the record that each range of a part's samples lies in."""
-    ends = np.cumsum([b - a for a, b in task.frame.pieces])
+    ends = np.cumsum([b - a for a, b in problem.frame.pieces])
     return [int(np.searchsorted(ends, part.rows[a], side="right")) for a, _ in ranges]
 
 
-def force_errors(task: TraceTask, held_out: Part, left: Residuals) -> tuple[float, float]:
+def force_errors(problem: Problem, held_out: Part, left: Residuals) -> tuple[float, float]:
     """Mean squares (m/s^2)^2 of the transverse specific force's errors, fitted and held out, both axes together."""
-    parts = ((task.part, left.fitted), (held_out, left.held_out))
+    parts = ((problem.rows.part, left.fitted), (held_out, left.held_out))
     fitted, other = (float(np.mean(np.abs(rows.force[part.seen]) ** 2) / 2.0) for part, rows in parts)
     return fitted, other
 
 
 def moment_errors(part: Part, left: ResidualMoments) -> Prediction:
     """Errors of the moment coefficients on a part, by stretch."""
-    square = np.where(left.usable, np.abs(left.body) ** 2 / 2.0, 0.0)[part.samples]
-    usable = left.usable[part.samples]
+    square = np.where(left.usable, np.abs(left.body) ** 2 / 2.0, 0.0)[part.rows]
+    usable = left.usable[part.rows]
     sums = [(float(square[a:b].sum()), float(usable[a:b].sum())) for a, b in part.pieces]
     squares, sizes = np.array(sums).T
     return Prediction(squares, sizes)
-
-
-@dataclass(frozen=True)
-class ResidualMoments:
-    """C_m + i C_n measured less modelled (n,), and where it is usable."""
-
-    body: ComplexArray
-    usable: BoolArray
-
-
-def residual_moments(
-    frame: RateFrame,
-    record: InertialRecord,
-    columns: tuple[Column, ...],
-    values: FloatArray,
-    others: ComplexArray,
-) -> ResidualMoments:
-    """Moments from what the columns, and `others` (n,) rad/s, leave of the rates.
-
-    The filter that differentiates the rates acts on measurement and model alike, so that it rounds no
-    corner of the one that the other keeps.
-    """
-    left = frame.observed - frame.columns(columns) @ values
-    left = left - np.concatenate([others[segment.rows] for segment in frame.segments])
-    spin = record.spin_rate
-    body = np.zeros(record.time.size, dtype=complex)
-    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
-        if b - a > 2 * spin.half_width:
-            rate = savgol_filter(
-                np.stack([left[a:b].real, left[a:b].imag]),
-                2 * spin.half_width + 1,
-                spin.order,
-                1,
-                record.flight.step,
-            )
-            body[segment.rows] = rate[0] + 1j * rate[1]
-    usable = record.measured & spin.interior
-    return ResidualMoments(body * np.exp(-1j * record.spin_angle) / record.moment_scale, usable)
 
 
 def ratio(before: Prediction, after: Prediction) -> tuple[float, float]:

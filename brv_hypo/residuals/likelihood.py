@@ -26,6 +26,6 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
             log_likelihood=None,
             message="the record limits the reconstruction, where its search seldom ends",
         )
-    values = seen.values(seen.whole, columns, state.noise)
+    values = state.values
     found = identify(seen.frame, columns, values, _OPTIONS)
     return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))

@@ -11,21 +11,17 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column, default_knots
+from brv_hypo.model.columns import Column
 from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.channels import Noise, Part, part, split
-from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels
+from brv_hypo.regression.build import linearised, on_rows
+from brv_hypo.regression.channels import Noise, Part, split, whole
+from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
-from brv_hypo.regression.problem import Task
-from brv_hypo.regression.response import ForceModel, without_wander
-from brv_hypo.regression.whitening import NoiseModel, difference, fit_noise
+from brv_hypo.regression.response import without_wander
+from brv_hypo.regression.whitening import difference
 from brv_hypo.residuals.config import TraceConfig
-
-_OUTLIER = 6.0
 
 
 @dataclass(frozen=True)
@@ -65,27 +61,14 @@ class Seen:
     fitted: Part
     held_out: Part
     whole: Part
-    force_seen: BoolArray
 
-    def values(self, part: Part, columns: tuple[Column, ...], noise: NoiseModel) -> FloatArray:
-        """Coefficients (columns,) of the moments on a part."""
-        design, response = self.rows(part, columns, noise)
-        return solve_scaled(design, response)
-
-    def rows(
-        self, part: Part, columns: tuple[Column, ...], noise: NoiseModel
-    ) -> tuple[FloatArray, FloatArray]:
-        """Whitened columns (rows, columns) and rates (rows,) of a part."""
-        both = Noise(noise, noise, (0.0, 0.0))
-        design = part.white_rates(self.frame.columns(columns)[part.rows], both)
-        return design, part.white_rates(self.frame.observed[part.rows], both)[:, 0]
-
-    def first_noise(self, columns: tuple[Column, ...]) -> NoiseModel:
-        """A noise model to begin with: of what the columns leave of the rates."""
-        left = self.frame.observed - self.frame.columns(columns) @ self.values(
-            self.fitted, columns, difference()
-        )
-        return fit_noise(remove_levels(left[self.fitted.rows], self.fitted.pieces, difference()))
+    def values(self, part: Part, columns: tuple[Column, ...]) -> FloatArray:
+        """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
+        noise = Noise(difference(), difference())
+        design = part.white_rates(self.frame.columns(columns)[part.rows], noise)
+        constants = part.white_rates(part.constants(), noise)
+        response = part.white_rates(self.frame.observed[part.rows], noise)[:, 0]
+        return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
 
 
 def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
@@ -100,10 +83,9 @@ def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
     record = inertial_record(flight, settings)
     reconstruction = without_wander(record, reconstruct(flight, settings))
     frame = build_frame([reconstruction], list(model.mechanisms.values()))
-    seen = _force_seen(record, reconstruction)
+    seen = _force_seen(frame, record, reconstruction)
     fitted, held_out = split(frame, seen, config.blocks)
-    whole = part(frame, seen, np.ones(flight.samples, dtype=bool), shared=True)
-    return Seen(flight, record, reconstruction, frame, fitted, held_out, whole, seen)
+    return Seen(flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen))
 
 
 def start_model(flight: Flight, mechanisms: Sequence[Mechanism]) -> Model:
@@ -115,46 +97,17 @@ def start_model(flight: Flight, mechanisms: Sequence[Mechanism]) -> Model:
     return Model(known, ())
 
 
-def start_columns(
-    seen: Seen,
-    baseline: tuple[Column, ...],
-    noise: NoiseModel,
-    mechanisms: tuple[Mechanism, ...],
-    config: TraceConfig,
-) -> tuple[Column, ...]:
-    """The baseline's columns and the best of the mechanisms that the model holds from the start."""
-    frame = seen.frame
-    knots = default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count)
-    task = Task(frame, baseline, knots, noise, 1.0, config.max_terms, config.max_terms, True)
-    return fit_hypothesis(task, "start", mechanisms).columns
-
-
 def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:
     """The flight with C_mw of Eq. 5.1 where columns look into its past."""
     if not any(column.theta for column in columns):
         return seen
     for _ in range(2):
-        values = seen.values(seen.fitted, columns, difference())
+        values = seen.values(seen.fitted, columns)
         seen = replace(seen, frame=seen.frame.with_in_plane_moment(columns, values))
     return seen
 
 
-def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:
-    """The reconstruction's normal-force slope (n,), 1/rad; 1 where it has none."""
-    slope = reconstruction.normal_force_slope
-    return np.where(np.isfinite(slope), slope, 1.0)
-
-
-def _force_seen(record: InertialRecord, reconstruction: Reconstruction) -> BoolArray:
-    """Where the transverse force was measured and is no spike against the normal-force model."""
-    motion = reconstruction.motion
-    columns = ForceModel(normal_force_slope(reconstruction)).columns(
-        record, crossflow(motion.alpha, motion.windward_meridian)
-    )
-    force = record.transverse_force
-    stacked = np.concatenate([columns.real, columns.imag])
-    left = force - columns @ np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0]
-    size = np.abs(left)
-    return np.asarray(
-        record.measured & (size < _OUTLIER * 1.2 * np.median(size[record.measured]) + 1e-12), dtype=bool
-    )
+def _force_seen(frame: RateFrame, record: InertialRecord, reconstruction: Reconstruction) -> BoolArray:
+    """Where the transverse force was measured and is no spike against the normal-force model (frame rows,)."""
+    flight = linearised(record, reconstruction, frame, (), np.zeros(0))
+    return on_rows(frame, [flight])[1]

@@ -15,16 +15,17 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
-from brv_hypo.regression.noise import baseline_columns
+from brv_hypo.regression.build import baseline_columns
+from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
-from brv_hypo.residuals.fitted_model import State, refitted, state_of, with_candidate
+from brv_hypo.residuals.fitted_model import State, first_state, refitted, state_of, with_candidate
 from brv_hypo.residuals.likelihood import maximum_likelihood
-from brv_hypo.residuals.linearisation import Seen, see, start_columns, start_model, with_in_plane_moment
+from brv_hypo.residuals.linearisation import Seen, see, start_model, with_in_plane_moment
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
@@ -71,7 +72,7 @@ def _trace(flight: Flight, config: TraceConfig, say: Progress) -> Trace:
             stopped = turn.reason
             break
     assert first is not None
-    end = Ending(refitted(flight, config, state), tuple(steps), stopped, discovery)
+    end = Ending(config, refitted(flight, config, state), tuple(steps), stopped, discovery)
     result = summary(flight, first.left, end)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
@@ -115,18 +116,16 @@ class _Course:
         if not isinstance(start, str):
             model = restored(start, self.flight)
             seen = with_in_plane_moment(see(self.flight, model, self.config), model.columns)
-            return state_of(model, seen, seen.first_noise(model.columns), None)
+            return first_state(model, seen, self.config)
         held = parse_hypothesis(start)
         model = start_model(self.flight, held)
         seen = see(self.flight, model, self.config)
-        columns = baseline_columns(seen.frame)
-        noise = seen.first_noise(columns)
-        if held:
-            columns = start_columns(seen, columns, noise, held, self.config)
-            seen = with_in_plane_moment(seen, columns)
-            noise = seen.first_noise(columns)
-        model = replace(model, columns=columns, added=tuple(m.name for m in held))
-        return state_of(model, seen, noise, None)
+        model = replace(model, columns=baseline_columns(seen.frame), added=tuple(m.name for m in held))
+        state = first_state(model, seen, self.config)
+        if not held:
+            return state
+        model = replace(model, columns=fit_hypothesis(state.problem, "start", held).columns)
+        return first_state(model, with_in_plane_moment(seen, model.columns), self.config)
 
     def turn(self, number: int, state: State) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed."""
@@ -139,14 +138,13 @@ class _Course:
             state.values,
             untried,
             effects,
-            usable,
             self.config,
         )
-        state = state_of(state.model, state.seen, here.task.noise, here.task)
+        state = state_of(state.model, state.seen, here.problem)
         residual = find(here, state.left)
         choice = self._choice(here, state, here.discovery)
         if choice.taken is None and here.dictionary is not None and not residual.white:
-            more = discover(here.task, here.null, here.dictionary, generic_name(state.model), _GENERIC)
+            more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), _GENERIC)
             described = self._choice(here, state, more, choice.tried)
             choice = described if described.taken else choice
         step = step_of(number, residual, here, state, choice)

@@ -12,16 +12,16 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, Turn, mechanism_text
-from brv_hypo.mechanisms.registry import find, mechanisms, record_effects
+from brv_hypo.mechanisms.registry import find, record_effects
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.noise import baseline_columns
+from brv_hypo.regression.problem import given_column
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
 from brv_hypo.residuals.linearisation import see, start_model
-from brv_hypo.residuals.problem import given_column
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import SimulationConfig
 
@@ -100,9 +100,8 @@ def _clean_look(config: SimulationConfig, seed: int) -> Look:
     model = start_model(flight, ())
     seen = see(flight, model, settings)
     columns = baseline_columns(seen.frame)
-    values = seen.values(seen.fitted, columns, seen.first_noise(columns))
-    rich = mechanisms("mechanism") + mechanisms("aerodynamic")
-    return look(seen, replace(model, columns=columns), values, (), record_effects(), rich, settings)
+    model = replace(model, columns=columns)
+    return look(seen, model, seen.values(seen.fitted, columns), (), record_effects(), settings)
 
 
 def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> str:
@@ -192,12 +191,12 @@ def _planted_columns(entry: Mapping[str, Any]) -> tuple[str, list[tuple[Column, 
 
 def _limit_of(here: Look, entries: Sequence[tuple[str, list[tuple[Column, float]]]]) -> float:
     """Detection limit of a planted combination, as a multiple of it."""
-    task = here.task
+    problem = here.problem
     total: FloatArray | None = None
     for source, columns in entries:
-        frame = task.frame.with_mechanisms([find(source)])
+        frame = problem.frame.with_mechanisms([find(source)])
         weights = np.array([value for _, value in columns])
-        own = task.design(frame, [column for column, _ in columns]) @ weights
+        own = problem.design(frame, [column for column, _ in columns]) @ weights
         total = own if total is None else total + own
     assert total is not None
     return _LIMIT / _free_length(here, total)
@@ -205,8 +204,8 @@ def _limit_of(here: Look, entries: Sequence[tuple[str, list[tuple[Column, float]
 
 def _free_length(here: Look, column: FloatArray) -> float:
     """Length of a whitened column beyond what the baseline takes over."""
-    task = here.task
-    design = task.design(task.frame, task.baseline)
+    problem = here.problem
+    design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
     return float(np.linalg.norm(column - basis @ (basis.T @ column)))
 
@@ -218,7 +217,7 @@ def _plant_record(
     limits = {}
     for name, component in here.components.items():
         if name.split(" ")[0] == effect:
-            column = here.task.design(here.task.frame, [given_column(name)])[:, 0]
+            column = here.problem.design(here.problem.frame, [given_column(name)])[:, 0]
             limits[name] = (component, _LIMIT / max(_free_length(here, column), 1e-12))
     flight = here.seen.flight
     sizes = {c.name: c.size for e in record_effects() if e.name == effect for c in e.components(flight)}

@@ -19,7 +19,7 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     leading = choice.leading
     held_out = state.seen.held_out
-    force_before = force_errors(here.task, held_out, residuals_of(here.task, held_out, here.null))
+    force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, here.null))
     chances = adjusted(choice.ranked)
     return Step(
         step=number,

@@ -11,11 +11,13 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.model.columns import BASELINE, Column
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
 from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
+from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.judge import ResidualMoments, noise_floor
+from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import saved
@@ -28,6 +30,7 @@ _FEW_SAMPLES = 25.0
 class Ending:
     """Where the loop ended."""
 
+    config: TraceConfig
     state: State
     steps: tuple[Step, ...]
     stopped: Stop
@@ -37,13 +40,13 @@ class Ending:
 def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
     state, last, model = end.state, end.state.seen, end.state.model
-    assert state.task is not None
-    here = bare_look(last, model, state.values, state.task.both)
+    here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
     final = find(here, state.left)
-    values = last.values(last.whole, model.columns, state.noise)
+    values, covariance = whole_fit(here)
+    count = len(model.columns)
     terms = (
-        *term_estimates(last, model.columns, values, _covariance(state, values)),
-        *_record_terms(here, model),
+        *term_estimates(last, model.columns, values[:count], covariance[:count, :count]),
+        *_record_terms(here, model, covariance),
     )
     return Trace(
         flight=FlightSummary(
@@ -67,10 +70,16 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
     )
 
 
-def _covariance(state: State, values: FloatArray) -> FloatArray:
-    """Of the moment model's coefficients (columns, columns), on the whole record."""
-    design, response = state.seen.rows(state.seen.whole, state.model.columns, state.noise)
-    return covariance_of(design, response - design @ values, response.size, 1.0)
+def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
+    """Coefficients and nuisances on the whole record, constants of integration left out, and their covariance."""
+    problem = with_efficiency(here.problem, here.null).on(here.seen.whole)
+    design, response = problem.whole_design(here.null.frame, here.null.columns), problem.raw_response
+    values = solve_scaled(design, response)
+    left = response - design @ values
+    covariance = covariance_of(design, left, problem.samples, problem.efficiency)
+    count, constants = len(here.null.columns), 2 * len(problem.rows.part.levels)
+    kept = np.r_[:count, count + constants : values.size]
+    return values[kept], covariance[np.ix_(kept, kept)]
 
 
 def term_estimates(
@@ -97,25 +106,22 @@ def term_estimates(
     )
 
 
-def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
+def _record_terms(here: Look, model: Model, covariance: FloatArray) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
     """
-    task = here.task.on(here.seen.whole)
-    design, response = task.whole_design(here.null.frame, here.null.columns), task.raw_response
-    left = response - design @ solve_scaled(design, response)
-    efficiency = with_efficiency(here.task, here.null).efficiency
-    covariance = covariance_of(design, left, task.part.count(task.both), efficiency)
-    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[len(here.null.columns) :]
-    by_name = dict(zip(task.unknowns, (float(sigma) for sigma in sigmas), strict=True))
+    count = len(here.null.columns)
+    items = here.problem.rows.nuisances.items
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[count:]
+    by_name = {(i.name, i.component): float(s) * i.size for i, s in zip(items, sigmas, strict=True)}
     return tuple(
         TermEstimate(
             name=applied.component,
             mechanism=applied.effect.name,
             channel="record",
             value=applied.value,
-            std_error=by_name[applied.name],
-            f_ratio=_f_ratio(applied.value, by_name[applied.name]),
+            std_error=by_name[applied.effect.name, applied.component],
+            f_ratio=_f_ratio(applied.value, by_name[applied.effect.name, applied.component]),
             units=applied.units,
         )
         for applied in model.applied
@@ -187,16 +193,16 @@ def _drag_spread(flight: Flight) -> float | None:
 
 
 def _picture(before: ResidualMoments, end: Ending) -> Picture:
-    after = end.state.left
-    reconstruction = end.state.seen.reconstruction
-    moments = reconstruction.moments
+    after, seen = end.state.left, end.state.seen
+    moments = seen.reconstruction.moments
     kept = before.usable & after.usable
+    samples = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in seen.frame.segments])[kept]
     return Picture(
-        time_s=tuple(reconstruction.motion.time[kept].tolist()),
-        measured=_pair(moments.body[kept]),
+        time_s=tuple(seen.reconstruction.motion.time[samples].tolist()),
+        measured=_pair(moments.body[samples]),
         before=_pair(before.body[kept]),
         after=_pair(after.body[kept]),
-        sigma=tuple(moments.sigma[kept].tolist()),
+        sigma=tuple(moments.sigma[samples].tolist()),
     )
 
 

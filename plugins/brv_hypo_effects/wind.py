@@ -13,7 +13,7 @@ from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
 _AXES = {"y": 1, "z": 2}
 # Half waves over the record that a slow wind may make.
-_WAVES = 4
+_WAVES = 6
 
 
 def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
@@ -24,7 +24,7 @@ def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
 
 
 class Wind(RecordEffect):
-    """A wind across the track that changes slowly: half waves over the record, each half as large as the one before.
+    """A wind across the track that changes slowly: half waves over the record, the k-th 1/k as large as the first.
 
     A constant wind is in the direction of the velocity at the start; wind along the track is in the record's
     `velocity` already.
@@ -38,7 +38,7 @@ class Wind(RecordEffect):
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """Cosines of 1, 2, ... half waves along the body axes y and z of the first sample, rms the tolerance."""
-        shares = 0.5 ** np.arange(_WAVES)
+        shares = 1.0 / np.arange(1.0, _WAVES + 1.0)
         shares *= np.sqrt(2.0 / np.sum(shares**2))
         return tuple(
             Component(f"{axis} {wave}", "m/s", float(share * flight.instruments.wind[place]))

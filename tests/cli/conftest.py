@@ -1,26 +1,59 @@
-"""The command line as a user runs it: a process with its own output streams and exit code."""
+"""The command line as a user runs it: in this process, or as one with its own output streams and exit code."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import pytest
+from typer.testing import CliRunner
 
+from brv_hypo.cli.main import app
 from brv_hypo.mechanisms.conformance import sample_flight
+
+TERMINAL = {"COLUMNS": "100"}
+
+
+@dataclass(frozen=True)
+class Done:
+    """A finished command, with the names of `subprocess.CompletedProcess`."""
+
+    returncode: int
+    stdout: str
+    stderr: str
 
 
 @pytest.fixture(scope="session")
 def brv_hypo():
-    """Run `brv-hypo` with arguments; gives the finished process."""
+    """Run `brv-hypo` with arguments in this process, without the second that the imports of a new one take."""
+
+    def run(*arguments, cwd=".", **variables):
+        with contextlib.chdir(cwd):
+            done = CliRunner().invoke(
+                app,
+                [*map(str, arguments)],
+                prog_name="brv-hypo",
+                env={**TERMINAL, **variables},
+                catch_exceptions=False,
+            )
+        return Done(done.exit_code, done.stdout, done.stderr)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def brv_hypo_process():
+    """Run `brv-hypo` with arguments as a process of its own; gives the finished process."""
 
     def run(*arguments, cwd=None, **variables):
         paths = os.pathsep.join(path for path in sys.path if path)
         return subprocess.run(
             [sys.executable, "-m", "brv_hypo", *map(str, arguments)],
             cwd=cwd,
-            env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "100", **variables},
+            env={**os.environ, "PYTHONPATH": paths, **TERMINAL, **variables},
             capture_output=True,
             text=True,
             check=False,
@@ -54,6 +87,23 @@ def short_config(tmp_path_factory):
     """A simulation of 3 s with flow sticking planted from 1 to 2.5 s."""
     path = tmp_path_factory.mktemp("config") / "short.yaml"
     path.write_text(SHORT_FLIGHT)
+    return path
+
+
+BRIEF_FLIGHT = """
+base: research_cone
+title: brief
+duration: 0.5
+sample_rate: 100.0
+mechanisms: [{mechanism: sticking, theta: {delay: 0.12}, terms: {eps: 0.6}, start: 0.2}]
+"""
+
+
+@pytest.fixture(scope="session")
+def brief_config(tmp_path_factory):
+    """A simulation of half a second, for what does not depend on the flight."""
+    path = tmp_path_factory.mktemp("config") / "brief.yaml"
+    path.write_text(BRIEF_FLIGHT)
     return path
 
 

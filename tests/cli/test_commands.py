@@ -25,12 +25,12 @@ class TestSimulate:
         assert flight.samples == 301
         assert load_truth(simulated_file)["planted"] == "sticking"
 
-    def test_the_seed_makes_the_flight(self, brv_hypo, short_config, simulated_file, tmp_path):
-        for name, seed in (("same.h5", 4), ("other.h5", 5)):
+    def test_the_seed_makes_the_flight(self, brv_hypo, brief_config, tmp_path):
+        for name, seed in (("first.h5", 4), ("same.h5", 4), ("other.h5", 5)):
             assert (
-                brv_hypo("simulate", short_config, "-o", name, "--seed", seed, cwd=tmp_path).returncode == 0
+                brv_hypo("simulate", brief_config, "-o", name, "--seed", seed, cwd=tmp_path).returncode == 0
             )
-        first = load_flight(simulated_file)
+        first = load_flight(tmp_path / "first.h5")
         np.testing.assert_array_equal(load_flight(tmp_path / "same.h5").q, first.q)
         assert np.any(load_flight(tmp_path / "other.h5").q != first.q)
 
@@ -43,13 +43,13 @@ class TestSimulate:
         assert result["planted"] == ["bodyfixed"]
         assert result["planted_share"]["out_of_plane"] > 0.0
 
-    def test_an_existing_flight_is_kept_unless_forced(self, brv_hypo, short_config, tmp_path):
+    def test_an_existing_flight_is_kept_unless_forced(self, brv_hypo, brief_config, tmp_path):
         target = tmp_path / "flight.h5"
         target.write_text("mine")
-        assert brv_hypo("simulate", short_config, "-o", target).returncode == 2
+        assert brv_hypo("simulate", brief_config, "-o", target).returncode == 2
         assert target.read_text() == "mine"
-        assert brv_hypo("simulate", short_config, "-o", target, "--force").returncode == 0
-        assert load_flight(target).samples == 301
+        assert brv_hypo("simulate", brief_config, "-o", target, "--force").returncode == 0
+        assert load_flight(target).samples == 51
 
     def test_an_unknown_configuration_ends_with_2_and_the_nearest(self, brv_hypo, tmp_path):
         done = brv_hypo("simulate", "research_cane", "-o", tmp_path / "f.h5")
@@ -117,6 +117,17 @@ class TestImport:
         assert not (foreign / "flight.h5").exists()
 
 
+REGRESSION = "mechanisms: [damping]\nmaximum_likelihood: none\n"
+
+
+@pytest.fixture(scope="module")
+def regression(tmp_path_factory):
+    """A comparison by regression alone, for what the likelihood has no part in."""
+    path = tmp_path_factory.mktemp("config") / "regression.yaml"
+    path.write_text(REGRESSION)
+    return path
+
+
 @pytest.fixture(scope="module")
 def compared(brv_hypo, simulated_file, tmp_path_factory):
     """One comparison: the finished process, its JSON and its report."""
@@ -125,6 +136,12 @@ def compared(brv_hypo, simulated_file, tmp_path_factory):
     done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", *files)
     assert done.returncode == 0, done.stderr
     return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def regressed(brv_hypo_process, simulated_file, regression):
+    """A process that compares by regression, with JSON on standard output."""
+    return brv_hypo_process("compare", simulated_file, "--config", regression, "--json", "-")
 
 
 class TestCompare:
@@ -169,28 +186,28 @@ class TestCompare:
         assert html.count("<h2>Coefficients of") == histories
         assert html.count('class="plotly-graph-div"') == 4 + histories
 
-    def test_json_on_standard_output_is_alone_there(self, brv_hypo, simulated_file):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "--json", "-")
-        assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
-        assert done.stderr == ""
+    def test_json_on_standard_output_is_alone_there(self, regressed):
+        assert strict_json(regressed.stdout)["schema"] == "brv-hypo/compare/1"
+        assert regressed.stderr == ""
 
-    def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, compared):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping", "-q")
-        assert " ".join(done.stdout.split()) == compared[1]["verdict"]["reason"]
+    def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, regression, regressed):
+        done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
+        assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]
 
-    def test_verbose_shows_every_term(self, brv_hypo, simulated_file):
-        done = brv_hypo("compare", simulated_file, "--mechanisms", "damping,lag", "-v")
+    def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
+        chosen = ("--config", regression, "--mechanisms", "damping,lag")
+        done = brv_hypo("compare", simulated_file, *chosen, "-v")
         for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 
-    def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file):
+    def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file, regression):
         files = (simulated_file, simulated_file)
-        done = brv_hypo("compare", *files, "--mechanisms", "damping", "--json", "-")
+        done = brv_hypo("compare", *files, "--config", regression, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert len(strict_json(done.stdout)["flights"]) == 2
 
     def test_a_configuration_sets_what_is_compared(self, brv_hypo, simulated_file, tmp_path):
-        (tmp_path / "config.yaml").write_text("mechanisms: [damping]\noptions: {damping: {form: complete}}\n")
+        (tmp_path / "config.yaml").write_text(REGRESSION + "options: {damping: {form: complete}}\n")
         config = ("--config", tmp_path / "config.yaml")
         done = brv_hypo("compare", simulated_file, *config, "--json", "-")
         row = next(row for row in strict_json(done.stdout)["ranking"] if row["mechanism"] == "damping")

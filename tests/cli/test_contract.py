@@ -28,8 +28,8 @@ def test_every_command_explains_itself(brv_hypo, command):
     assert done.stdout.startswith(f"Usage: brv-hypo {command}")
 
 
-def test_the_help_names_every_command(brv_hypo):
-    done = brv_hypo("--help")
+def test_the_help_names_every_command(brv_hypo_process):
+    done = brv_hypo_process("--help")
     listed = done.stdout.partition("Commands:")[2].split()
     assert set(COMMANDS) <= set(listed)
 
@@ -67,9 +67,11 @@ def test_a_missing_record_ends_with_3(brv_hypo, tmp_path, command):
     assert "Traceback" not in done.stderr
 
 
-def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo, tmp_path):
+def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo_process, tmp_path):
     (tmp_path / "flight.h5").write_text("time,p\n0,1\n")
-    done = brv_hypo("compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path)
+    done = brv_hypo_process(
+        "compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path
+    )
     assert done.returncode == 3
     assert [entry.name for entry in tmp_path.iterdir()] == ["flight.h5"]
 
@@ -190,10 +192,10 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     assert target.read_text() == "whole"
 
 
-def test_the_version_is_that_of_the_package(brv_hypo):
+def test_the_version_is_that_of_the_package(brv_hypo_process):
     from importlib.metadata import version
 
-    assert brv_hypo("--version").stdout == f"brv-hypo {version('brv-hypo')}\n"
+    assert brv_hypo_process("--version").stdout == f"brv-hypo {version('brv-hypo')}\n"
 
 
 def test_the_console_script_is_the_program(brv_hypo):

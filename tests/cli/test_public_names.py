@@ -15,7 +15,12 @@ def run(code):
 
 
 @pytest.mark.parametrize(
-    "before", ["pass", "import brv_hypo.simulation", "from brv_hypo.simulation import config_path"]
+    "before",
+    [
+        "import brv_hypo.simulation",
+        pytest.param("pass", marks=pytest.mark.slow),
+        pytest.param("from brv_hypo.simulation import config_path", marks=pytest.mark.slow),
+    ],
 )
 def test_the_public_names_are_functions(before):
     check = f"from brv_hypo import {', '.join(NAMES)}; print(all(map(callable, ({', '.join(NAMES)}))))"

@@ -94,7 +94,7 @@ def assert_same(found: Flight, expected: Flight, *, rtol: float) -> None:
 
 
 @given(flights())
-@settings(max_examples=60, deadline=None)
+@settings(deadline=None)
 def test_saving_and_loading_returns_the_flight(original: Flight) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "flight.h5")
@@ -105,7 +105,7 @@ def test_saving_and_loading_returns_the_flight(original: Flight) -> None:
 
 
 @given(flights(), CHOICES)
-@settings(max_examples=60, deadline=None)
+@settings(deadline=None)
 def test_any_accepted_unit_gives_the_same_flight(original: Flight, units: dict[str, str]) -> None:
     def in_units(name: str, values: Any) -> Any:
         return np.asarray(values) / ACCEPTED[UNITS[name]][units[name]]
@@ -216,7 +216,7 @@ def is_compatible(units: str, si: str) -> bool:
 
 
 @given(st.sampled_from(ONE_PER_CHANNEL), st.text(max_size=8) | st.sampled_from(dir(PINT)))
-@settings(max_examples=80, deadline=None)
+@settings(deadline=None)
 def test_any_unit_string_is_read_or_refused_by_name(name: str, text: str) -> None:
     units = text.replace("\0", "")
     with tempfile.TemporaryDirectory() as folder:

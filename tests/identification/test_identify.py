@@ -41,6 +41,7 @@ def test_nothing_is_added_where_nothing_is_planted(bodyfixed):
     assert bodyfixed[2].instruments == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "value", "name"),
     [
@@ -58,6 +59,7 @@ def test_a_planted_instrument_error_is_found_and_measured(path, value, name):
     assert estimates[name].value == pytest.approx(value, abs=4.0 * estimates[name].std_error)
 
 
+@pytest.mark.slow
 def test_table_4_3_in_kind_maximum_likelihood_is_closer_to_the_truth_than_regression():
     """Root mean square error over flights, regression over maximum likelihood: at least 2 for each coefficient.
 
@@ -72,6 +74,7 @@ def test_table_4_3_in_kind_maximum_likelihood_is_closer_to_the_truth_than_regres
     assert np.all(regression > 2.0 * likelihood), regression / likelihood
 
 
+@pytest.mark.slow
 def test_a_delay_of_0_2_s_comes_back_from_a_start_0_1_s_off():
     ((simulated, flight),) = flights("sticking", 1, seed=5, delay=0.2)
     work = trial(simulated, flight, delay_error=0.1)
@@ -81,6 +84,7 @@ def test_a_delay_of_0_2_s_comes_back_from_a_start_0_1_s_off():
     assert abs(error) < 2.0 * estimate.std_error
 
 
+@pytest.mark.slow
 def test_flights_share_coefficients_and_keep_their_own_gravity():
     from brv_hypo.regression.frame import build_frame
 

@@ -14,7 +14,7 @@ from brv_hypo.identification.inputs import (
     smoothed,
 )
 from brv_hypo.motion import reconstruct
-from brv_hypo.simulation import simulate
+from tests.flights import nominal
 
 TIME = np.linspace(0.0, 6.0, 1201)
 
@@ -53,7 +53,7 @@ def test_what_noise_leaves_is_as_large_as_stated(turns: float, weight: str, monk
 
 
 def test_the_density_is_found_where_pressure_is_lost_in_noise():
-    flight = simulate("research_cone", seed=300).flight
+    flight = nominal().flight
     pressure = 2e3 * np.exp(1.5 * flight.time)
     noise = np.random.default_rng(2).normal(0.0, 3e3, flight.samples)
     found = log_density(replace(flight, dynamic_pressure=pressure + noise), flight.velocity, np.zeros(flight.samples))
@@ -64,7 +64,7 @@ def test_the_density_is_found_where_pressure_is_lost_in_noise():
 
 
 def test_the_errors_are_courses_of_their_flight():
-    flight = simulate("research_cone", seed=300).flight
+    flight = nominal().flight
     inputs = smooth_inputs(reconstruct(flight), 2)
     names = [error.course.name for error in inputs.errors]
     assert names == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]

@@ -1,6 +1,6 @@
 """Seconds of a fit on 1,080 samples, biases included.
 
-Run by `pytest tests/identification/test_speed.py --benchmark-enable`.
+Run by `pytest tests/identification/test_speed.py -m slow --benchmark-enable`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from brv_hypo.identification.study import CASES, flights, trial
 OPTIONS = IdentificationConfig(candidates=(), instruments=("gyro_bias", "accel_bias"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_seconds_of_a_fit(benchmark, case):
     ((simulated, flight),) = flights(case, 1, seed=7)

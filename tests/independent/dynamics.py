@@ -50,7 +50,8 @@ class Look:
 class History:
     """The past of a flight: dense output by step; knows nothing later than its last step."""
 
-    def __init__(self) -> None:
+    def __init__(self, first: float) -> None:
+        self.first = first
         self.ends: list[float] = []
         self.pieces: list[Callable[[float], np.ndarray]] = []
 
@@ -59,7 +60,8 @@ class History:
         self.pieces.append(piece)
 
     def at(self, time: float) -> np.ndarray:
-        """State (13,)."""
+        """State (13,); before the flight, its first."""
+        time = max(time, self.first)
         return self.pieces[min(bisect_left(self.ends, time), len(self.ends) - 1)](time)
 
     def many(self, times: np.ndarray) -> np.ndarray:
@@ -70,7 +72,7 @@ class History:
 class Body:
     """Equations of motion of one flight with its planted mechanism and its vehicle's and air's errors."""
 
-    def __init__(self, craft: Craft, start: Start, errors: Errors, planted: Planted) -> None:
+    def __init__(self, craft: Craft, start: Start, errors: Errors, planted: Planted, pad: float) -> None:
         self.craft, self.start, self.planted = craft, start, planted
         self.wind = Wind(errors.wind, craft.duration)
         self.still = not np.any(errors.wind)
@@ -79,7 +81,8 @@ class Body:
         self.tensor = tensor.tolist()
         self.inverse = np.linalg.inv(tensor).tolist()
         self.centre = (0.0, *(float(value) for value in errors.cg_offset))
-        self.history = History()
+        self.history = History(-pad)
+        self.pad = pad
         self.anchor: tuple[float, complex, complex] | None = None
         density, _ = atmosphere(craft.altitude)
         self.scale = vehicle.reference_area * vehicle.reference_length
@@ -125,9 +128,9 @@ class Body:
         m = _matrix(quaternion)
         gx, gy, gz = 0.0, 0.0, GRAVITY
         if not self.still:
-            wind, change = self.wind.at(time)
+            wind, gust = self.wind.at(time)
             vx, vy, vz = vx - wind[0], vy - wind[1], vz - wind[2]
-            gx, gy, gz = -change[0], -change[1], GRAVITY - change[2]
+            gx, gy, gz = -gust[0], -gust[1], GRAVITY - gust[2]
         u, v, w = (m[0][k] * vx + m[1][k] * vy + m[2][k] * vz for k in range(3))
         speed = math.sqrt(u * u + v * v + w * w)
         cross = math.hypot(v, w)
@@ -237,9 +240,9 @@ class Body:
         cross = math.hypot(v, w)
         return complex(w, v) * (math.atan2(cross, u) / cross if cross > 1e-9 else 1.0 / u)
 
-    def fly(self, pad: float = PAD) -> None:
+    def fly(self) -> None:
         """Fills the history from -pad to duration + pad."""
-        time, last = -pad, self.craft.duration + pad
+        time, last = -self.pad, self.craft.duration + self.pad
         state = self.first_state(time)
         for stop in [*(edge for edge in self.planted.edges if time < edge < last), last]:
             if stop - time < 1e-9:
@@ -332,8 +335,8 @@ def _spin_change(
 
 
 def flown(craft: Craft, start: Start, errors: Errors, planted: Planted, pad: float = PAD) -> Body:
-    body = Body(craft, start, errors, planted)
-    body.fly(pad)
+    body = Body(craft, start, errors, planted, pad)
+    body.fly()
     return body
 
 

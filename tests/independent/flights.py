@@ -42,7 +42,8 @@ _STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4}
 class TrueMotion:
     """What was so at the record's times, SI; moments and contributions complex.
 
-    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted. `share`
+    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted,
+    `claim` the same, region or no. `share`
     is the contribution's rms in its region over the moment's rms over the record, `nominal_share` what amplitude 1
     was meant to give.
     """
@@ -61,6 +62,7 @@ class TrueMotion:
     force: np.ndarray
     moment: np.ndarray
     contribution: np.ndarray
+    claim: np.ndarray
     planted: Planted
     errors: Errors
     craft: Craft
@@ -202,15 +204,15 @@ def _nominal(
         "inplane": {"offset": float(other_sign * np.sqrt(np.mean(alpha**2))), "slope": 1.0},
         "mach_step": {"mach": float(mach_at[1]), "width": float(abs(mach_at[1] - mach_at[0]) / 3.0)},
     }
-    unit = Planted(truth, 1.0, first, last, {**drawn.get(truth, {}), **(values or {})})
-    if truth == "lag":
-        return replace(unit, amplitude=share / meridian_rate), share
+    # All but the lag are linear in their amplitude; it nearly is where it starts from.
+    unit_amplitude = share / meridian_rate if truth == "lag" else 1.0
+    unit = Planted(truth, unit_amplitude, first, last, {**drawn.get(truth, {}), **(values or {})})
     inside = (time >= first) & (time < last)
-    made = [unit.contribution(look.running) for look, use in zip(looks, inside, strict=True) if use]
+    made = [unit.claim(look.running) for look, use in zip(looks, inside, strict=True) if use]
     moment = np.sqrt(np.mean(np.abs(stack(looks, "moment")) ** 2))
-    size = share * moment / np.sqrt(np.mean(np.abs(made) ** 2))
-    # What sticks trails; everything else is as likely of either sign.
-    return replace(unit, amplitude=float(size if truth == "sticking" else sign * size)), share
+    size = unit_amplitude * share * moment / np.sqrt(np.mean(np.abs(made) ** 2))
+    # What lags or sticks trails; everything else is as likely of either sign.
+    return replace(unit, amplitude=float(size if truth in ("lag", "sticking") else sign * size)), share
 
 
 def _of_running(looks: list[Look], name: str) -> np.ndarray:
@@ -243,6 +245,7 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
         force=force,
         moment=moment,
         contribution=contribution,
+        claim=np.array([body.planted.claim(look.running) for look in looks]),
         planted=body.planted,
         errors=errors,
         craft=body.craft,

@@ -60,9 +60,11 @@ class Planted:
         return tuple(sorted(set(first)))
 
     def contribution(self, now: Running) -> complex:
-        if self.amplitude == 0.0 or not self.start <= now.time < self.stop:
-            return 0j
-        return _FORMS[self.name](self, now)
+        return self.claim(now) if self.start <= now.time < self.stop else 0j
+
+    def claim(self, now: Running) -> complex:
+        """The contribution, region or no."""
+        return _FORMS[self.name](self, now) if self.amplitude != 0.0 else 0j
 
 
 def _damping(planted: Planted, now: Running) -> complex:

@@ -15,8 +15,8 @@ from brv_hypo.likelihood.problems import lagging_body, short_period
 BODY = lagging_body()
 
 
-@pytest.mark.parametrize("start", [0.1, 0.3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("start", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_delay_started_a_tenth_of_a_second_off_comes_back(start: float, seed: int) -> None:
     theta0 = {name: 0.7 * value for name, value in BODY.truth.items()} | {"delay": start}
     result = fit(BODY.dynamics, BODY.outputs, [BODY.simulate(1500, seed)], theta0, delays=("delay",))
@@ -25,6 +25,7 @@ def test_a_delay_started_a_tenth_of_a_second_off_comes_back(start: float, seed: 
     assert 0 < result.std_error["delay"] < 0.03
 
 
+@pytest.mark.slow
 def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
     """Profile: with the delay held to either side, the NLLF rises as its standard error says."""
     segment = BODY.simulate(800, seed=4)
@@ -39,6 +40,7 @@ def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
         assert held.nllf - free.nllf == pytest.approx(0.5, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_segment_that_starts_in_full_motion_uses_its_history() -> None:
     whole = BODY.simulate(700, seed=6)
     x = BODY.trajectory(whole.t, np.random.default_rng(0))
@@ -55,6 +57,7 @@ def test_a_segment_that_starts_in_full_motion_uses_its_history() -> None:
     assert with_history.nllf < without.nllf - 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [-0.03, 0.05])
 def test_an_instrument_that_is_late_or_early_is_found(offset: float) -> None:
     """The delay stands in the outputs only, and may be negative."""

@@ -28,6 +28,7 @@ def errors_in_sigma(result: FitResult, problem: ModelProblem) -> np.ndarray:
 SLOW_BODY = spinning_body().with_truth(M_alpha=-4.0, M_q=-0.8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [short_period(), SLOW_BODY], ids=["short period", "spinning body"])
 def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     """At 150 Hz, where the discretisation errors of both are below the tolerance."""
@@ -46,7 +47,9 @@ def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     np.testing.assert_allclose(ours.states[0], reference.states[0], atol=1e-6 * np.abs(ours.states[0]).max())
 
 
-@pytest.mark.parametrize("factor", [0.0, 0.5, 1.5])
+@pytest.mark.parametrize(
+    "factor", [0.0, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (0.5, 1.5))]
+)
 @pytest.mark.parametrize("problem", [short_period(), spinning_body()], ids=["short period", "spinning body"])
 def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor: float) -> None:
     segment = problem.simulate(500, seed=1)
@@ -57,7 +60,9 @@ def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor:
     assert all(test.white for test in result.whiteness)
 
 
-@pytest.mark.parametrize("start", [1e-8, 1e-5, 1e-3])
+@pytest.mark.parametrize(
+    "start", [1e-3, *(pytest.param(start, marks=pytest.mark.slow) for start in (1e-8, 1e-5))]
+)
 @pytest.mark.parametrize(
     ("problem", "samples"), [(spinning_body(), 400), (growing_body(), 75)], ids=["spinning", "growing"]
 )
@@ -181,6 +186,7 @@ def test_gaps_cost_information_and_nothing_else() -> None:
     np.testing.assert_array_equal(np.isnan(result.innovations[0]), np.isnan(y))
 
 
+@pytest.mark.slow
 def test_a_full_noise_covariance_is_found() -> None:
     segment = SHORT.simulate(3000, seed=9)
     rng = np.random.default_rng(0)

@@ -46,6 +46,7 @@ def test_the_likelihood_is_that_of_the_outputs_with_the_states_integrated_out() 
     assert result.history[-1].cost == pytest.approx(-density, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_parameters_are_recovered_with_honest_errors_where_output_error_is_overconfident() -> None:
     scores, overconfident = [], []
     start = {name: 0.7 * value for name, value in BUMPY.truth.items()}
@@ -63,6 +64,7 @@ def test_parameters_are_recovered_with_honest_errors_where_output_error_is_overc
     assert np.sqrt(np.mean(np.square(overconfident))) > 1.6
 
 
+@pytest.mark.slow
 def test_measurement_and_process_noise_are_told_apart() -> None:
     segment = BUMPY.simulate(1500, seed=1)
     result = fit(

@@ -14,6 +14,7 @@ from brv_hypo.likelihood.problems import growing_body, short_period
 SHORT = short_period()
 
 
+@pytest.mark.slow
 def test_the_scatter_of_two_segments_initial_states_is_their_standard_error() -> None:
     """120 trials of 4 initial states: each ratio has a standard deviation of 6.5 %, their mean one of 3 %."""
     t = np.arange(240) / SHORT.rate

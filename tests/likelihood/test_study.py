@@ -12,6 +12,7 @@ from brv_hypo.likelihood.problems import growing_body, short_period, spinning_bo
 from brv_hypo.likelihood.study import coverage, cramer_rao, delay, growth_in_two_seconds, hard_motion
 
 
+@pytest.mark.slow
 def test_intervals_cover_in_white_noise_and_once_corrected_in_coloured() -> None:
     """60 trials, 8 parameters: the mean share has a standard deviation of about 1.5 %."""
     white = coverage(short_period(), 300, trials=60, seed=1)
@@ -28,12 +29,14 @@ def test_the_bound_is_in_proportion_to_the_noise() -> None:
     np.testing.assert_allclose(cramer_rao(quieter, 250), cramer_rao(spinning_body(), 250) / 4, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_hard_motion_grows_twentyfold_and_is_fitted() -> None:
     assert growth_in_two_seconds(growing_body()) >= 20
     found = hard_motion(trials=6, seed=3, shooting=False)
     assert found.collocation.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.1, 0.3])
 def test_delays_come_back(start: float) -> None:
     found = delay(trials=8, seed=4, start=start, samples=600)

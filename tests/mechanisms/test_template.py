@@ -48,6 +48,7 @@ def test_the_plugin_is_listed_with_its_package_and_version(environment):
     assert '"name": "sticking"' in done.stdout
 
 
+@pytest.mark.slow
 def test_the_tests_that_come_with_it_pass(environment):
     done = run(environment, "pytest", "-q", "-p", "no:cacheprovider")
     assert done.returncode == 0, done.stdout

@@ -2,33 +2,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion import reconstruct
-from brv_hypo.simulation import simulate
-
-FLIGHT = simulate("research_cone", seed=91).flight
-NOTHING = np.zeros(FLIGHT.samples)
+from tests.flights import nominal
 
 
 @pytest.mark.parametrize(
-    ("change", "remedy"),
+    ("factors", "remedy"),
     [
-        ({"q": NOTHING, "r": NOTHING}, "dead or missing gyro"),
-        ({"p": NOTHING, "q": NOTHING, "r": NOTHING, "ax": NOTHING, "ay": NOTHING, "az": NOTHING}, "dead"),
-        ({"q": FLIGHT.q * 1e8, "r": FLIGHT.r * 1e8}, "units"),
-        ({"dynamic_pressure": np.full(FLIGHT.samples, 1e-9)}, "not yet in the air"),
+        ({"q": 0.0, "r": 0.0}, "dead or missing gyro"),
+        (dict.fromkeys(("p", "q", "r", "ax", "ay", "az"), 0.0), "dead"),
+        ({"q": 1e8, "r": 1e8}, "units"),
+        ({"dynamic_pressure": 1e-14}, "not yet in the air"),
     ],
 )
-def test_records_without_an_answer_are_refused_with_a_remedy(change: dict, remedy: str) -> None:
+def test_records_without_an_answer_are_refused_with_a_remedy(factors: dict[str, float], remedy: str) -> None:
+    flight = nominal().flight
+    changed = {name: factor * getattr(flight, name) for name, factor in factors.items()}
     with pytest.raises(UnanswerableError, match=remedy):
-        reconstruct(replace(FLIGHT, **change))
+        reconstruct(replace(flight, **changed))
 
 
 def test_a_quiet_flight_is_not_refused() -> None:
     """A hundredth of a degree a second is motion all the same."""
-    assert (
-        reconstruct(replace(FLIGHT, q=FLIGHT.q * 1e-3, r=FLIGHT.r * 1e-3)).motion.alpha.size == FLIGHT.samples
-    )
+    flight = nominal().flight
+    quiet = replace(flight, q=flight.q * 1e-3, r=flight.r * 1e-3)
+    assert reconstruct(quiet).motion.alpha.size == flight.samples

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
-from tests.motion.study import score
+from tests.motion.study import Score, score
 from tests.motion.truth import CAPSULE, CONE, SLENDER, Scenario, Truth, fly, observe
 from tests.shared_data import shared_file
 
@@ -23,30 +25,40 @@ def cone(truths: dict[str, Truth]) -> Reconstruction:
     return reconstruct(observe(truths["cone"], 1))
 
 
-@pytest.mark.parametrize("name", ["cone", "slender"])
-def test_accuracy_at_200_hz(truths: dict[str, Truth], name: str) -> None:
-    found = score(truths[name], SEEDS)
+@pytest.fixture(scope="module")
+def scored(truths: dict[str, Truth]) -> Callable[[str], Score]:
+    """The score of a scenario as its own instruments see it, over all seeds."""
+    return cache(lambda name: score(truths[name], SEEDS))
+
+
+@pytest.mark.parametrize("name", ["cone", pytest.param("slender", marks=pytest.mark.slow)])
+def test_accuracy_at_200_hz(scored: Callable[[str], Score], name: str) -> None:
+    found = scored(name)
     assert found.alpha_deg < 0.003
     assert found.phi_w_rad < 0.005
     assert found.moment_percent < 2.0
 
 
-def test_blunt_capsule_is_limited_by_its_small_normal_force(truths: dict[str, Truth]) -> None:
+@pytest.mark.slow
+def test_blunt_capsule_is_limited_by_its_small_normal_force(scored: Callable[[str], Score]) -> None:
     # The normal force is 13 times the accelerometers' noise: a coarser, but honest, answer.
-    found = score(truths["capsule"], SEEDS)
+    found = scored("capsule")
     assert found.alpha_deg < 0.01
     assert found.phi_w_rad < 0.005
     assert found.moment_percent < 2.0
 
 
-@pytest.mark.parametrize("name", ["cone", "capsule", "slender"])
-def test_stated_sigmas_are_right_within_30_percent(truths: dict[str, Truth], name: str) -> None:
-    found = score(truths[name], SEEDS)
+@pytest.mark.parametrize(
+    "name", ["cone", *(pytest.param(name, marks=pytest.mark.slow) for name in ("capsule", "slender"))]
+)
+def test_stated_sigmas_are_right_within_30_percent(scored: Callable[[str], Score], name: str) -> None:
+    found = scored(name)
     assert 0.7 < found.alpha_ratio < 1.3
     assert 0.7 < found.phi_w_ratio < 1.3
     assert 0.7 < found.moment_ratio < 1.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.1, 5.0])
 def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None:
     found = score(
@@ -64,12 +76,12 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
     "scenario",
     [
         pytest.param(replace(CONE, roll_rate=20.0, duration=3.0), id="fast roll"),
-        pytest.param(replace(CONE, roll_rate=0.2), id="slow roll"),
-        pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg"),
-        pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim"),
+        pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
+        pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
+        pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
         pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz"),
-        pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars"),
-        pytest.param(replace(CONE, planet="unheard of"), id="unknown planet"),
+        pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars", marks=pytest.mark.slow),
+        pytest.param(replace(CONE, planet="unheard of"), id="unknown planet", marks=pytest.mark.slow),
     ],
 )
 def test_accuracy_elsewhere(scenario: Scenario) -> None:
@@ -79,6 +91,7 @@ def test_accuracy_elsewhere(scenario: Scenario) -> None:
     assert found.moment_percent < 2.0
 
 
+@pytest.mark.slow
 def test_small_biases_are_borne_and_stated(truths: dict[str, Truth]) -> None:
     biases = {"gyro_bias": (2e-4, -3e-4, 2e-4), "accel_bias": (0.05, 0.03, -0.04)}
     found = score(truths["cone"], SEEDS, **biases)
@@ -106,7 +119,7 @@ def test_gravity_left_out_is_worse_and_says_so(truths: dict[str, Truth]) -> None
 
 
 @pytest.mark.parametrize("method", ["velocity", "rates", "polar"])
-@pytest.mark.parametrize("name", ["cone", "capsule", "slender"])
+@pytest.mark.parametrize("name", ["cone", "capsule", pytest.param("slender", marks=pytest.mark.slow)])
 def test_untied_methods_are_near_and_state_their_error(
     truths: dict[str, Truth], name: str, method: str
 ) -> None:
@@ -158,6 +171,7 @@ def test_a_gap_is_carried_over(truths: dict[str, Truth]) -> None:
     assert result.alpha_sigma[403] > 10.0 * result.alpha_sigma[300]
 
 
+@pytest.mark.slow
 def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> None:
     truth = truths["slender"]
     flight = observe(truth, 4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,15 +15,26 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking import CompareConfig, compare
+from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.simulation import simulate
+from tests.flights import nominal
 from tests.shared_data import shared_file
 
+REGRESSION: dict[str, Any] = {"maximum_likelihood": "none"}
+"""For what the likelihood has no part in."""
 
-def test_the_measured_entry_of_opportunity() -> None:
-    """8 Hz, Martian, inertia up to a factor: a moment fixed in the body, with warnings."""
+
+@pytest.fixture(scope="module")
+def opportunity() -> Comparison:
+    """The measured entry of Opportunity, compared with the defaults."""
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
-    comparison = compare([flight], CompareConfig(mechanisms=("lag", "bodyfixed")))
+    return compare([flight], CompareConfig(mechanisms=("lag", "bodyfixed")))
+
+
+@pytest.mark.shared
+def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
+    """8 Hz, Martian, inertia up to a factor: a moment fixed in the body, with warnings."""
+    comparison = opportunity
     assert comparison.ranking[0].mechanism == "bodyfixed"
     assert comparison.ranking[0].prediction_ratio < 0.5
     assert any("8 Hz" in warning for warning in comparison.reconstruction.warnings)
@@ -30,9 +42,7 @@ def test_the_measured_entry_of_opportunity() -> None:
 
 
 def test_json_carries_the_keys_of_the_contract() -> None:
-    comparison = compare(
-        [simulate("research_cone", seed=61).flight], CompareConfig(mechanisms=("bodyfixed",))
-    )
+    comparison = compare([nominal().flight], CompareConfig(mechanisms=("bodyfixed",)))
     content = comparison.model_dump(mode="json", by_alias=True)
     assert content["schema"] == "brv-hypo/compare/1"
     assert set(content) >= {"flights", "reconstruction", "baseline", "ranking", "verdict", "seconds"}
@@ -69,7 +79,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
 
 
 def test_the_seven_criteria_agree_with_their_definitions() -> None:
-    comparison = compare([simulate("research_cone", seed=62).flight], CompareConfig(mechanisms=("damping",)))
+    comparison = compare([nominal().flight], CompareConfig(mechanisms=("damping",), **REGRESSION))
     for row in comparison.ranking:
         criteria = row.criteria
         assert set(criteria) >= {
@@ -88,14 +98,14 @@ def test_the_seven_criteria_agree_with_their_definitions() -> None:
 
 
 def test_too_short_a_window_cannot_answer() -> None:
-    flight = simulate("research_cone", seed=63).flight.window(0.0, 0.2)
+    flight = nominal().flight.window(0.0, 0.2)
     with pytest.raises(UnanswerableError, match="--start and --stop"):
         compare([flight])
 
 
 def test_an_unknown_mechanism_names_the_nearest() -> None:
     with pytest.raises(UsageError, match="sticking"):
-        compare([simulate("research_cone", seed=64).flight], CompareConfig(mechanisms=("stiking",)))
+        compare([nominal().flight], CompareConfig(mechanisms=("stiking",)))
 
 
 class NeedsMach(Mechanism):
@@ -114,12 +124,13 @@ def test_a_mechanism_without_its_channel_is_left_out_with_a_reason(monkeypatch: 
         return (NeedsMach(),) if name == "needs_mach" else known(name, options)
 
     monkeypatch.setattr(module, "parse_hypothesis", parse)
-    flight = replace(simulate("research_cone", seed=65).flight, mach=None, altitude=None, planet="mars")
-    comparison = compare([flight], CompareConfig(mechanisms=("needs_mach", "damping")))
+    flight = replace(nominal().flight, mach=None, altitude=None, planet="mars")
+    comparison = compare([flight], CompareConfig(mechanisms=("needs_mach", "damping"), **REGRESSION))
     assert [row.mechanism for row in comparison.ranking] == ["none", "damping"]
     assert any("needs_mach is left out" in warning for warning in comparison.warnings)
 
 
+@pytest.mark.slow
 def test_gaps_cost_samples_but_not_the_verdict() -> None:
     flight = simulate("research_cone", seed=66, plant=("sticking",)).flight
     n = flight.samples
@@ -129,6 +140,7 @@ def test_gaps_cost_samples_but_not_the_verdict() -> None:
     assert comparison.ranking[0].n_effective < 2 * n
 
 
+@pytest.mark.slow
 def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
     """The block of the contract, and the likelihood's own estimate of a planted step of the slope."""
     flight = simulate("sounding_rocket", seed=67, plant=("damping",)).flight
@@ -143,6 +155,7 @@ def test_a_standing_hypothesis_is_refined_by_maximum_likelihood() -> None:
     assert comparison.seconds.ml > 0.0
 
 
+@pytest.mark.slow
 def test_a_delay_is_refined_and_predicts_what_was_held_out() -> None:
     """Delay and fraction of the likelihood, and held-out prediction by it where it converged."""
     flight = simulate("research_cone", seed=68, plant=("sticking",)).flight
@@ -163,13 +176,20 @@ def test_a_delay_is_refined_and_predicts_what_was_held_out() -> None:
     assert first.prediction_error < 1.1 * regression.ranking[0].prediction_error
 
 
-@pytest.mark.parametrize("setting", ["quick", "none"])
-def test_a_record_with_limits_keeps_to_the_regression(setting: str) -> None:
-    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
-    config = CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood=setting)
-    first = compare([flight], config).ranking[0]
+@pytest.mark.shared
+def test_a_record_with_limits_keeps_to_the_regression_and_says_so(opportunity: Comparison) -> None:
+    first = opportunity.ranking[0]
     assert first.ml is None
-    assert any("maximum_likelihood" in note for note in first.notes) == (setting == "quick")
+    assert any("maximum_likelihood" in note for note in first.notes)
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+def test_a_regression_that_was_asked_for_needs_no_note() -> None:
+    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    first = compare([flight], CompareConfig(mechanisms=("bodyfixed",), **REGRESSION)).ranking[0]
+    assert first.ml is None
+    assert not any("maximum_likelihood" in note for note in first.notes)
 
 
 class Confident(find("damping").__class__):  # type: ignore[misc]
@@ -188,7 +208,7 @@ def test_a_plugin_may_replace_the_gaussian_likelihood(monkeypatch: pytest.Monkey
         return (Confident(),) if name == "confident" else known(name, options)
 
     monkeypatch.setattr(module, "parse_hypothesis", parse)
-    flight = simulate("research_cone", seed=69).flight
+    flight = nominal().flight
     settings = {"refine": False, "maximum_likelihood": "none"}
     comparison = compare([flight], CompareConfig(mechanisms=("confident", "damping"), **settings))
     criterion = {row.mechanism: row.bic for row in comparison.ranking}

@@ -7,8 +7,8 @@ import pytest
 
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import CoefficientSeries
-from brv_hypo.simulation import simulate
 from brv_hypo.simulation.result import SimulatedFlight
+from tests.flights import nominal
 
 PLANTED_SLOPE = -0.0883
 """C_N' by alpha of the research cone, 1/rad."""
@@ -16,7 +16,7 @@ PLANTED_SLOPE = -0.0883
 
 @pytest.fixture(scope="module")
 def flown() -> SimulatedFlight:
-    return simulate("research_cone", seed=17)
+    return nominal()
 
 
 def compared(flown: SimulatedFlight, *, likelihood: bool) -> Comparison:

@@ -9,10 +9,15 @@ from brv_hypo.simulation import simulate
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
+PLANTED = [(vehicle, mechanism) for vehicle in VEHICLES for mechanism in MECHANISMS]
+QUICK = ("research_cone", "bodyfixed")
+"""What every run plants; the rest takes minutes."""
 
 
-@pytest.mark.parametrize("mechanism", MECHANISMS)
-@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize(
+    ("vehicle", "mechanism"),
+    [pytest.param(*pair, marks=() if pair == QUICK else pytest.mark.slow) for pair in PLANTED],
+)
 def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None:
     seed = 4000 + 10 * VEHICLES.index(vehicle) + MECHANISMS.index(mechanism)
     comparison = compare([simulate(vehicle, seed=seed, plant=(mechanism,)).flight])
@@ -23,6 +28,7 @@ def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None
     assert [row.rank for row in comparison.ranking] == list(range(1, 7))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_none_stands_where_nothing_is_planted(vehicle: str) -> None:
     comparison = compare([simulate(vehicle, seed=4100 + VEHICLES.index(vehicle)).flight])
@@ -31,6 +37,7 @@ def test_none_stands_where_nothing_is_planted(vehicle: str) -> None:
     assert comparison.ranking[0].f_ratio is None
 
 
+@pytest.mark.slow
 def test_two_flights_are_fitted_jointly() -> None:
     flights = [simulate("research_cone", seed=seed, plant=("bodyfixed",)).flight for seed in (4200, 4201)]
     comparison = compare(flights)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.ranking import CompareConfig, Comparison, compare
@@ -60,6 +61,7 @@ def by_name(comparison: Comparison, name: str) -> RankedHypothesis:
     return next(row for row in comparison.ranking if row.mechanism == name)
 
 
+@pytest.mark.slow
 def test_tables_5_5_and_5_7() -> None:
     """Jump of 2.71e-4 in C_m0 at 320.8 s, 0.6 of the flow sticking for 0.2 s from 320.75 to 322.5 s."""
     flight = simulate("report_table_5", seed=20_261_121).flight

@@ -13,6 +13,7 @@ from scipy.integrate import quad
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.weakform import WeakSegment, weak_segments
 from brv_hypo.simulation import simulate
+from tests.flights import nominal
 
 TIME = np.linspace(2.0, 6.0, 401)
 
@@ -46,7 +47,13 @@ def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float,
         assert column[index] == pytest.approx(complex(*parts), abs=2e-7)
 
 
-@pytest.mark.parametrize("config", ["research_cone", "blunt_capsule", "sounding_rocket"])
+@pytest.mark.parametrize(
+    "config",
+    [
+        "research_cone",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("blunt_capsule", "sounding_rocket")),
+    ],
+)
 def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
     """The white residual is the gyros' own noise: 0.02 deg/s, within what chance allows."""
     flight = simulate(config, seed=77)
@@ -60,6 +67,6 @@ def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
 
 
 def test_short_segments_are_left_out() -> None:
-    flight = simulate("research_cone", seed=5).flight.window(0.0, 1.0)
+    flight = nominal().flight.window(0.0, 1.0)
     cut = replace(flight, segments=((0, 50), (60, 65), (70, flight.samples)))
     assert [(s.rows.start, s.rows.stop) for s in weak_segments(cut, 0)] == [(0, 50), (70, flight.samples)]

@@ -8,12 +8,13 @@ import pytest
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.compare_page import comparison_page
 from brv_hypo.report.figures import Uncertain, coefficient_figure
-from brv_hypo.simulation import simulate
+from brv_hypo.simulation import load_config, simulate_batch
 
 
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    flights = [simulate("research_cone", seed=seed).flight for seed in (5, 6)]
+    cone = load_config("research_cone").model_copy(update={"duration": 3.0, "sample_rate": 100.0})
+    flights = [simulated.flight for simulated in simulate_batch(cone, seeds=(5, 6))]
     return compare(flights, CompareConfig(mechanisms=("bodyfixed",)))
 
 

@@ -10,6 +10,7 @@ from brv_hypo.flight import load_flight
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
+from tests.flights import nominal
 from tests.shared_data import shared_file
 
 STOPS = {"white", "nothing significant", "nothing improves held-out error", "limit"}
@@ -40,7 +41,7 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def clean() -> Trace:
-    return trace(simulate("research_cone", seed=11).flight, TraceConfig())
+    return trace(nominal().flight, TraceConfig())
 
 
 def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
@@ -49,6 +50,7 @@ def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
     assert clean.steps[-1].error_before.held_out < 1.2 * clean.noise_floor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
     result = trace(simulate(CASES[name], seed=12).flight, TraceConfig(max_steps=2))
@@ -78,16 +80,17 @@ def test_the_dump_is_the_contracts_json(clean: Trace) -> None:
 
 def test_an_unknown_effect_is_refused() -> None:
     with pytest.raises(UsageError, match="did you mean magnus"):
-        trace(simulate("research_cone", seed=11).flight, TraceConfig(effects=("magnos",)))
+        trace(nominal().flight, TraceConfig(effects=("magnos",)))
 
 
 def test_a_record_too_short_is_refused() -> None:
-    flight = simulate("research_cone", seed=11).flight.window(1.0, 1.3)
+    flight = nominal().flight.window(1.0, 1.3)
     with pytest.raises(UnanswerableError, match="too few"):
         trace(flight)
 
 
 @pytest.mark.shared
+@pytest.mark.slow
 def test_opportunity_needs_a_body_fixed_moment_and_stiffness_that_changes() -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     result = trace(flight, TraceConfig(max_steps=3))

@@ -10,6 +10,7 @@ import pytest
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight, load_truth
 from brv_hypo.simulation import config_names, config_path, load_config, simulate
+from tests.flights import flown
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("sticking", "lag", "bodyfixed", "damping", "inplane")
@@ -21,9 +22,11 @@ def test_every_configuration_that_comes_along_loads() -> None:
         assert load_config(name).samples > 500
 
 
-@pytest.mark.parametrize("name", VEHICLES)
+@pytest.mark.parametrize(
+    "name", [VEHICLES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in VEHICLES[1:])]
+)
 def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -> None:
-    truth = simulate(name, seed=1).truth
+    truth = flown(name).truth
     assert truth.planted == ()
     np.testing.assert_allclose(truth.planted_share, 0.0, atol=1e-9)
     third = truth.alpha.size // 3
@@ -32,11 +35,12 @@ def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -
         assert np.max(part) > 1.3 * np.min(part)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mechanism", MECHANISMS)
 @pytest.mark.parametrize("name", VEHICLES)
 def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanism: str) -> None:
     """At least 5 % of the moment's rms, from which it must be found; alpha between 0.3 and 8 deg."""
-    flight = simulate(name, seed=1, plant=(mechanism,))
+    flight = flown(name, mechanism)
     truth = flight.truth
     entry = flight.config.mechanisms[0]
     assert truth.planted == (mechanism,)
@@ -49,14 +53,16 @@ def test_planted_flights_show_the_mechanism_and_stay_flights(name: str, mechanis
     assert np.max(truth.alpha[-truth.alpha.size // 6 :]) > np.radians(0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", sorted(set(load_config("research_cone").plantable) - set(MECHANISMS)))
 def test_plantable_effects_of_the_vehicle_are_seen_and_bearable(effect: str) -> None:
-    truth = simulate("research_cone", seed=1, plant=(effect,)).truth
+    truth = flown("research_cone", effect).truth
     assert 0.02 < np.hypot(*truth.planted_share) < 0.4
     assert np.radians(0.3) < np.max(truth.alpha[-200:])
     assert np.max(truth.alpha) < np.radians(5.0)
 
 
+@pytest.mark.slow
 def test_the_reports_flight_has_its_knots_and_its_size() -> None:
     """Moments of a few 1e-4 (Table 5.4: mean square 1.65e-7), sticking from 320.75 to 322.5 s (Table 5.7)."""
     flight = simulate("report_table_5", seed=1)

@@ -58,7 +58,7 @@ def momentum(config: SimulationConfig, trajectory: Trajectory) -> tuple[FloatArr
 
 def test_torque_free_coning_follows_the_closed_form() -> None:
     """q + i r turns at -(1 - Ix/I) p; p and the cone about the angular momentum stay (Eq. 2.3, no moment)."""
-    config = body(step=0.0025, duration=5.0)
+    config = body(step=0.0025, duration=3.0)
     trajectory = fly(config)
     p, q, r = np.moveaxis(trajectory.states[:, RATES, 0], 1, 0)
     turn = -(1.0 - BODY["ixx"] / BODY["iyy"]) * 8.0
@@ -71,6 +71,7 @@ def test_torque_free_coning_follows_the_closed_form() -> None:
     np.testing.assert_allclose(cosine, cosine[0], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roll_rate", [0.0, 8.0, -25.0])
 def test_undamped_linear_epicyclic_frequencies(roll_rate: float) -> None:
     """s'' - i (Ix/I) p s' + w0^2 s = 0 for the nose s in the frame: two frequencies, here to 1e-6."""
@@ -155,9 +156,13 @@ PLANTS = {
         {"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.3}},
     ),
 }
+QUICK = "jump that sticks"
+"""The plant of every run: a delay and a region that begins between the nodes."""
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize(
+    "plant", [pytest.param(plant, marks=() if plant == QUICK else pytest.mark.slow) for plant in PLANTS]
+)
 def test_step_halving_shows_fourth_order(plant: str) -> None:
     """Errors fall sixteenfold, also with delays and with regions that begin between the nodes."""
     cone = load_config("research_cone").model_dump()
@@ -193,6 +198,7 @@ def test_wind_step_turns_the_air_velocity_at_once() -> None:
     np.testing.assert_allclose(trajectory.states[:, 4, 0], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_roll_damping_and_torque_reach_their_balance() -> None:
     """p tends to -2 V C_l0 / (d C_lp) exponentially."""
     config = body(

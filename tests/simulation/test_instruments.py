@@ -51,6 +51,7 @@ def test_record_declares_the_vehicles_position_not_the_true_one() -> None:
     assert flight.record.vehicle.accelerometer_position == tuple(CONE["vehicle"]["accelerometer_position"])
 
 
+@pytest.mark.slow
 def test_noise_has_its_standard_deviation_and_follows_the_seed() -> None:
     """241 x 3 draws: the standard deviation within 10 % at four sigma."""
     noisy = channels({"gyro": {"noise": 0.01}}, duration=2.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
@@ -19,6 +20,7 @@ def flown(step: float) -> tuple[np.ndarray, np.ndarray]:
     return found.flight.q + 1j * found.flight.r, found.truth.alpha
 
 
+@pytest.mark.slow
 def test_steps_are_cut_where_a_lagging_moment_turns_with_the_meridian():
     """With uncut steps of 5 ms such a flight is off by 30 times the gyros' noise (0.01 rad/s)."""
     coarse, alpha = flown(0.005)

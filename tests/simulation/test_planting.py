@@ -46,6 +46,9 @@ PLANTED: dict[str, dict[str, Any]] = {
     },
 }
 
+QUICK = "sticking"
+"""What every run plants."""
+
 
 def planting(*names: str, **changes: Any) -> SimulationConfig:
     data = CONE.model_dump(exclude={"plantable"})
@@ -75,7 +78,9 @@ def true_motion(config: SimulationConfig) -> Motion:
     )
 
 
-@pytest.mark.parametrize("name", PLANTED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == QUICK else pytest.mark.slow) for name in PLANTED]
+)
 def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     """Also before the first delay has passed: both pasts are steady before the start."""
     config = planting(name)
@@ -130,6 +135,7 @@ def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
     assert both.planted_out_of_plane[0] == pytest.approx(2.0 * alone.planted_out_of_plane[0], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_moments_add_up_over_several_mechanisms() -> None:
     truth = simulate(planting("bodyfixed", "sticking", "damping"), seed=1).truth
     assert truth.planted == ("bodyfixed", "sticking", "damping")
@@ -137,6 +143,7 @@ def test_moments_add_up_over_several_mechanisms() -> None:
     np.testing.assert_allclose(body, truth.C_m + 1j * truth.C_n, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_stiffness_may_step_with_mach() -> None:
     """C_Nalpha changes by the step where Mach passes it; nothing out of plane."""
     aerodynamics = CONE.aerodynamics.model_dump() | {

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
-from brv_hypo.simulation import Truth, simulate
+from brv_hypo.simulation import Truth
 from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.effect import effect_size
 from brv_hypo.study.parameters import estimates
+from tests.flights import flown, nominal
 
 
 def term(name, value, start, *, mechanism="sticking", f_ratio=50.0, delay=0.12):
@@ -143,12 +144,12 @@ def test_the_effect_is_measured_while_it_lasts():
 
 
 def test_nothing_planted_is_no_effect():
-    assert effect_size(simulate("research_cone", seed=1).truth) == (0.0, 0.0)
+    assert effect_size(nominal().truth) == (0.0, 0.0)
 
 
+@pytest.mark.slow
 def test_the_effect_of_a_planted_flight_is_the_planted_columns_rms():
-    flown = simulate("research_cone", seed=1, plant=("sticking",))
-    truth = flown.truth
+    truth = flown("research_cone", "sticking").truth
     lasts = (truth.time >= 2.0) & (truth.time < 4.0)
     whole = np.sqrt(np.mean((truth.C_N**2 + truth.C_Z**2)[lasts]))
     expected = np.sqrt(np.mean(truth.planted_out_of_plane[lasts] ** 2)) / whole

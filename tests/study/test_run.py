@@ -99,6 +99,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, flown):
     assert flown == []
 
 
+@pytest.mark.slow
 def test_failures_are_outcomes_with_their_reason(tmp_path):
     """Damping ten thousand times too unstable diverges; half a second is too short to compare."""
     wild = STUDY.draws.model_copy(update={"size": (1e4, 1e4)})
@@ -205,6 +206,7 @@ def test_another_seed_is_another_study(commanded, small):
     assert "another study" in done.output
 
 
+@pytest.mark.slow
 def test_a_flight_is_the_same_wherever_it_is_flown(commanded, small):
     _, folder = commanded
     kept = json.loads((folder / FLIGHTS).read_text().splitlines()[0])

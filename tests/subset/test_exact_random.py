@@ -13,6 +13,8 @@ from tests.subset.brute_force import Row, enumerate_subsets, representatives
 
 KERNELS = ("numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
 BATCHES, PER_BATCH = 40, 25
+QUICK_BATCHES = 8
+"""Batches of every run; each batch has every kernel, with and without rules."""
 
 
 @dataclass
@@ -106,7 +108,13 @@ def _check_size(rows: list[Row], n_best: int, result: SubsetResult, size: int, s
     assert len({s.columns for s in found}) == len(found)
 
 
-@pytest.mark.parametrize("batch", range(BATCHES))
+@pytest.mark.parametrize(
+    "batch",
+    [
+        pytest.param(batch, marks=() if batch < QUICK_BATCHES else pytest.mark.slow)
+        for batch in range(BATCHES)
+    ],
+)
 def test_agrees_with_complete_enumeration(batch: int) -> None:
     rng = np.random.default_rng(1000 + batch)
     for i in range(PER_BATCH):

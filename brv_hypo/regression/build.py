@@ -1,0 +1,119 @@
+"""From reconstructed flights to the least-squares problem: the entrance of this package."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.regression.channels import whole
+from brv_hypo.regression.frame import RateFrame, whiten
+from brv_hypo.regression.linear import solve_scaled
+from brv_hypo.regression.noise import first_noise, settled_noise
+from brv_hypo.regression.nuisance import nuisances
+from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
+from brv_hypo.regression.response import ForceModel, LinearisedFlight, start_of
+from brv_hypo.regression.whitening import difference
+
+# Residual of the normal force, in units of its median, from which a sample is a spike.
+_OUTLIER = 7.2
+
+
+def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
+    """The columns of the static moment and of pitch damping that the frame knows."""
+    always = TimeFunction("constant")
+    return tuple(
+        Column(name, term.name, (), always, term.units)
+        for name in (StaticMoment.name, PitchDamping.name)
+        for term in frame.mechanisms[name].terms(frame.motions[0], {})
+    )
+
+
+def build_problem(
+    frame: RateFrame,
+    records: Sequence[InertialRecord],
+    baseline: tuple[Column, ...],
+    effects: Sequence[RecordEffect],
+    vehicle: Sequence[Mechanism],
+    knots: FloatArray,
+    max_terms: int,
+    exact_terms: int,
+    refine: bool = True,
+) -> Problem:
+    """The problem of reconstructed flights, linearised about the baseline's fit, under the record's own noise.
+
+    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis.
+    """
+    values = first_values(frame, baseline)
+    flights = [
+        linearised(record, reconstruction, frame, baseline, values)
+        for record, reconstruction in zip(records, frame.reconstructions, strict=True)
+    ]
+    force, seen = on_rows(frame, flights)
+    rows = WhitenedRows(whole(frame, seen), first_noise(flights), nuisances(frame, flights, effects, vehicle))
+    frame = frame.with_mechanisms([GivenColumns()])
+    problem = Problem(frame, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+    return problem.under(settled_noise(problem))
+
+
+def first_values(frame: RateFrame, columns: tuple[Column, ...]) -> FloatArray:
+    """Coefficients (columns,) by plain least squares of the rates' differences."""
+    design = whiten(frame.columns(columns), frame.pieces, difference())
+    response = whiten(frame.observed[:, None], frame.pieces, difference())[:, 0]
+    return solve_scaled(design, response)
+
+
+def linearised(
+    record: InertialRecord,
+    reconstruction: Reconstruction,
+    frame: RateFrame,
+    columns: tuple[Column, ...],
+    values: FloatArray,
+) -> LinearisedFlight:
+    """A flight with its moment model and the normal force that fits it, spikes left out."""
+    motion = reconstruction.motion
+    force = ForceModel(normal_force_slope(reconstruction))
+    found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
+    seen = record.measured
+    for _ in range(2):
+        force_values = _force_fit(found[seen], record.transverse_force[seen])
+        size = np.abs(record.transverse_force - found @ force_values)
+        seen = record.measured & (size <= _OUTLIER * np.median(size[record.measured]) + 1e-12)
+    return LinearisedFlight(
+        record,
+        reconstruction,
+        start_of(reconstruction),
+        frame.mechanisms,
+        columns,
+        values,
+        force,
+        force_values,
+        seen,
+    )
+
+
+def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:
+    """The reconstruction's normal-force slope (n,), 1/rad; 1 where it has none."""
+    slope = reconstruction.normal_force_slope
+    return np.where(np.isfinite(slope), slope, 1.0)
+
+
+def _force_fit(columns: ComplexArray, force: ComplexArray) -> FloatArray:
+    stacked = np.concatenate([columns.real, columns.imag])
+    answer = np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0]
+    return np.asarray(answer, dtype=float)
+
+
+def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:
+    """Transverse force and where it may be used, on the rows of the frame (rows,)."""
+    force = [flights[s.flight].record.transverse_force[s.rows] for s in frame.segments]
+    seen = [flights[s.flight].force_seen[s.rows] for s in frame.segments]
+    return np.concatenate(force), np.concatenate(seen)

@@ -1,0 +1,128 @@
+"""What is fitted along in every hypothesis: the motion, the normal force, and the errors of record and vehicle.
+
+No flight has perfect instruments. Each unknown is a history of the residual, linearised once on the fitted, noise-free
+motion; those that the record's tolerances bound have that Gaussian prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.regression.channels import Rows, side_by_side
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.response import LinearisedFlight
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One unknown of one flight; `size` is one unit of its history in `units`, the prior's sigma where it has one.
+
+    `present` is the value that the linearisation holds already, in units of `size`; NaN where there is no prior.
+    """
+
+    name: str
+    component: str
+    flight: int
+    units: str
+    size: float
+    present: float
+
+    @property
+    def label(self) -> str:
+        """Name, component and flight, unique within a problem."""
+        return f"{self.name} {self.component} [flight {self.flight}]"
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """The unknowns and their histories on the rows of a frame (rows, unknowns)."""
+
+    items: tuple[Nuisance, ...]
+    rows: Rows
+
+    @property
+    def bounded(self) -> IntArray:
+        """Which of them have a prior."""
+        return np.flatnonzero([np.isfinite(item.present) for item in self.items])
+
+    @property
+    def present(self) -> FloatArray:
+        """Present values of those that have a prior."""
+        return np.array([item.present for item in self.items])[self.bounded]
+
+
+def nuisances(
+    frame: RateFrame,
+    flights: Sequence[LinearisedFlight],
+    effects: Sequence[RecordEffect],
+    vehicle: Sequence[Mechanism],
+    free: frozenset[tuple[str, str]] = frozenset(),
+) -> Nuisances:
+    """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
+
+    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior. What has no
+    influence on a flight is left out.
+    """
+    items: list[Nuisance] = []
+    rows: list[Rows] = []
+
+    def add(item: Nuisance, history: Rows) -> None:
+        if np.any(history.rates) or np.any(history.force):
+            items.append(item)
+            rows.append(history)
+
+    for number, linearised in enumerate(flights):
+        names, histories, values = linearised.unknowns_of_motion()
+        for name, history, value in zip(names, histories, values, strict=True):
+            add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
+        force = linearised.force.columns(linearised.record, linearised.crossflow)
+        nothing = np.zeros(force.shape[0], dtype=complex)
+        for k, column in enumerate(force.T):
+            add(Nuisance("force", str(k), number, "1", 1.0, np.nan), on_frame(frame, number, Rows(nothing, column)))
+        for effect in effects:
+            for component in effect.components(linearised.record.flight):
+                if not effect.carried and (effect.name, component.name) not in free:
+                    continue
+                history = linearised.effect(effect, component.name, component.size).times(component.size)
+                present = np.nan if (effect.name, component.name) in free else 0.0
+                item = Nuisance(effect.name, component.name, number, component.units, component.size, present)
+                add(item, on_frame(frame, number, history))
+        for mechanism in vehicle:
+            for item, rates in _tolerated(frame, number, mechanism):
+                add(item, Rows(rates, np.zeros_like(rates)))
+    return Nuisances(tuple(items), side_by_side(rows))
+
+
+def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:
+    """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
+    rates = np.zeros(frame.observed.size, dtype=complex)
+    force = np.zeros_like(rates)
+    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+        if segment.flight == number:
+            rates[a:b], force[a:b] = history.rates[segment.rows], history.force[segment.rows]
+    return Rows(rates, force)
+
+
+def _tolerated(frame: RateFrame, number: int, mechanism: Mechanism) -> list[tuple[Nuisance, ComplexArray]]:
+    """The residual rates (rows,) that one sigma of each term of a vehicle's tolerance leaves on one flight."""
+    flight, motion = frame.reconstructions[number].flight, frame.motions[number]
+    sizes = mechanism.tolerance(flight)
+    if sizes is None:
+        return []
+    found = []
+    for term, size in zip(mechanism.terms(motion, {}), sizes, strict=True):
+        body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
+        rates = np.zeros(frame.observed.size, dtype=complex)
+        for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+            if segment.flight == number:
+                integrals = segment.integrate(body[segment.rows])
+                rates[a:b] = size * segment.column(integrals, TimeFunction("constant"))
+        found.append((Nuisance(mechanism.name, term.name, number, term.units, size, 0.0), rates))
+    return found
