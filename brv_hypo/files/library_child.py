@@ -22,7 +22,7 @@ DEEPEST = 8  # groups below groups
 MOST_TEXTS = 100_000  # strings in a dataset
 ATTRIBUTE_BYTES = 1 << 20
 MOST_ATTRIBUTES = 256
-READ_CPU_SECONDS = 8  # of processor time for one file; 256 MB of compressed HDF5 take 3
+READ_CPU_SECONDS = 5  # of processor time for one file; 256 MB of compressed HDF5 take 2
 MEMORY_BUDGETS = 3  # how many times the budget of values may be taken to read them
 SPARE_BYTES = 256 << 20
 
