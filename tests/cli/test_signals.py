@@ -61,7 +61,7 @@ def ended(process, number, everyone=False):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 @pytest.mark.parametrize("number", CODES)
-@pytest.mark.parametrize("everyone", [False, True])
+@pytest.mark.parametrize("everyone", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, everyone):
     (tmp_path / "study.yaml").write_text(STUDY)
     process = begun(tmp_path, "study", "study.yaml", "-o", "out", "--jobs", "2")
