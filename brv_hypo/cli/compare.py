@@ -8,6 +8,7 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
+from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
 
@@ -32,17 +33,17 @@ def compare(
     config: options.Config = None,
     start: options.Start = None,
     stop: options.Stop = None,
+    instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
     session.claim()
-    from brv_hypo.flight import load_flight
     from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
     from brv_hypo.settings import read_settings
 
     settings = read_settings(CompareConfig, config, **chosen(mechanisms))
-    records = [load_flight(path).window(start, stop) for path in flights]
+    records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("comparing") as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison)

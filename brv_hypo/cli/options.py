@@ -28,6 +28,15 @@ Report = Annotated[
 ]
 Start = Annotated[float | None, typer.Option("--start", metavar="T", help="Use the record from T (s).")]
 Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="Use the record up to T (s).")]
+Instruments = Annotated[
+    str | None,
+    typer.Option(
+        "--instruments",
+        metavar="GRADE|FILE",
+        help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, "
+        "or a YAML file.",
+    ),
+]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print the conclusion alone.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print every detail; tracebacks too.")]

@@ -10,6 +10,7 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
+from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 
 
@@ -35,10 +36,10 @@ def reconstruct(
     config: options.Config = None,
     start: options.Start = None,
     stop: options.Stop = None,
+    instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
     session.claim(output)
-    from brv_hypo.flight import load_flight
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.motion import reconstruct as reconstructed
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_line, reconstruction_view
@@ -46,7 +47,7 @@ def reconstruct(
 
     chosen = {} if method is None else {"method": method.value}
     settings = read_settings(ReconstructionConfig, config, **chosen)
-    result = reconstructed(load_flight(flight).window(start, stop), settings)
+    result = reconstructed(load(flight, start, stop, instruments), settings)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
     session.present(reconstruction_view(result), conclusion=reconstruction_line(result))

@@ -9,6 +9,7 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
+from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_json
@@ -39,11 +40,11 @@ def trace(
     config: options.Config = None,
     start: options.Start = None,
     stop: options.Stop = None,
+    instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
     """Trace what a model leaves over to its effects, one by one."""
     session.claim(mechanism_file)
-    from brv_hypo.flight import load_flight
     from brv_hypo.report.trace import conclusion, trace_view
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
@@ -51,7 +52,7 @@ def trace(
 
     chosen = {} if model is None else {"start": starting_model(model, session)}
     settings = read_settings(TraceConfig, config, **chosen)
-    record = load_flight(flight).window(start, stop)
+    record = load(flight, start, stop, instruments)
     with session.progress("tracing") as progress:
         result = traced(record, settings, progress=progress)
     session.present(trace_view(result, verbose=session.verbose), conclusion=conclusion(result))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.refusal import refusal
 from brv_hypo.flight.units import SI, Dimension, to_si
 
@@ -85,7 +85,9 @@ class Instruments:
 def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
     """The tolerances of a grade; UsageError with the known ones where there is no such grade."""
     if grade not in GRADES:
-        raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)}.")
+        near = difflib.get_close_matches(grade, GRADES, n=1)
+        hint = f" (is '{near[0]}' meant?)" if near else ""
+        raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)}{hint}.")
     place = GRADES.index(grade)
     return Instruments(grade, **{key: (sizes[place],) * 3 for key, (_, sizes) in _TABLE.items()})
 
@@ -112,19 +114,32 @@ def instruments_from(source: str, record: Instruments) -> Instruments:
         raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)} ({hint}).")
     from brv_hypo.files.mappings import read_yaml
 
-    content = read_yaml(path, "tolerances")
-    base = of_grade(str(content.pop("grade"))) if "grade" in content else record
-    unknown = [key for key in content if key not in _TABLE]
+    return tolerances_of(read_yaml(path, "tolerances"), record, str(path))
+
+
+def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) -> Instruments:
+    """The tolerances that a mapping gives over those of `base`: keys and units as `instruments_from` reads them.
+
+    `origin` names the mapping in a refusal. Raises UsageError.
+    """
+    if "grade" in content:
+        base = of_grade(str(content["grade"]))
+    stated = {key: value for key, value in content.items() if key != "grade"}
+    unknown = [key for key in stated if key not in _TABLE]
     if unknown:
         near = difflib.get_close_matches(str(unknown[0]), list(_TABLE), n=1)
         hint = f"is '{near[0]}' meant?" if near else f"known are grade, {', '.join(_TABLE)}"
-        raise UsageError(f"{path} names the tolerance '{unknown[0]}', which is unknown ({hint}).")
-    return with_stated(base, {key: _read(key, value) for key, value in content.items()})
+        raise UsageError(f"{origin} names the tolerance '{unknown[0]}', which is unknown ({hint}).")
+    try:
+        return with_stated(base, {key: _read(key, value) for key, value in stated.items()})
+    except FlightRecordError as error:
+        # What is wrong was written by the user, not found in a record.
+        raise UsageError(f"{origin}: {error}") from None
 
 
 def _read(key: str, value: Any) -> Any:
     """A tolerance of a file in SI."""
-    items = value if isinstance(value, list) else [value]
+    items = value if isinstance(value, list | tuple) else [value]
     found = []
     for item in items:
         number, _, units = str(item).strip().partition(" ")

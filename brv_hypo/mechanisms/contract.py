@@ -87,6 +87,8 @@ class Mechanism(BaseModel, ABC):
     characteristic: ClassVar[tuple[str, ...]] = ()
     """Names of the terms without one of which a fit says nothing of this mechanism in particular, as a stiffness that
     changes says nothing of asymmetric flow; empty where every term does."""
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """What the net coefficient of a term can be on any body, by term: a fraction lies in [0, 1]."""
     wind_fixed: ClassVar[bool] = False
     """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
 

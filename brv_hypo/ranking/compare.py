@@ -21,22 +21,29 @@ from brv_hypo.model.columns import default_knots, theta_grid
 from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.inertial import inertial_record
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
+from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.likelihood import identify_standing
-from brv_hypo.ranking.result import Comparison, Seconds
+from brv_hypo.ranking.limits import limits
+from brv_hypo.ranking.result import Comparison, Seconds, Verdict
+from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import summarise
+from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.build import baseline_columns, build_problem
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.frame import RateFrame, build_frame, checked_terms
-from brv_hypo.regression.held_out import held_out
+from brv_hypo.regression.held_out import HeldOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import without_wander
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]
 SMALLEST_RECORD = 60
+# Numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads.
+REPETITIONS = (5, 8)
 
 
 def compare(
@@ -66,6 +73,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
+    say("judging")
+    verdict = _judged(problem, hypotheses, fits, errors)
     selected = clock.perf_counter()
     likelihoods = identify_standing(fits, config, say)
     finished = clock.perf_counter()
@@ -75,8 +84,21 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) ->
         ml=finished - selected,
         total=finished - begun,
     )
-    comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, warnings)
+    comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
     return comparison.model_copy(update={"coefficients": coefficient_series(fits, likelihoods.found)})
+
+
+def _judged(
+    problem: Problem, hypotheses: Hypotheses, fits: Sequence[HypothesisFit], errors: Sequence[HeldOut]
+) -> Verdict:
+    """The verdict on fits with their held-out errors."""
+    scores = [
+        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), out_of_bounds(fit))
+        for fit, error in zip(fits, errors, strict=True)
+    ]
+    leader = min(fits, key=lambda fit: fit.information)
+    repeated = stability(problem, fits, REPETITIONS)
+    return judge(scores, misfit(problem, leader), repeated, limits(problem, hypotheses, fits))
 
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.verdict import STANDING_PROBABILITY, probabilities
-from brv_hypo.regression.fit import HypothesisFit, extended_bic
+from brv_hypo.ranking.constants import STANDING_PROBABILITY
+from brv_hypo.ranking.verdict import probabilities
+from brv_hypo.regression.fit import HypothesisFit
 
 CONVERGED = "converged"
 # Starting from a good regression the likelihood converges in a few iterations or not at all.
@@ -56,31 +57,3 @@ def identify_standing(
 def _takes_long(fit: HypothesisFit) -> bool:
     """Whether the likelihood takes several seconds: a record with limits."""
     return any(reconstruction.status == "degraded" for reconstruction in fit.frame.reconstructions)
-
-
-def informations(
-    fits: Sequence[HypothesisFit], likelihoods: Likelihoods
-) -> tuple[dict[str, float], frozenset[str]]:
-    """Extended BIC of every hypothesis, and the names of those where it rests on the likelihood.
-
-    Likelihoods compare only with each other: where two or more converged, the leader keeps its criterion from the
-    regression and the others lie at their likelihood's distance from it.
-    """
-    information = {fit.name: fit.information for fit in fits}
-    converged = {
-        fit.name: _likelihood_information(fit, likelihoods.converged[fit.name])
-        for fit in fits
-        if fit.name in likelihoods.converged
-    }
-    leader = min(information, key=lambda name: information[name])
-    if len(converged) < 2 or leader not in converged:
-        return information, frozenset()
-    shift = information[leader] - converged[leader]
-    return {**information, **{name: value + shift for name, value in converged.items()}}, frozenset(converged)
-
-
-def _likelihood_information(fit: HypothesisFit, identification: Identification) -> float:
-    """-2 log L in place of n ln(RSS / n), with the same price of parameters and search."""
-    parameters = fit.parameters + len(identification.instruments)
-    price = extended_bic(1.0, 1, fit.effective, parameters, fit.searched, len(fit.selected))
-    return float(-2.0 * identification.log_likelihood * fit.efficiency + price)

@@ -50,6 +50,14 @@ class MaximumLikelihood(_Result):
     message: str = ""
 
 
+class NetInterval(_Result):
+    """The net values of a hypothesis between two of its knots (s)."""
+
+    start_s: float
+    stop_s: float
+    values: tuple[TermEstimate, ...]
+
+
 class RankedHypothesis(_Result):
     """One hypothesis as fitted and scored.
 
@@ -71,6 +79,7 @@ class RankedHypothesis(_Result):
     n_terms: int
     n_effective: float
     terms: tuple[TermEstimate, ...]
+    intervals: tuple[NetInterval, ...] = ()
     derived: tuple[DerivedEstimate, ...] = ()
     criteria: dict[str, float] = Field(default_factory=dict)
     status: Literal["ok", "term limit"] = "ok"
@@ -106,12 +115,51 @@ class BaselineSummary(_Result):
     terms: tuple[TermEstimate, ...]
 
 
+class Adequacy(_Result):
+    """Residual rms over what instruments and reconstruction explain, and whether that is all that is left."""
+
+    ratio: float
+    p_value: float
+    adequate: bool
+
+
+class MechanismLimit(_Result):
+    """The largest share of the moment's rms that a mechanism may have, at 95 %."""
+
+    mechanism: str
+    share_of_moment_95: float
+
+
+class RecordFaultSummary(_Result):
+    """A fault of the record: in which channel, what, when (s), and what was done about it."""
+
+    channel: str
+    fault: str
+    start_s: float
+    stop_s: float
+    action: str
+
+
+class RecordSummary(_Result):
+    """What the trial of the record found; a record that contradicts itself is not sound."""
+
+    sound: bool = True
+    faults: tuple[RecordFaultSummary, ...] = ()
+
+
+Outcome = Literal["named", "undecided", "none adequate", "record fault"]
+
+
 class Verdict(_Result):
-    """`winner` is None where the data cannot tell; `equivalent` then names all that stand."""
+    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand."""
 
     winner: str | None
+    outcome: Outcome
     equivalent: tuple[str, ...]
     probability: dict[str, float]
+    adequacy: Adequacy | None = None
+    limits: tuple[MechanismLimit, ...] = ()
+    stability: float | None = None
     reason: str
 
 
@@ -161,6 +209,7 @@ class Comparison(_Result):
     flights: tuple[FlightSummary, ...]
     reconstruction: ReconstructionSummary
     baseline: BaselineSummary
+    record: RecordSummary = RecordSummary()
     ranking: tuple[RankedHypothesis, ...]
     verdict: Verdict
     seconds: Seconds

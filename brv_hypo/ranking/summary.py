@@ -11,20 +11,22 @@ from brv_hypo.identification import Identification
 from brv_hypo.model.columns import BASELINE, Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.ranking.likelihood import Likelihoods, informations
+from brv_hypo.ranking.intervals import Interval, intervals
+from brv_hypo.ranking.likelihood import Likelihoods
 from brv_hypo.ranking.result import (
     BaselineSummary,
     Comparison,
     DerivedEstimate,
     FlightSummary,
     MaximumLikelihood,
+    NetInterval,
     RankedHypothesis,
     ReconstructionSummary,
     Seconds,
     Series,
     TermEstimate,
+    Verdict,
 )
-from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import HeldOut
 from brv_hypo.regression.problem import Problem
@@ -38,23 +40,15 @@ def summarise(
     criteria: Sequence[Criteria],
     seconds: Seconds,
     likelihoods: Likelihoods,
+    verdict: Verdict,
     warnings: Sequence[str] = (),
 ) -> Comparison:
-    """Rank the fits, judge them, and gather all that the result holds."""
-    information, by_likelihood = informations(fits, likelihoods)
+    """Rank the fits, and gather all that the result holds."""
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
-    verdict = judge(
-        [
-            Score(fit.name, information[fit.name], error.mean_square, tuple(error.by_block))
-            for fit, error in zip(fits, errors, strict=True)
-        ]
-    )
-    order = sorted(range(len(fits)), key=lambda i: information[fits[i].name])
+    order = sorted(range(len(fits)), key=lambda i: fits[i].information)
     ranking = tuple(
         _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
             update={
-                "bic": information[fits[i].name],
-                "ranked_by": "maximum likelihood" if fits[i].name in by_likelihood else "regression",
                 "ml": _likelihood(fits[i], likelihoods.found.get(fits[i].name)),
                 "notes": _notes(fits[i], likelihoods),
             }
@@ -108,6 +102,7 @@ def _ranked(
         n_terms=len(fit.selected),
         n_effective=fit.effective,
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
+        intervals=_intervals(fit),
         derived=_derived(fit),
         criteria=asdict(criteria),
         status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
@@ -137,6 +132,43 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
             )
         )
     return tuple(found)
+
+
+def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
+    """Net values in time order, with what mechanisms derive from them."""
+    return tuple(
+        NetInterval(
+            start_s=each.start,
+            stop_s=each.stop,
+            values=(
+                *(
+                    _net(net.term, net.mechanism, net.value, net.std_error, net.units, each, net.delay)
+                    for net in each.values
+                ),
+                *(
+                    _net(derived.name, mechanism, derived.value, derived.std_error, derived.units, each, None)
+                    for mechanism, derived in each.derived
+                ),
+            ),
+        )
+        for each in intervals(fit)
+    )
+
+
+def _net(
+    name: str, mechanism: str, value: float, sigma: float, units: str, where: Interval, delay: float | None
+) -> TermEstimate:
+    return TermEstimate(
+        name=name,
+        mechanism=mechanism,
+        channel="both",
+        value=value,
+        std_error=sigma,
+        f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
+        units=units,
+        region_s=(where.start, where.stop),
+        delay_s=delay,
+    )
 
 
 def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:

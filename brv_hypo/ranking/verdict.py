@@ -1,4 +1,4 @@
-"""The verdict: a winner where the data name one, otherwise all that stand."""
+"""The verdict: a winner, all that stand, or that nothing on the list explains the flight."""
 
 from __future__ import annotations
 
@@ -7,94 +7,152 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brv_hypo.ranking.result import Verdict
+from brv_hypo.ranking.adequacy import Misfit
+from brv_hypo.ranking.constants import (
+    CONTESTING_SIGMAS,
+    OTHER_PRIOR,
+    STANDING_PROBABILITY,
+    TEMPERATURE,
+    WINNING_PROBABILITY,
+)
+from brv_hypo.ranking.limits import Limit
+from brv_hypo.ranking.result import Adequacy, MechanismLimit, Verdict
 
-WINNING_PROBABILITY = 0.9
-STANDING_PROBABILITY = 0.02
-# Set by the calibration study (see the README): widens the posterior for errors of the reconstruction.
-TEMPERATURE = 1.5
+OTHER = "other"
+NONE = "none"
 
 
 @dataclass(frozen=True)
 class Score:
-    """What the verdict rests on: the information criterion and the held-out errors.
+    """What the verdict rests on: the information criterion and the held-out errors of one hypothesis.
 
-    `prediction_error` is in moment coefficients, `by_block` in whitened rates, where it is sharper.
+    `prediction_error` is in moment coefficients, `by_block` in whitened rates, where it is sharper. `impossible` says
+    which value no body can have, if any.
     """
 
     name: str
     information: float
     prediction_error: float
     by_block: Sequence[float]
+    impossible: str | None = None
 
 
-def probabilities(information: Mapping[str, float], temperature: float = TEMPERATURE) -> dict[str, float]:
-    """Posterior probabilities under equal priors, exp(-criterion / 2 temperature) normalised.
+def probabilities(information: Mapping[str, float], other: float | None = None) -> dict[str, float]:
+    """Posterior probabilities, exp(-criterion / 2 temperature) normalised (Kass and Raftery 1995).
 
-    Kass and Raftery (1995). The temperature widens them for what the criterion does not know, such as errors
-    of the reconstruction; the calibration study set it.
+    Equal priors; `other` is the criterion of something outside the list, with its own prior.
     """
-    least = min(information.values())
-    weights = {
-        name: float(np.exp(-0.5 * (value - least) / temperature)) for name, value in information.items()
-    }
+    scores = {name: -0.5 * value / TEMPERATURE for name, value in information.items()}
+    if other is not None:
+        share = OTHER_PRIOR / (1.0 - OTHER_PRIOR) * len(information)
+        scores[OTHER] = -0.5 * other / TEMPERATURE + float(np.log(share))
+    most = max(scores.values())
+    weights = {name: float(np.exp(value - most)) for name, value in scores.items()}
     total = sum(weights.values())
     return {name: weight / total for name, weight in weights.items()}
 
 
-def judge(scores: Sequence[Score], temperature: float = TEMPERATURE) -> Verdict:
-    """A winner leads on the information criterion and is not beaten on held-out error; else nobody wins."""
-    chances = probabilities({score.name: score.information for score in scores}, temperature)
-    leader = max(scores, key=lambda score: chances[score.name])
+def judge(
+    scores: Sequence[Score],
+    left: Misfit,
+    stability: float,
+    limits: Sequence[Limit] = (),
+) -> Verdict:
+    """Name a hypothesis that leads, predicts held-out blocks, leaves only noise and has possible values.
+
+    `left` is what the leader leaves; `stability` the share of repetitions that give the same leader.
+    """
+    leader = min(scores, key=lambda score: score.information)
+    chances = probabilities({s.name: s.information for s in scores}, leader.information - left.gain)
+    chances = _shaken(chances, leader.name, stability)
+    adequate = chances[OTHER] < 0.5 and leader.impossible is None
     rivals = [score for score in scores if score is not leader]
-    standing = [score.name for score in rivals if chances[score.name] >= STANDING_PROBABILITY]
-    beaten_by = [score.name for score in rivals if _predicts_better(score, leader)]
-    chance = chances[leader.name]
-    if chance >= WINNING_PROBABILITY and not beaten_by:
-        return Verdict(
-            winner=leader.name,
-            equivalent=(leader.name,),
-            probability=chances,
-            reason=_won(leader, rivals, chance),
-        )
-    equivalent = tuple(dict.fromkeys([leader.name, *standing, *beaten_by]))
-    if beaten_by:
-        reason = (
-            f"The data do not name one mechanism: {leader.name} leads on the information criterion, but "
-            f"{' and '.join(beaten_by)} predicts the held-out blocks better."
-        )
-    else:
-        shares = ", ".join(f"{name} {_share(chances[name])}" for name in equivalent)
-        reason = f"The data do not tell these apart: {shares}."
-    return Verdict(winner=None, equivalent=equivalent, probability=chances, reason=reason)
-
-
-def _won(leader: Score, rivals: Sequence[Score], chance: float) -> str:
-    if leader.name == "none":
-        return (
-            f"No mechanism is needed: the baseline alone explains the moments (probability {_share(chance)})."
-        )
-    null = next((score for score in rivals if score.name == "none"), None)
-    ratio = (
-        ""
-        if null is None
-        else (
-            f"; its held-out error is {leader.prediction_error / null.prediction_error:.2f} of that without "
-            "a mechanism"
-        )
+    contesting = [score.name for score in rivals if _predicts_better(score, leader)]
+    null = next((score for score in scores if score.name == NONE), None)
+    if null is not None and leader is not null and np.mean(leader.by_block) >= np.mean(null.by_block):
+        contesting.append(NONE)
+    standing = [s.name for s in rivals if chances[s.name] >= STANDING_PROBABILITY]
+    verdict = Verdict(
+        winner=None,
+        outcome="undecided",
+        equivalent=tuple(dict.fromkeys([leader.name, *standing, *contesting])),
+        probability=chances,
+        adequacy=Adequacy(ratio=left.ratio, p_value=left.p_value, adequate=adequate),
+        limits=tuple(MechanismLimit(mechanism=x.mechanism, share_of_moment_95=x.share_of_moment) for x in limits),
+        stability=stability,
+        reason="",
     )
-    return f"{leader.name} explains the moments best (probability {_share(chance)}){ratio}."
+    if not adequate:
+        reason = _inadequate(leader, left, chances)
+        return verdict.model_copy(update={"outcome": "none adequate", "equivalent": (), "reason": reason})
+    if chances[leader.name] >= WINNING_PROBABILITY and not contesting:
+        named = {"winner": leader.name, "outcome": "named", "equivalent": (leader.name,)}
+        reason = _won(leader, null, chances, verdict.limits)
+        return verdict.model_copy(update={**named, "reason": reason})
+    return verdict.model_copy(update={"reason": _undecided(verdict, leader, contesting)})
+
+
+def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
+    """Probabilities with the leader's lowered to the share of the repetitions that confirm it."""
+    most = min(chances[leader], max(stability, STANDING_PROBABILITY))
+    rest = 1.0 - chances[leader]
+    if most == chances[leader] or rest <= 0.0:
+        return dict(chances)
+    return {name: most if name == leader else chance * (1.0 - most) / rest for name, chance in chances.items()}
+
+
+def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> str:
+    if leader.impossible is not None:
+        return (
+            f"None of the hypotheses is adequate: {leader.name} fits best, but with {leader.impossible}. "
+            "`brv-hypo trace` looks for what else is at work."
+        )
+    return (
+        f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "
+        f"which something smooth is left (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
+    )
+
+
+def _won(
+    leader: Score, null: Score | None, chances: Mapping[str, float], limits: Sequence[MechanismLimit]
+) -> str:
+    chance = _share(chances[leader.name])
+    if leader.name == NONE:
+        most = max(limits, key=lambda limit: limit.share_of_moment_95, default=None)
+        room = (
+            ""
+            if most is None
+            else f"; at 95 % no mechanism has more than {100.0 * most.share_of_moment_95:.2g} % of the moment"
+        )
+        return f"No mechanism is needed: the baseline explains the moments (probability {chance}){room}."
+    gain = ""
+    if null is not None and np.isfinite(leader.prediction_error / null.prediction_error):
+        gain = f"; its held-out error is {leader.prediction_error / null.prediction_error:.2g} of that without it"
+    return f"{leader.name} explains the moments best (probability {chance}){gain}."
+
+
+def _undecided(verdict: Verdict, leader: Score, contesting: Sequence[str]) -> str:
+    if contesting:
+        return (
+            f"The data do not name one hypothesis: {leader.name} leads on the information criterion, but "
+            f"{' and '.join(dict.fromkeys(contesting))} predicts the held-out blocks as well or better."
+        )
+    names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= STANDING_PROBABILITY else []))
+    shares = ", ".join(
+        f"{'something else' if name == OTHER else name} {_share(verdict.probability[name])}" for name in names
+    )
+    return f"The data do not tell these apart: {shares}."
 
 
 def _share(chance: float) -> str:
     return "above 0.99" if chance > 0.99 else f"{chance:.2f}"
 
 
-def _predicts_better(rival: Score, leader: Score, sigmas: float = 2.0) -> bool:
-    """The rival's error is lower, and over the blocks, in pairs, by more than `sigmas` standard errors."""
+def _predicts_better(rival: Score, leader: Score) -> bool:
+    """The rival's error is lower, and over the blocks, in pairs, by more than its standard errors."""
     if rival.prediction_error >= leader.prediction_error:
         return False
     gain = np.asarray(leader.by_block) - np.asarray(rival.by_block)
     if gain.size < 3:
         return False
-    return bool(gain.mean() > sigmas * gain.std(ddof=1) / np.sqrt(gain.size))
+    return bool(gain.mean() > CONTESTING_SIGMAS * gain.std(ddof=1) / np.sqrt(gain.size))

@@ -59,20 +59,33 @@ def held_out(problem: Problem, frame: RateFrame, columns: Sequence[Column], coun
     first_other = len(columns) + 2 * len(problem.rows.part.levels)
     square, size = 0.0, 0
     by_block = []
-    for block, values, error in left_out(problem, frame, columns, count):
-        by_block.append(error)
+    for without in left_out(problem, frame, columns, count):
+        by_block.append(without.error)
+        values = without.values
         left = problem.left(frame, columns, values[: len(columns)], values[first_other:])
         moments = residual_moments(frame, problem.records, left.rates)
-        inside = (blocks == block) & moments.usable
+        inside = (blocks == without.block) & moments.usable
         square += float(np.sum(np.abs(moments.body[inside]) ** 2)) / 2.0
         size += int(np.count_nonzero(inside))
     return HeldOut(square / max(size, 1), np.array(by_block))
 
 
+@dataclass(frozen=True)
+class Without:
+    """A fit without one block: coefficients and unknowns `values`, the block's mean square whitened rate `error`, and
+    the residual sum of squares of all the `rest`.
+    """
+
+    block: int
+    values: FloatArray
+    error: float
+    rest: float
+
+
 def left_out(
     problem: Problem, frame: RateFrame, columns: Sequence[Column], count: int
-) -> Iterator[tuple[int, FloatArray, float]]:
-    """Each block with coefficients and unknowns fitted without it, and the mean square of its whitened rates."""
+) -> Iterator[Without]:
+    """The columns fitted without each block in turn."""
     design = problem.whole_design(frame, columns)
     scale = lengths(design)
     design, response = design / scale, problem.raw_response
@@ -86,4 +99,5 @@ def left_out(
         own = design[out]
         values = solve(normal - own.T @ own, right - own.T @ response[out], assume_a="sym")
         error = response[out & is_rate] - design[out & is_rate] @ values
-        yield block, values / scale, float(np.mean(error**2))
+        rest = response[~out] - design[~out] @ values
+        yield Without(block, values / scale, float(np.mean(error**2)), float(rest @ rest))

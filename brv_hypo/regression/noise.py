@@ -90,6 +90,16 @@ def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
 
 def settled_noise(problem: Problem) -> Noise:
     """The noise with its colour, from what a free, smooth moment leaves."""
+    frame, free = free_moment(problem)
+    columns = (*problem.baseline, *free)
+    noise = problem.rows.noise
+    for _ in range(_ROUNDS):
+        noise = _of_residual(problem.under(noise), frame, columns)
+    return noise
+
+
+def free_moment(problem: Problem) -> tuple[RateFrame, tuple[Column, ...]]:
+    """The problem's frame with a free moment, and that moment's columns."""
     time = problem.frame.time
     rows = problem.frame.observed.size * 2
     count = int(np.clip(rows / (_ROWS_PER_COLUMN * _SHAPES), 4, _SPLINES))
@@ -97,11 +107,7 @@ def settled_noise(problem: Problem) -> Noise:
     frame = problem.frame.with_mechanisms([free])
     always = TimeFunction("constant")
     names = [term.name for term in free.terms(frame.motions[0], {})]
-    columns = (*problem.baseline, *(Column(free.name, name, (), always, "1") for name in names))
-    noise = problem.rows.noise
-    for _ in range(_ROUNDS):
-        noise = _of_residual(problem.under(noise), frame, columns)
-    return noise
+    return frame, tuple(Column(free.name, name, (), always, "1") for name in names)
 
 
 def _of_residual(problem: Problem, frame: RateFrame, columns: Sequence[Column]) -> Noise:

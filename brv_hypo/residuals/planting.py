@@ -225,22 +225,10 @@ def _plant_record(
     name = str(draw.choice(fit or [min(limits, key=lambda n: limits[n][1] / sizes[limits[n][0]])]))
     component, limit = limits[name]
     value = float(min(times * limit, 15.0 * sizes[component]) * draw.choice([-1.0, 1.0]))
-    instruments = data["instruments"]
-    if effect in ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale"):
-        triad, kind = effect.split("_")
-        section = instruments["gyro" if triad == "gyro" else "accelerometer"]
-        axis = {"p": 0, "q": 1, "r": 2, "x": 0, "y": 1, "z": 2}[component]
-        section[kind] = tuple(value if k == axis else v for k, v in enumerate(section[kind]))
-    elif effect == "accel_position":
-        place = list(data["vehicle"]["accelerometer_position"])
-        place["xyz".index(component)] += value
-        instruments["accelerometer"]["position"] = tuple(place)
-    elif effect == "time_skew":
-        sections = {"gyros": ("gyro",), "accelerometers": ("accelerometer",)}
-        for section in sections.get(component, ("velocity", "dynamic_pressure")):
-            instruments[section]["delay"] = abs(value)
-    else:
+    if effect == "wind_step":
         at = float(draw.uniform(0.25, 0.7) * data["duration"])
         across = value * np.array([0.0, np.cos(draw.uniform(0.0, 6.3)), np.sin(draw.uniform(0.0, 6.3))])
         data["environment"]["wind_step"] = {"time": at, "velocity": tuple(across.tolist())}
+    else:
+        data["instruments"]["errors"].setdefault(effect, {})[component] = value
     return f"{effect} {component} {value:.3g}"

@@ -6,7 +6,7 @@ load_config, config_path        loading.py: files and names; variation.py: fligh
 the equations of motion         dynamics.py, on rotation.py and atmosphere.py; system.py builds them
 planted mechanisms              planting.py, their past in history.py
 Runge-Kutta                     integration.py
-Appendix B                      instruments.py
+Appendix B                      instruments.py; what record effects add to it: errors.py, wind.py
 """
 
 from brv_hypo.simulation.config import SimulationConfig

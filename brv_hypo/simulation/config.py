@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.instruments import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.schema import MINIMUM_SAMPLES
 from brv_hypo.mechanisms.contract import TimeVariation
@@ -23,7 +25,7 @@ class Section(BaseModel):
 
 
 class VehicleConfig(Section):
-    """Mass properties; `ixy`, `ixz` kg m^2 are products of inertia (of x y dm, x z dm): imbalance."""
+    """The vehicle as it was built; `ixy`, `ixz` kg m^2 are products of inertia (of x y dm, x z dm): imbalance."""
 
     mass: Positive
     ixx: Positive
@@ -44,7 +46,7 @@ class VehicleConfig(Section):
         return self
 
     def declared(self) -> Vehicle:
-        """What the flight record says of the vehicle: it knows nothing of products of inertia."""
+        """What a record without errors says of the vehicle: it knows nothing of products of inertia."""
         return Vehicle(**self.model_dump(exclude={"ixy", "ixz"}))
 
 
@@ -146,32 +148,23 @@ class PlantedConfig(Section):
     stop: float | None = None
 
 
-class TriadConfig(Section):
-    """Three sensors along the body axes: noise (1 sigma, white), bias, scale error, misalignment, delay (s).
-
-    `misalignment` rad is the small rotation from the body axes to those of the instrument.
-    """
+class SensorConfig(Section):
+    """Noise of an instrument (1 sigma, white). Its errors are record effects: `InstrumentsConfig.errors`."""
 
     noise: NotNegative = 0.0
-    bias: Vector = (0.0, 0.0, 0.0)
-    scale: Vector = (0.0, 0.0, 0.0)
-    misalignment: Vector = (0.0, 0.0, 0.0)
-    delay: float = 0.0
 
 
-class AccelerometerConfig(TriadConfig):
-    """`position` m from the c.g. is where the accelerometers truly are; the record declares the vehicle's."""
+class GaugeConfig(SensorConfig):
+    """One scalar channel, with what no record effect says of it alone: bias, and delay (s)."""
 
-    position: Vector | None = None
-
-
-class GaugeConfig(Section):
-    """One scalar channel: noise (1 sigma, white), bias, scale error, delay (s)."""
-
-    noise: NotNegative = 0.0
     bias: float = 0.0
-    scale: float = 0.0
     delay: float = 0.0
+
+
+class ScaledGaugeConfig(GaugeConfig):
+    """One scalar channel whose scale error is no record effect either."""
+
+    scale: float = 0.0
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
@@ -211,15 +204,43 @@ class GapConfig(Section):
         return self
 
 
-class InstrumentsConfig(Section):
-    """Appendix B (errata E10, E11). `averaged` samples are means over the sample interval before them."""
+class TolerancesConfig(Section):
+    """What a flight record says of its instruments: `grade`, and `tolerances` by the keys of its format.
 
-    gyro: TriadConfig = TriadConfig()
-    accelerometer: AccelerometerConfig = AccelerometerConfig()
-    velocity: GaugeConfig = GaugeConfig()
+    A plain number is in the units of a file of tolerances: `gyro_bias` in deg/s, all else SI; text may name units.
+    """
+
+    grade: str = DEFAULT_GRADE
+    tolerances: dict[str, float | str | tuple[float | str, ...]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        try:
+            self.declared()
+        except UsageError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    def declared(self) -> Instruments:
+        """The tolerances themselves."""
+        return tolerances_of(self.tolerances, of_grade(self.grade), "tolerances")
+
+
+class InstrumentsConfig(TolerancesConfig):
+    """Appendix B (errata E10, E11). `averaged` samples are means over the sample interval before them.
+
+    `errors`, SI, by record effect and component, are planted in the order given. `draw` plants errors and asymmetries
+    of the vehicle besides, drawn with the seed from so many times the tolerances that the record states; 0: none.
+    """
+
+    gyro: SensorConfig = SensorConfig()
+    accelerometer: SensorConfig = SensorConfig()
+    velocity: ScaledGaugeConfig = ScaledGaugeConfig()
     dynamic_pressure: GaugeConfig = GaugeConfig()
-    altitude: GaugeConfig = GaugeConfig()
-    roll_rate_mag: GaugeConfig | None = None
+    altitude: ScaledGaugeConfig = ScaledGaugeConfig()
+    roll_rate_mag: ScaledGaugeConfig | None = None
+    errors: dict[str, dict[str, float]] = Field(default_factory=dict)
+    draw: NotNegative = 0.0
     averaged: bool = False
     spikes: tuple[SpikesConfig, ...] = ()
     gaps: tuple[GapConfig, ...] = ()
@@ -228,7 +249,8 @@ class InstrumentsConfig(Section):
 class SimulationConfig(Section):
     """A simulated flight. `step` s of integration; `sample_rate` Hz, a whole number of steps per sample.
 
-    `mechanisms` are planted always; `plantable` holds named sets to choose from (`planting`).
+    `mechanisms` are planted always; `plantable` holds named sets to choose from (`planting`). `asymmetries` are
+    planted too, but are the vehicle's within its tolerances, and not what the flight is about.
     """
 
     title: str = ""
@@ -241,6 +263,7 @@ class SimulationConfig(Section):
     environment: EnvironmentConfig = EnvironmentConfig()
     instruments: InstrumentsConfig = InstrumentsConfig()
     mechanisms: tuple[PlantedConfig, ...] = ()
+    asymmetries: tuple[PlantedConfig, ...] = ()
     plantable: dict[str, tuple[PlantedConfig, ...]] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -19,6 +19,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.atmosphere import standard_air
 from brv_hypo.simulation.planting import Planted
+from brv_hypo.simulation.wind import WindCourse, WindStep
 
 POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 STATES = 13
@@ -93,21 +94,25 @@ class System:
     gravity: FloatArray
     spherical: bool
     density: FloatArray | None
-    wind: tuple[FloatArray, FloatArray] | None
+    wind_step: WindStep | None
     planted: tuple[Planted, ...]
+    wind_course: WindCourse | None = None
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
         turn = rotation.matrix(state[ATTITUDE])
         gravity, altitude = self.gravity_and_altitude(state[POSITION])
-        velocity = rotation.to_body(turn, state[VELOCITY] - self.wind_velocity(time))
+        wind, wind_rate = self.wind(time)
+        velocity = rotation.to_body(turn, state[VELOCITY] - wind)
         crossed = velocity[1] + 1j * velocity[2]
         speed = np.sqrt(rotation.dot(velocity, velocity))
         air = standard_air(altitude)
         density = air.density if self.density is None else self.density
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
-        velocity_rate = rotation.to_body(turn, gravity) + force - rotation.cross(state[RATES], velocity)
+        velocity_rate = (
+            rotation.to_body(turn, gravity - wind_rate) + force - rotation.cross(state[RATES], velocity)
+        )
         return AirData(
             rotation=turn,
             velocity=velocity,
@@ -194,13 +199,13 @@ class System:
         radius = np.sqrt(rotation.dot(down, down))
         return down * (self.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
-    def wind_velocity(self, time: FloatArray) -> FloatArray | float:
-        """Velocity of the air in the frame, (3, ...) m/s."""
-        if self.wind is None:
-            return 0.0
-        start, velocity = self.wind
-        shape = (3,) + (1,) * (time.ndim - 1) + velocity.shape[1:]
-        return np.asarray(velocity.reshape(shape) * (time >= start), dtype=float)
+    def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2; a step's change is not in it."""
+        step = 0.0 if self.wind_step is None else self.wind_step.velocity(time)
+        if self.wind_course is None:
+            return step, 0.0
+        velocity, rate = self.wind_course.at(time)
+        return step + velocity, rate
 
     def _specific_force(
         self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray

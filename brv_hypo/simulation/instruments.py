@@ -1,7 +1,8 @@
 """What the instruments say of a flight: Appendix B of the report, with errata E10 and E11.
 
-Order of the errors: late clock and averaging, misalignment, scale, bias, noise; then spikes, then gaps (NaN).
-Every channel draws from its own stream of the seed, so that one instrument's errors do not move another's.
+Perfect instruments read the motion at their place and clock, averaged where asked; the record effects of the
+configuration err on that; then come noise, spikes and gaps (NaN). Every channel draws from its own stream of the
+seed, so that one instrument's errors do not move another's.
 """
 
 from __future__ import annotations
@@ -12,7 +13,16 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.simulation.config import GapConfig, GaugeConfig, InstrumentsConfig, TriadConfig
+from brv_hypo.flight.record import Flight, Vehicle
+from brv_hypo.flight.schema import Record, VehicleRecord
+from brv_hypo.simulation.config import (
+    GapConfig,
+    GaugeConfig,
+    ScaledGaugeConfig,
+    SimulationConfig,
+    SpikesConfig,
+)
+from brv_hypo.simulation.errors import with_errors
 from brv_hypo.simulation.rotation import cross
 
 _STREAMS = (
@@ -40,46 +50,50 @@ class Signals:
     altitude: FloatArray
 
 
-def measured(
-    signals: Signals,
-    instruments: InstrumentsConfig,
-    position: tuple[float, float, float],
-    time: FloatArray,
-    seed: int,
-) -> dict[str, FloatArray]:
-    """The channels of a flight record at `time` (m,) s, NaN in gaps; `position` (3,) m is that declared."""
+def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed: int) -> Record:
+    """The flight record at `time` (m,) s, NaN in gaps."""
+    instruments = config.instruments
     streams = {
         name: np.random.default_rng(child)
         for name, child in zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True)
     }
-    averaging = float(time[1] - time[0]) if instruments.averaged else 0.0
-
-    def seen(values: FloatArray, delay: float) -> FloatArray:
-        return _seen(signals.time, values, time, delay, averaging)
-
-    place = np.array(instruments.accelerometer.position or position)
-    force = specific_force_at(place, signals)
-    gyro, accelerometer = instruments.gyro, instruments.accelerometer
-    p, q, r = _triad(seen(signals.rates, gyro.delay), gyro, streams["gyro"])
-    ax, ay, az = _triad(seen(force, accelerometer.delay), accelerometer, streams["accelerometer"])
-    channels = {"p": p, "q": q, "r": r, "ax": ax, "ay": ay, "az": az}
-    for name in ("velocity", "dynamic_pressure", "altitude"):
-        gauge: GaugeConfig = getattr(instruments, name)
-        channels[name] = _gauge(seen(getattr(signals, name), gauge.delay), gauge, streams[name])
+    flight = with_errors(perfect(signals, config, time), instruments.errors)
+    channels = _triad(flight, ("p", "q", "r"), instruments.gyro.noise, streams["gyro"])
+    channels |= _triad(flight, ("ax", "ay", "az"), instruments.accelerometer.noise, streams["accelerometer"])
+    for name, gauge in _gauges(config).items():
+        channels[name] = _gauge(getattr(flight, name), gauge, streams[name])
     for name in ("velocity", "dynamic_pressure"):
         channels[name] = np.maximum(channels[name], 0.0)  # their gauges have a stop at zero
-    if instruments.roll_rate_mag is not None:
-        magnetometer = instruments.roll_rate_mag
-        roll = seen(signals.rates[0], magnetometer.delay)
-        channels["roll_rate_mag"] = _gauge(roll, magnetometer, streams["roll_rate_mag"])
     for spikes in instruments.spikes:
-        chosen = streams["spikes"].choice(time.size, size=min(spikes.count, time.size), replace=False)
-        channels[spikes.channel][chosen] += spikes.size * streams["spikes"].choice(
-            [-1.0, 1.0], size=chosen.size
-        )
+        _spike(channels, spikes, streams["spikes"])
     for gap in instruments.gaps:
         _cut(channels, gap, time, streams["gaps"])
-    return channels
+    return Record(
+        time=time,
+        channels=channels,
+        vehicle=_declared(flight.vehicle),
+        instruments=instruments.declared(),
+        planet=config.environment.planet,
+        title=config.title,
+        source=f"simulated, seed {seed}",
+    )
+
+
+def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Flight:
+    """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
+    averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
+
+    def seen(values: FloatArray, delay: float = 0.0) -> FloatArray:
+        return _seen(signals.time, values, time, delay, averaging)
+
+    vehicle = config.vehicle.declared()
+    force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
+    channels = dict(zip(("p", "q", "r"), seen(signals.rates), strict=True))
+    channels |= dict(zip(("ax", "ay", "az"), seen(force), strict=True))
+    for name, gauge in _gauges(config).items():
+        true = signals.rates[0] if name == "roll_rate_mag" else getattr(signals, name)
+        channels[name] = seen(true, gauge.delay)
+    return Flight(time=time, vehicle=vehicle, instruments=config.instruments.declared(), **channels)
 
 
 def specific_force_at(position: FloatArray, signals: Signals) -> FloatArray:
@@ -105,18 +119,35 @@ def _seen(
     return np.asarray((total(time - delay) - total(time - delay - averaging)) / averaging, dtype=float)
 
 
-def _triad(true: FloatArray, sensor: TriadConfig, draws: np.random.Generator) -> FloatArray:
-    """(3, m) as three sensors read it: axes turned by a small rotation, then scale, bias and noise."""
-    turned = true + cross(true, np.array(sensor.misalignment)[:, None] * np.ones(true.shape[1]))
-    scaled = (1.0 + np.array(sensor.scale)[:, None]) * turned + np.array(sensor.bias)[:, None]
-    return np.asarray(scaled + sensor.noise * draws.standard_normal(true.shape), dtype=float)
+def _gauges(config: SimulationConfig) -> dict[str, GaugeConfig]:
+    """The scalar instruments that are carried, by channel."""
+    names = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
+    carried = {name: getattr(config.instruments, name) for name in names}
+    return {name: gauge for name, gauge in carried.items() if gauge is not None}
+
+
+def _declared(vehicle: Vehicle) -> VehicleRecord:
+    return VehicleRecord(**{name: getattr(vehicle, name) for name in VehicleRecord.model_fields})
+
+
+def _triad(
+    flight: Flight, names: tuple[str, str, str], noise: float, draws: np.random.Generator
+) -> dict[str, FloatArray]:
+    """Three channels with their noise."""
+    readings = np.array([getattr(flight, name) for name in names])
+    return dict(zip(names, readings + noise * draws.standard_normal(readings.shape), strict=True))
 
 
 def _gauge(true: FloatArray, sensor: GaugeConfig, draws: np.random.Generator) -> FloatArray:
     """(m,) as a scalar sensor reads it."""
-    return np.asarray(
-        (1.0 + sensor.scale) * true + sensor.bias + sensor.noise * draws.standard_normal(true.shape)
-    )
+    scale = sensor.scale if isinstance(sensor, ScaledGaugeConfig) else 0.0
+    return np.asarray((1.0 + scale) * true + sensor.bias + sensor.noise * draws.standard_normal(true.shape))
+
+
+def _spike(channels: dict[str, FloatArray], spikes: SpikesConfig, draws: np.random.Generator) -> None:
+    channel = channels[spikes.channel]
+    chosen = draws.choice(channel.size, size=min(spikes.count, channel.size), replace=False)
+    channel[chosen] += spikes.size * draws.choice([-1.0, 1.0], size=chosen.size)
 
 
 def _cut(

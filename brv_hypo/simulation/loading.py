@@ -13,6 +13,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_yaml
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.regular import kind_of
+from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.simulation.config import SimulationConfig
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -103,8 +104,19 @@ def _problem(detail: Any) -> str:
 
 
 def _nearest_key(location: Sequence[str | int]) -> str:
-    near = difflib.get_close_matches(str(location[-1]), _keys(SimulationConfig), n=1, cutoff=0.6)
-    return f" (is '{near[0]}' meant?)" if near else ""
+    leaf = str(location[-1])
+    near = difflib.get_close_matches(leaf, _keys(SimulationConfig), n=1, cutoff=0.6)
+    if near and near[0] != leaf:
+        return f" (is '{near[0]}' meant?)"
+    return _nearest_effect(location) if location[0] == "instruments" else ""
+
+
+def _nearest_effect(location: Sequence[str | int]) -> str:
+    """Where an instrument's error is written beside its noise: the record effect that it is."""
+    effects = [effect.name for effect in record_effects()]
+    near = difflib.get_close_matches("_".join(map(str, location[1:])), effects, n=1, cutoff=0.7)
+    meant = f"is the record effect '{near[0]}' meant? " if near else ""
+    return f" ({meant}errors are written under `instruments.errors`, by effect and component)"
 
 
 def _keys(model: type[BaseModel]) -> list[str]:

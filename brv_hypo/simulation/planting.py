@@ -52,7 +52,12 @@ class Planted:
 
 def planted(configs: Sequence[SimulationConfig]) -> tuple[Planted, ...]:
     """The planted mechanisms of a batch; all its configurations plant the same ones, in the same order."""
-    return tuple(_planted(configs, index) for index in range(len(configs[0].mechanisms)))
+    return _all_in(configs, "mechanisms")
+
+
+def asymmetries(configs: Sequence[SimulationConfig]) -> tuple[Planted, ...]:
+    """The same of the vehicle's asymmetries."""
+    return _all_in(configs, "asymmetries")
 
 
 def check_terms(items: Sequence[Planted], motion: Motion) -> None:
@@ -67,13 +72,17 @@ def check_terms(items: Sequence[Planted], motion: Motion) -> None:
             )
 
 
-def _planted(configs: Sequence[SimulationConfig], index: int) -> Planted:
-    entry = configs[0].mechanisms[index]
+def _all_in(configs: Sequence[SimulationConfig], place: str) -> tuple[Planted, ...]:
+    return tuple(_planted(configs, place, index) for index in range(len(getattr(configs[0], place))))
+
+
+def _planted(configs: Sequence[SimulationConfig], place: str, index: int) -> Planted:
+    entry: PlantedConfig = getattr(configs[0], place)[index]
     mechanism = find(entry.mechanism, entry.options)
     _check_theta(mechanism, entry)
 
     def column(*path: str, missing: float = np.nan) -> Any:
-        values = per_flight(configs, "mechanisms", index, *path, missing=missing)
+        values = per_flight(configs, place, index, *path, missing=missing)
         # One number where flights agree: mechanisms are written for scalar theta.
         return float(values[0]) if np.all(values == values[0]) else values
 

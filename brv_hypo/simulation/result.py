@@ -25,7 +25,8 @@ class Truth:
 
     alpha, windward_meridian rad (unwrapped); C_m, C_n and C_N', C_Z' are the total moments;
     `planted_in_plane` and `planted_out_of_plane` what the planted mechanisms add to the latter two. `planted`
-    names them; `parameters` holds every number of the configuration by its dotted path.
+    names them; `parameters` holds every number of the configuration by its dotted path, errors and asymmetries as
+    they were drawn among them.
     """
 
     time: FloatArray
@@ -91,6 +92,7 @@ class SimulatedFlight:
             time=record.time,
             **channels,
             vehicle=record.vehicle.vehicle(),
+            instruments=record.instruments,
             planet=record.planet,
             title=record.title,
             source=record.source,

@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.flight.schema import Record, VehicleRecord
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.atmosphere import HIGHEST
 from brv_hypo.simulation.config import SimulationConfig
 from brv_hypo.simulation.dynamics import RATES, AirData, System
-from brv_hypo.simulation.instruments import Signals, measured
+from brv_hypo.simulation.errors import drawn, wind_course
+from brv_hypo.simulation.instruments import Signals, recorded
 from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
 from brv_hypo.simulation.loading import ConfigSource, load_config
-from brv_hypo.simulation.planting import check_terms
+from brv_hypo.simulation.planting import asymmetries, check_terms
 from brv_hypo.simulation.result import SimulatedFlight, Truth
 from brv_hypo.simulation.system import initial_state, system
 from brv_hypo.simulation.variation import numbers, varied
@@ -55,7 +55,8 @@ def simulate_batch(
     """
     if not seeds or min(seeds) < 0:
         raise UsageError(f"got the seeds {list(seeds)[:5]}, expected at least one and none below zero")
-    configs = varied(load_config(config, plant=plant), len(seeds), variations)
+    nominal = varied(load_config(config, plant=plant), len(seeds), variations)
+    configs = tuple(drawn(one, seed) for one, seed in zip(nominal, seeds, strict=True))
     found: list[SimulatedFlight] = []
     for first in range(0, len(seeds), LARGEST_BATCH):
         part = slice(first, first + LARGEST_BATCH)
@@ -71,7 +72,7 @@ def simulate_batch(
 def _together(
     configs: Sequence[SimulationConfig], seeds: Sequence[int], progress: Progress
 ) -> list[SimulatedFlight]:
-    equations = system(configs)
+    equations = replace(system(configs), wind_course=wind_course(configs))
     trajectory = flown(configs, equations, progress)
     states = np.moveaxis(trajectory.states, 1, 0)
     time = trajectory.nodes[:, None] * np.ones(len(configs))
@@ -89,7 +90,7 @@ def _together(
             air.dynamic_pressure[:, flight],
             air.altitude[:, flight],
         )
-        flights.append(SimulatedFlight(_record(config, signals, truth.time, seed), truth, config, seed))
+        flights.append(SimulatedFlight(recorded(signals, config, truth.time, seed), truth, config, seed))
     return flights
 
 
@@ -116,7 +117,7 @@ def _motion_alone(equations: System, time: FloatArray, state: FloatArray, air: A
 
 def _other_breaks(equations: System) -> FloatArray:
     """Times of wind steps and of sudden changes of slope."""
-    wind = np.zeros(0) if equations.wind is None else equations.wind[0]
+    wind = np.zeros(0) if equations.wind_step is None else equations.wind_step.time
     times = np.concatenate([wind, *(course.edges() for course in equations.slope_courses)])
     return np.asarray(np.unique(times[np.isfinite(times)]), dtype=float)
 
@@ -150,7 +151,7 @@ def _truths(
     time = trajectory.nodes[chosen]
     here = AirData(**{name: value[..., chosen, :] for name, value in vars(air).items()})
     states = np.moveaxis(trajectory.states[chosen], 1, 0)
-    bare = replace(equations, planted=())
+    bare = replace(equations, planted=asymmetries(configs))
     instants = time[:, None] * np.ones(len(configs))
     motion = _motion_alone(bare, instants, states, here)
     without = bare.plane_moments(motion)
@@ -174,16 +175,3 @@ def _truths(
         )
         for i, config in enumerate(configs)
     ]
-
-
-def _record(config: SimulationConfig, signals: Signals, time: FloatArray, seed: int) -> Record:
-    vehicle = config.vehicle.declared()
-    channels = measured(signals, config.instruments, vehicle.accelerometer_position, time, seed)
-    return Record(
-        time=time,
-        channels=channels,
-        vehicle=VehicleRecord(**{name: getattr(vehicle, name) for name in VehicleRecord.model_fields}),
-        planet=config.environment.planet,
-        title=config.title,
-        source=f"simulated, seed {seed}",
-    )

@@ -10,8 +10,9 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.config import AerodynamicsConfig, SimulationConfig
 from brv_hypo.simulation.dynamics import ATTITUDE, RATES, STATES, VELOCITY, SlopeCourse, System
-from brv_hypo.simulation.planting import planted
+from brv_hypo.simulation.planting import asymmetries, planted
 from brv_hypo.simulation.variation import per_flight
+from brv_hypo.simulation.wind import WindStep
 
 
 def system(configs: Sequence[SimulationConfig]) -> System:
@@ -33,8 +34,8 @@ def system(configs: Sequence[SimulationConfig]) -> System:
         gravity=per_flight(configs, "environment", "gravity"),
         spherical=first.environment.planet_shape == "spherical",
         density=None if tabulated else per_flight(configs, "environment", "constant_density"),
-        wind=None if first.environment.wind_step is None else _wind(configs),
-        planted=planted(configs),
+        wind_step=None if first.environment.wind_step is None else _wind_step(configs),
+        planted=(*asymmetries(configs), *planted(configs)),
     )
 
 
@@ -47,7 +48,7 @@ def initial_state(configs: Sequence[SimulationConfig], equations: System) -> Flo
     state = np.zeros((STATES, len(configs)))
     state[2] = -per_flight(configs, "start", "altitude")
     state[VELOCITY] = per_flight(configs, "start", "velocity") * along
-    state[VELOCITY] += equations.wind_velocity(per_flight(configs, "start", "time"))
+    state[VELOCITY] += equations.wind(per_flight(configs, "start", "time"))[0]
     state[ATTITUDE] = rotation.from_pitch_roll(path + per_flight(configs, "start", "alpha"), meridian)
     state[RATES] = np.array([per_flight(configs, "start", "roll_rate"), transverse.real, transverse.imag])
     return state
@@ -82,8 +83,7 @@ def _slope_course(configs: Sequence[SimulationConfig], index: int) -> SlopeCours
     return SlopeCourse(first.variable, first.kind, change, at, width)
 
 
-def _wind(configs: Sequence[SimulationConfig]) -> tuple[FloatArray, FloatArray]:
-    """Time (flights,) s of the step and velocity (3, flights) m/s after it."""
+def _wind_step(configs: Sequence[SimulationConfig]) -> WindStep:
     time = per_flight(configs, "environment", "wind_step", "time", missing=np.inf)
     velocity = [per_flight(configs, "environment", "wind_step", "velocity", i, missing=0.0) for i in range(3)]
-    return time, np.array(velocity)
+    return WindStep(time, np.array(velocity))

@@ -16,6 +16,7 @@ from brv_hypo.simulation.loading import validated
 
 # These shape the arrays of a batch, so all its flights share them.
 _COMMON = ("duration", "step", "sample_rate", "start.time")
+_ERRORS = "instruments.errors."
 
 
 def varied(
@@ -23,7 +24,8 @@ def varied(
 ) -> tuple[SimulationConfig, ...]:
     """One configuration per flight; `variations` maps dotted paths to a value or to (flights,) values.
 
-    Paths read like 'start.alpha', 'mechanisms.0.terms.eps', 'vehicle.accelerometer_position.1'.
+    Paths read like 'start.alpha', 'mechanisms.0.terms.eps', 'vehicle.accelerometer_position.1',
+    'instruments.errors.EFFECT.COMPONENT'.
     Raises UsageError for an unknown path, a wrong number of values, or a value out of range.
     """
     if not variations:
@@ -86,6 +88,10 @@ def _column(path: str, values: ArrayLike, flights: int) -> FloatArray:
 
 def _put(data: dict[str, Any], path: str, value: float) -> None:
     """Set a leaf of nested mappings and tuples; tuples become lists on the way."""
+    if path.startswith(_ERRORS):  # any effect and component: those that are absent are zero
+        effect, _, component = path.removeprefix(_ERRORS).partition(".")
+        data["instruments"]["errors"].setdefault(effect, {})[component] = value
+        return
     node: Any = data
     *parents, leaf = path.split(".")
     try:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
-from brv_hypo.simulation.config import Positive, Section
+from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig
 from brv_hypo.simulation.loading import config_path
 
 NONE = "none"
@@ -27,12 +27,19 @@ Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
 PositiveSpan = Annotated[tuple[Positive, Positive], AfterValidator(_in_order)]
 
 
+class InstrumentDraws(TolerancesConfig):
+    """What every record states of its instruments, and how many times that its errors are drawn from; 0: perfect."""
+
+    factor: NotNegative = 1.0
+
+
 class DrawsConfig(Section):
     """Ranges from which every flight draws. Factors multiply the vehicle's own values, log-uniformly.
 
     `size` multiplies the planted coefficients, `delay` the planted delays and other nonlinear parameters,
     `gyro_noise` the gyros' standard deviation. `onset_shift` s moves the planted regions, uniformly.
-    `windward_meridian` rad is the meridian at the start, uniform.
+    `windward_meridian` rad is the meridian at the start, uniform. `instruments` replaces what the vehicles say of
+    tolerances and errors to draw.
     """
 
     size: PositiveSpan = (0.15, 1.2)
@@ -42,6 +49,7 @@ class DrawsConfig(Section):
     roll_rate: PositiveSpan = (0.8, 1.25)
     windward_meridian: Span = (-math.pi, math.pi)
     gyro_noise: PositiveSpan = (1.0, 1.0)
+    instruments: InstrumentDraws | None = None
 
 
 class StudyConfig(Section):

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import PlantedConfig, Section
-from brv_hypo.study.config import NONE, StudyConfig
+from brv_hypo.study.config import NONE, InstrumentDraws, StudyConfig
 
 
 class Draw(Section):
-    """What one flight drew; `DrawsConfig` says what each number is. `seed` is of its instruments' noise."""
+    """What one flight drew; `DrawsConfig` says what each number is. `seed` is of its instruments' noise and errors."""
 
     vehicle: str
     planted: str
@@ -85,11 +86,25 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
                 }
             ),
             "instruments": config.instruments.model_copy(
-                update={"gyro": gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})}
+                update={
+                    "gyro": gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise}),
+                    **_tolerances(study.draws.instruments),
+                }
             ),
             "mechanisms": tuple(_resized(entry, draw) for entry in config.mechanisms),
         }
     )
+
+
+def _tolerances(instruments: InstrumentDraws | None) -> dict[str, Any]:
+    """The settings of the simulated instruments that the study replaces."""
+    if instruments is None:
+        return {}
+    return {
+        "grade": instruments.grade,
+        "tolerances": instruments.tolerances,
+        "draw": instruments.factor,
+    }
 
 
 def _resized(entry: PlantedConfig, draw: Draw) -> PlantedConfig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ class Lag(Mechanism):
     title = "total moment lag"
     claims = "the total moment follows alpha and meridian late; out of plane in step with the meridian rate"
     source = "report, Table 2.1 (d), Figure 2.4"
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"lag fraction": (0.0, 1.0)}
 
     delays: tuple[float, ...] = (0.005, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ class Sticking(Mechanism):
     claims = "a fraction of the wind-fixed flow stays at the meridian that it had a fixed time ago"
     source = "report, Eq. 5.1, Tables 5.7 and 5.8"
     several_parameters_at_once = True
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"eps": (0.0, 1.0)}
 
     form: Literal["printed", "complete"] = "printed"
     delays: tuple[float, ...] = (0.04, 0.08, 0.125, 0.2, 0.3)

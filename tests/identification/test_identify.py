@@ -45,9 +45,9 @@ def test_nothing_is_added_where_nothing_is_planted(bodyfixed):
 @pytest.mark.parametrize(
     ("path", "value", "name"),
     [
-        ("gyro.bias.1", 2e-4, "gyro_bias q"),
-        ("accelerometer.bias.2", 0.05, "accel_bias z"),
-        ("accelerometer.delay", 2e-3, "time_skew"),
+        ("errors.gyro_bias.q", 2e-4, "gyro_bias q"),
+        ("errors.accel_bias.z", 0.05, "accel_bias z"),
+        ("errors.time_skew.accelerometers", 2e-3, "time_skew"),
     ],
 )
 def test_a_planted_instrument_error_is_found_and_measured(path, value, name):

@@ -21,13 +21,9 @@ def planted(mechanism: str, terms: dict[str, float]) -> SimulationConfig:
     return load_config("research_cone").model_copy(update={"mechanisms": (entry,)})
 
 
-def instrument(path: str, value: object) -> SimulationConfig:
+def instrument(effect: str, component: str, value: float) -> SimulationConfig:
     data = load_config("research_cone").model_dump()
-    node = data["instruments"]
-    *parents, leaf = path.split(".")
-    for name in parents:
-        node = node[name]
-    node[leaf] = value
+    data["instruments"]["errors"] = {effect: {component: value}}
     return SimulationConfig.model_validate(data)
 
 
@@ -35,7 +31,7 @@ CASES = {
     "trim": planted("trim", {"C_m0": 3e-6, "C_n0": -2e-6}),
     "magnus": planted("magnus", {"C_npalpha": -1.0}),
     "stiffness_asymmetry": planted("stiffness_asymmetry", {"pitch-yaw": 2e-4, "diagonal": 1e-4}),
-    "gyro_scale": instrument("gyro.scale", (2e-3, 0.0, 0.0)),
+    "gyro_scale": instrument("gyro_scale", "p", 2e-3),
 }
 
 

@@ -24,7 +24,7 @@ def flight_with_errors() -> Flight:
     data = load_config("research_cone").model_dump()
     terms = dict(zip(("C_m0", "C_n0"), TRIM, strict=True))
     data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
-    data["instruments"]["accelerometer"]["scale"] = (0.0, SCALE, 0.0)
+    data["instruments"]["errors"] = {"accel_scale": {"y": SCALE}}
     return simulate(SimulationConfig.model_validate(data), seed=21).flight
 
 

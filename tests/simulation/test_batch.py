@@ -35,7 +35,7 @@ def test_a_flight_of_a_batch_is_that_flight_alone() -> None:
         "mechanisms.0.theta.delay": [0.05, 0.1, 0.13],
         "mechanisms.0.start": [0.2, 0.305, 0.4],
         "vehicle.ixy": [0.0, 0.5, -0.5],
-        "instruments.gyro.bias.1": [0.0, 0.1, 0.2],
+        "instruments.errors.gyro_bias.q": [0.0, 0.1, 0.2],
     }
     together = simulate_batch(CONE, seeds=(5, 6, 7), variations=variations)
     for i, flight in enumerate(together):

@@ -29,7 +29,9 @@ CLEAN = channels({})
 def test_accelerometer_off_the_cg_feels_the_acceleration_of_its_place() -> None:
     """Against the second derivative of the place in the frame, less gravity, turned into the body."""
     place = [0.3, -0.2, 0.15]
-    config = load_config({**CONE, "instruments": {"accelerometer": {"position": place}}})
+    config = load_config(
+        {**CONE, "instruments": {}, "vehicle": CONE["vehicle"] | {"accelerometer_position": place}}
+    )
     equations = system((config,))
     trajectory = flown((config,), equations, lambda fraction: None)
     turn = matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[..., 0]
@@ -44,11 +46,12 @@ def test_accelerometer_off_the_cg_feels_the_acceleration_of_its_place() -> None:
     assert np.max(np.abs(found["ax"] - CLEAN["ax"])) > 0.3  # the place matters
 
 
-def test_record_declares_the_vehicles_position_not_the_true_one() -> None:
-    flight = simulate(
-        load_config({**CONE, "instruments": {"accelerometer": {"position": [0.3, 0.0, 0.0]}}}), seed=1
-    )
-    assert flight.record.vehicle.accelerometer_position == tuple(CONE["vehicle"]["accelerometer_position"])
+def test_accelerometers_off_their_declared_place_read_as_before() -> None:
+    instruments = {"errors": {"accel_position": {"x": 0.002}}}
+    found = simulate(load_config({**CONE, "instruments": instruments}), seed=1).record
+    x, y, z = CONE["vehicle"]["accelerometer_position"]
+    assert found.vehicle.accelerometer_position == pytest.approx((x - 0.002, y, z))
+    np.testing.assert_array_equal(found.channels["ay"], CLEAN["ay"])
 
 
 @pytest.mark.slow
@@ -70,31 +73,64 @@ def test_one_instruments_errors_leave_the_draws_of_the_others() -> None:
     np.testing.assert_array_equal(some["ay"], other["ay"])
 
 
-def test_bias_and_scale() -> None:
-    found = channels(
-        {
-            "gyro": {"bias": [0.1, 0.2, 0.3], "scale": [0.01, 0.02, 0.03]},
-            "velocity": {"bias": 3.0, "scale": -0.01},
-        }
-    )
-    for name, bias, scale in (("p", 0.1, 0.01), ("q", 0.2, 0.02), ("r", 0.3, 0.03), ("velocity", 3.0, -0.01)):
-        np.testing.assert_allclose(found[name], (1.0 + scale) * CLEAN[name] + bias, rtol=1e-12)
+def test_errors_are_those_of_the_record_effects_in_the_order_given() -> None:
+    errors = {
+        "gyro_misalignment": {"x": 0.01},
+        "gyro_scale": {"q": 0.02, "r": 0.03},
+        "gyro_bias": {"p": 0.1, "q": 0.2},
+        "dynamic_pressure_scale": {"scale": 0.005},
+    }
+    found = channels({"errors": errors, "velocity": {"bias": 3.0, "scale": -0.01}})
+    expected = {
+        "p": CLEAN["p"] + 0.1,
+        "q": 1.02 * (CLEAN["q"] + 0.01 * CLEAN["r"]) + 0.2,
+        "r": 1.03 * (CLEAN["r"] - 0.01 * CLEAN["q"]),
+        "dynamic_pressure": 1.005 * CLEAN["dynamic_pressure"],
+        "velocity": 0.99 * CLEAN["velocity"] + 3.0,
+        "az": CLEAN["az"],
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-12, atol=1e-12)
 
 
-def test_misalignment_turns_the_axes() -> None:
-    """Instrument axes turned by a small angle about x see y + angle z and z - angle y."""
-    found = channels({"gyro": {"misalignment": [0.01, 0.0, 0.0]}})
-    np.testing.assert_allclose(found["q"], CLEAN["q"] + 0.01 * CLEAN["r"], atol=1e-12)
-    np.testing.assert_allclose(found["r"], CLEAN["r"] - 0.01 * CLEAN["q"], atol=1e-12)
-    np.testing.assert_allclose(found["p"], CLEAN["p"], atol=1e-12)
+def test_errors_leave_the_noise_as_it_is() -> None:
+    noise = {"accelerometer": {"noise": 0.1}}
+    found = channels({**noise, "errors": {"accel_scale": {"y": 0.5}}})
+    np.testing.assert_allclose(found["ay"] - channels(noise)["ay"], 0.5 * CLEAN["ay"], atol=1e-12)
 
 
-@pytest.mark.parametrize("delay", [0.005, 0.0125, -0.01])
-def test_a_late_clock_shows_the_past(delay: float) -> None:
-    found = channels({"gyro": {"delay": delay}})
+@pytest.mark.parametrize(
+    ("errors", "message"),
+    [
+        ({"gyro_bais": {"q": 0.1}}, "did you mean gyro_bias"),
+        ({"gyro_bias": {"Q": 0.1}}, "no component 'Q'.*p, q, r"),
+        ({"trim": {"C_m0": 0.1}}, "plant it under `mechanisms`"),
+    ],
+)
+def test_errors_that_no_effect_has_are_refused(errors: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        channels({"errors": errors})
+
+
+@pytest.mark.parametrize(("key", "effect"), [("bias", "gyro_bias"), ("misalignment", "gyro_misalignment")])
+def test_an_error_beside_the_noise_is_sent_to_its_effect(key: str, effect: str) -> None:
+    with pytest.raises(UsageError, match=f"'{effect}' meant.*instruments.errors"):
+        channels({"gyro": {key: [0.0, 0.0, 0.1]}})
+
+
+@pytest.mark.parametrize(("delay", "off"), [(0.0005, 1e-6), (0.005, 1e-5), (0.0125, 2e-5), (-0.01, 2e-5)])
+def test_a_late_clock_shows_the_past(delay: float, off: float) -> None:
+    """The record's ends, which the effect continues straight on, leave ripples of `off` rad/s further in."""
+    found = channels({"errors": {"time_skew": {"gyros": delay}}})
     expected = CubicSpline(CLEAN["time"], CLEAN["q"])(CLEAN["time"] - delay)
-    np.testing.assert_allclose(found["q"][5:-5], expected[5:-5], atol=2e-6)
+    np.testing.assert_allclose(found["q"][20:-20], expected[20:-20], atol=off)
     np.testing.assert_array_equal(found["az"], CLEAN["az"])
+
+
+def test_a_late_gauge_shows_the_past() -> None:
+    found = channels({"altitude": {"delay": 0.0125}})
+    expected = CubicSpline(CLEAN["time"], CLEAN["altitude"])(CLEAN["time"] - 0.0125)
+    np.testing.assert_allclose(found["altitude"], expected, atol=1e-4)
 
 
 def test_averaged_samples_are_means_over_the_interval_before() -> None:

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from brv_hypo.errors import UsageError
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.study import StudyConfig, read_study
+from brv_hypo.study.config import InstrumentDraws
 from brv_hypo.study.draws import check_names, draws, flight_config
 
 CONE = StudyConfig(vehicles=("research_cone",), planted=("none", "sticking", "sticking+bodyfixed"), flights=2)
 
 
-@pytest.mark.parametrize("name", ["study_planted", "study_short", "study_short.yaml"])
+@pytest.mark.parametrize("name", ["study_planted", "study_instruments", "study_short", "study_short.yaml"])
 def test_studies_that_come_along_can_be_flown(name):
     check_names(read_study(name))
 
@@ -36,6 +37,10 @@ def test_the_main_study_plants_every_mechanism_in_every_vehicle():
         ("vehicles: [research_cone]\nplanted: [none]\ndraws: {size: [2, 1]}", "the lower end comes first"),
         ("vehicles: [research_cone]\nplanted: [none]\ndraws: {size: [0, 1]}", "greater than 0"),
         ("vehicles: [research_cone]\nplanted: [none]\nflight: 3", "is 'flights' meant"),
+        (
+            "vehicles: [research_cone]\nplanted: [none]\ndraws: {instruments: {grade: tactica}}",
+            "is 'tactical' meant",
+        ),
     ],
 )
 def test_bad_studies_are_refused(tmp_path, text, message):
@@ -90,6 +95,15 @@ def test_a_draw_changes_the_flight_as_it_says():
     assert config.start.alpha == pytest.approx(0.0436 * draw.alpha)
     assert config.start.windward_meridian == draw.windward_meridian
     assert config.instruments.gyro.noise == pytest.approx(3.5e-4 * draw.gyro_noise)
+
+
+def test_a_study_may_draw_what_the_instruments_err_by():
+    instruments = InstrumentDraws(grade="industrial", tolerances={"wind": 2.0}, factor=0.5)
+    study = CONE.model_copy(update={"draws": CONE.draws.model_copy(update={"instruments": instruments})})
+    found = flight_config(study, draws(study)[0]).instruments
+    assert (found.grade, found.draw, found.declared().wind) == ("industrial", 0.5, (2.0, 2.0, 2.0))
+    assert found.gyro == flight_config(CONE, draws(CONE)[0]).instruments.gyro
+    assert flight_config(CONE, draws(CONE)[0]).instruments.draw == 0.0
 
 
 def test_joined_plants_are_both_planted():

@@ -1,0 +1,25 @@
+"""Every constant that decides a verdict, with its source; the studies named set or confirmed them.
+
+The study of independent flights (`python -m tests.independent.study`) judges them together.
+"""
+
+from __future__ import annotations
+
+# Posterior probability from which a hypothesis is named; convention of the verdicts that users quote.
+WINNING_PROBABILITY = 0.9
+# Posterior probability from which a rival stands beside the leader.
+STANDING_PROBABILITY = 0.02
+# Prior probability that something outside the list moved the vehicle (contract of `compare --json`).
+OTHER_PRIOR = 0.2
+# Widens the posterior for what the linearised likelihood does not know (second-order errors of motion and instruments).
+TEMPERATURE = 1.5
+# Standard errors by which a rival must predict held-out blocks better to contest the leader: 5 %, two-sided.
+CONTESTING_SIGMAS = 2.0
+# Fall of 2 ln L that the weakest "something else" is expected to bring: the detection limit's F.
+DETECTABLE = 25.0
+# Sizes of "something else" tried above the weakest one, each twice the one before: to 64 times.
+OTHER_SIZES = 7
+# Fall of 2 ln L of the 95 % one-sided limit of an amplitude (chi-squared of one degree, 90 % two-sided).
+LIMIT_FALL = 2.71
+# Standard errors by which a coefficient may lie outside its mechanism's bounds.
+BOUND_SIGMAS = 3.0

@@ -1,0 +1,116 @@
+"""What a mechanism comes to in each interval between its knots: net values, in time order."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Derived
+from brv_hypo.model.columns import Column, Theta
+from brv_hypo.ranking.constants import BOUND_SIGMAS
+from brv_hypo.regression.fit import HypothesisFit
+
+
+@dataclass(frozen=True)
+class NetValue:
+    """The net coefficient of one term of one theta over an interval."""
+
+    mechanism: str
+    term: str
+    theta: Theta
+    delay: float | None
+    units: str
+    value: float
+    std_error: float
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch between two knots (s) with the net values there, and what mechanisms derive from them."""
+
+    start: float
+    stop: float
+    values: tuple[NetValue, ...]
+    derived: tuple[tuple[str, Derived], ...]
+
+
+def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
+    """Net values of a fit's selected columns, interval by interval; ramps at the middle of theirs."""
+    if not fit.selected:
+        return ()
+    begin, end = float(fit.frame.time.min()), float(fit.frame.time.max())
+    inner = {float(edge) for c in fit.selected for edge in (c.course.start, c.course.stop)}
+    edges = [begin, *sorted(edge for edge in inner if begin < edge < end), end]
+    return tuple(_interval(fit, first, last) for first, last in itertools.pairwise(edges))
+
+
+def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
+    middle = np.array([0.5 * (start + stop)])
+    weights = np.array([float(column.course(middle)[0]) for column in fit.selected])
+    groups: dict[tuple[str, Theta, str], list[int]] = {}
+    for j, column in enumerate(fit.selected):
+        if weights[j] != 0.0:
+            groups.setdefault((column.mechanism, column.theta, column.term), []).append(j)
+    rows = np.zeros((len(groups), len(fit.selected)))
+    for i, members in enumerate(groups.values()):
+        rows[i, members] = weights[members]
+    first = fit.baseline_size
+    values = rows @ fit.values[first:]
+    covariance = rows @ fit.covariance[first:, first:] @ rows.T
+    found = tuple(
+        NetValue(
+            mechanism=key[0],
+            term=key[2],
+            theta=key[1],
+            delay=fit.selected[members[0]].delay,
+            units=_units(fit.selected[members[0]]),
+            value=float(values[i]),
+            std_error=float(np.sqrt(max(covariance[i, i], 0.0))),
+        )
+        for i, (key, members) in enumerate(groups.items())
+    )
+    return Interval(start, stop, found, _derived(fit, list(groups), values, covariance))
+
+
+def _units(column: Column) -> str:
+    """Units of the coefficient itself: a ramp's value at an instant has no `per second`."""
+    return column.units.removesuffix("/s") if column.course.kind == "ramp" else column.units
+
+
+def _derived(
+    fit: HypothesisFit, keys: Sequence[tuple[str, Theta, str]], values: FloatArray, covariance: FloatArray
+) -> tuple[tuple[str, Derived], ...]:
+    """What mechanisms whose terms are one vector derive from its net components."""
+    found = []
+    for mechanism in fit.mechanisms:
+        names = [t.name for t in mechanism.terms(fit.frame.motions[0], _some_theta(fit, mechanism.name))]
+        for theta in dict.fromkeys(key[1] for key in keys if key[0] == mechanism.name):
+            place = [i for i, key in enumerate(keys) if key[:2] == (mechanism.name, theta)]
+            if [keys[i][2] for i in place] != names or not mechanism.terms_enter_together:
+                continue
+            net = {keys[i][2]: float(values[i]) for i in place}
+            found += [(mechanism.name, d) for d in mechanism.derived(net, covariance[np.ix_(place, place)])]
+    return tuple(found)
+
+
+def _some_theta(fit: HypothesisFit, mechanism: str) -> dict[str, float]:
+    return dict(next(column.theta for column in fit.selected if column.mechanism == mechanism))
+
+
+def out_of_bounds(fit: HypothesisFit) -> str | None:
+    """The first net value that its mechanism's bounds exclude, in words; None where there is none."""
+    bounds = {m.name: m.bounds for m in fit.mechanisms}
+    for interval in intervals(fit):
+        for net in interval.values:
+            low, high = bounds[net.mechanism].get(net.term, (-np.inf, np.inf))
+            room = BOUND_SIGMAS * net.std_error
+            if not low - room <= net.value <= high + room:
+                return (
+                    f"{net.term} = {net.value:.3g} from {interval.start:.2f} to {interval.stop:.2f} s, "
+                    f"where {low:g} to {high:g} is possible"
+                )
+    return None

@@ -1,0 +1,54 @@
+"""`--instruments`: tolerances in place of those that the record states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.cli.loading import load
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.instruments import of_grade
+
+
+def test_left_out_it_leaves_what_the_record_states(flight_file):
+    assert load(flight_file, None, None, None).instruments == of_grade("tactical")
+
+
+def test_a_grade_replaces_every_tolerance(flight_file):
+    flight = load(flight_file, 1.0, 3.0, "industrial")
+    assert flight.instruments == of_grade("industrial")
+    assert flight.time[-1] == pytest.approx(3.0, abs=0.011)
+
+
+def test_a_file_replaces_what_it_names(flight_file, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("gyro_bias: 0.3\naccel_position: [1 mm, 0.002, 0.002]\n")
+    found = load(flight_file, None, None, str(file)).instruments
+    assert found.gyro_bias == pytest.approx(np.radians([0.3] * 3))
+    assert found.accel_position == pytest.approx((0.001, 0.002, 0.002))
+    assert found.wind == of_grade("tactical").wind
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("gyro_bais: 0.3", "is 'gyro_bias' meant"),
+        ("grade: labaratory", "is 'laboratory' meant"),
+        ("wind: -1.0", "none below zero"),
+        ("wind: 3 parsec", "parsec"),
+        ("wind: [1.0, 2.0]", "three by body axis"),
+        ("wind: strong", "expected a number"),
+    ],
+)
+def test_files_that_hold_no_tolerances_are_refused(flight_file, tmp_path, text, message):
+    file = tmp_path / "mine.yaml"
+    file.write_text(text)
+    with pytest.raises(UsageError, match=message):
+        load(flight_file, None, None, str(file))
+
+
+@pytest.mark.parametrize("command", ["compare", "trace", "reconstruct"])
+def test_an_unknown_grade_ends_with_2_and_the_nearest(brv_hypo, flight_file, command):
+    done = brv_hypo(command, flight_file, "--instruments", "tactica")
+    assert done.returncode == 2
+    assert "is 'tactical' meant" in done.stderr

@@ -1,0 +1,164 @@
+"""Errors drawn from the tolerances; the wind that an effect leaves unaccounted for; what the record says of both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.flight.instruments import of_grade
+from brv_hypo.mechanisms import RecordEffect, installed, record_effects
+from brv_hypo.motion import reconstruct
+from brv_hypo.simulation import SimulatedFlight, load_config, simulate, simulate_batch
+from brv_hypo.simulation.errors import drawn, start_of, with_errors
+
+CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | {"duration": 1.0}
+CARRIED = {effect.name: effect for effect in record_effects() if effect.carried}
+SEEDS = range(300)
+
+
+def fly(instruments: dict[str, Any], seed: int = 1, **changes: Any) -> SimulatedFlight:
+    return simulate(load_config({**CONE, "instruments": instruments, **changes}), seed=seed)
+
+
+def test_every_carried_effect_and_tolerance_of_the_vehicle_is_drawn_from_its_size() -> None:
+    """300 draws: mean within 4 standard errors of zero, standard deviation within 4 of the tolerance."""
+    config = load_config({**CONE, "instruments": {"grade": "industrial", "draw": 2.0}})
+    flights = [drawn(config, seed) for seed in SEEDS]
+    assert flights[0].instruments.draw == 0.0
+    assert set(flights[0].instruments.errors) == set(CARRIED)
+    (record,) = start_of((config,)).records
+    for name, effect in CARRIED.items():
+        for component in effect.components(record):
+            values = [f.instruments.errors[name][component.name] for f in flights]
+            _check_spread(values, 2.0 * component.size)
+    entries = flights[0].asymmetries
+    assert {entry.mechanism for entry in entries} == {"trim", "dynamic_imbalance"}
+    for i, entry in enumerate(entries):
+        sizes = installed()[entry.mechanism].item.tolerance(record)  # type: ignore[union-attr]
+        for name, size in zip(entry.terms, sizes, strict=True):
+            _check_spread([f.asymmetries[i].terms[name] for f in flights], 2.0 * size)
+
+
+def _check_spread(values: list[float], size: float) -> None:
+    normal = np.array(values) / size
+    assert abs(np.mean(normal)) < 4.0 / np.sqrt(len(values))
+    assert np.std(normal) == pytest.approx(1.0, abs=4.0 / np.sqrt(2.0 * len(values)))
+
+
+def test_draws_add_to_what_is_stated_and_follow_the_seed() -> None:
+    stated: dict[str, dict[str, float]] = {"gyro_bias": {"q": 1.0}, "wind_step": {"y": 3.0}}
+    config = load_config({**CONE, "instruments": {"draw": 1.0, "errors": stated}})
+    plain = load_config({**CONE, "instruments": {"draw": 1.0}})
+    found, again, other = (drawn(config, seed).instruments.errors for seed in (5, 5, 6))
+    assert found == again
+    assert found["accel_bias"] != other["accel_bias"]
+    assert found["wind_step"] == {"y": 3.0}
+    assert found["gyro_bias"]["q"] == pytest.approx(
+        1.0 + drawn(plain, 5).instruments.errors["gyro_bias"]["q"]
+    )
+
+
+def test_draws_leave_the_noise_as_it_is_and_no_draw_is_perfect() -> None:
+    quiet = fly({"gyro": {"noise": 1e-3}}).record
+    perfect = fly({}).record
+    errors = {"gyro_bias": {"q": 0.01}}
+    erring = fly({"gyro": {"noise": 1e-3}, "errors": errors}).record
+    np.testing.assert_allclose(
+        erring.channels["q"] - 0.01 - perfect.channels["q"],
+        quiet.channels["q"] - perfect.channels["q"],
+        atol=1e-12,
+    )
+    assert perfect.instruments == of_grade()
+
+
+def test_the_truth_holds_what_was_drawn_and_names_only_what_was_planted(tmp_path: Path) -> None:
+    entry = {"mechanism": "bodyfixed", "terms": {"C_b cos(phi_b)": 8e-4}, "start": 0.3}
+    flight = fly({"draw": 1.0, "grade": "industrial"}, mechanisms=[entry])
+    flight.save(tmp_path / "flight.h5")
+    truth = load_truth(tmp_path / "flight.h5")
+    assert truth["planted"] == "bodyfixed"
+    errors = flight.config.instruments.errors
+    assert truth["parameters"]["instruments.errors.accel_bias.y"] == errors["accel_bias"]["y"] != 0.0
+    (trim,) = (e for e in flight.config.asymmetries if e.mechanism == "trim")
+    place = flight.config.asymmetries.index(trim)
+    assert truth["parameters"][f"asymmetries.{place}.terms.C_m0"] == trim.terms["C_m0"]
+    before = flight.truth.time < 0.29
+    np.testing.assert_allclose(flight.truth.planted_in_plane[before], 0.0, atol=1e-12)
+
+
+def test_asymmetries_act_on_the_moment() -> None:
+    plain = fly({}).truth
+    trim = {"mechanism": "trim", "terms": {"C_m0": 1e-4, "C_n0": 0.0}, "kind": "constant"}
+    found = fly({}, asymmetries=[trim]).truth
+    np.testing.assert_allclose(found.C_m[0] - plain.C_m[0], 1e-4, rtol=1e-6)
+    assert found.planted == ()
+
+
+def test_the_record_states_its_tolerances_and_its_declared_vehicle_errs(tmp_path: Path) -> None:
+    flight = fly(
+        {
+            "grade": "laboratory",
+            "tolerances": {"gyro_bias": 0.5, "accel_bias": ["3 mm/s^2", 0.02, 0.02]},
+            "errors": {"inertia_ratio": {"ratio": 0.01}},
+        }
+    )
+    flight.save(tmp_path / "flight.h5")
+    loaded = load_flight(tmp_path / "flight.h5")
+    assert loaded.instruments.grade == "laboratory"
+    assert loaded.instruments.gyro_bias == pytest.approx(np.radians([0.5] * 3))
+    assert loaded.instruments.accel_bias == pytest.approx((0.003, 0.02, 0.02))
+    assert loaded.instruments.wind == of_grade("laboratory").wind
+    assert loaded.vehicle.ixx == pytest.approx(1.01 * CONE["vehicle"]["ixx"])
+
+
+@pytest.mark.parametrize(
+    ("instruments", "message"),
+    [
+        ({"grade": "tactica"}, "is 'tactical' meant"),
+        ({"tolerances": {"gyro_bais": 1.0}}, "is 'gyro_bias' meant"),
+        ({"tolerances": {"gyro_bias": -1.0}}, "none below zero"),
+        ({"draw": -1.0}, "greater than or equal to 0"),
+    ],
+)
+def test_what_cannot_be_a_tolerance_is_refused(instruments: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        load_config({**CONE, "instruments": instruments})
+
+
+@pytest.mark.parametrize("component", ["y 1", "z 2"])
+def test_the_air_moves_as_the_wind_effect_says(component: str) -> None:
+    """Told of the wind by the effect with the opposite sign, the reconstruction finds the true alpha again."""
+    noise = load_config("research_cone").model_dump()["instruments"]
+    flown = fly(noise | {"errors": {"wind": {component: 60.0}}}, duration=2.0)
+    wind: RecordEffect = CARRIED["wind"]
+    told = wind.perturb(flown.flight, component, -60.0)
+    off = [
+        float(np.sqrt(np.mean((reconstruct(record).motion.alpha - flown.truth.alpha) ** 2)))
+        for record in (flown.flight, told)
+    ]
+    assert off[1] < 0.2 * off[0]
+
+
+def test_a_batch_flies_each_flight_in_its_own_wind() -> None:
+    config = load_config({**CONE, "instruments": {"draw": 1.0}})
+    together = simulate_batch(config, seeds=(1, 2))
+    for flight in together:
+        alone = simulate(config, seed=flight.seed)
+        for name in ("q", "az", "velocity"):
+            np.testing.assert_allclose(
+                flight.record.channels[name], alone.record.channels[name], rtol=1e-9, atol=1e-9
+            )
+
+
+def test_an_effect_of_the_record_is_planted_as_the_effect_itself_says() -> None:
+    clean = fly({}).flight
+    errors = {"accel_scale": {"y": 1e-3}, "time_skew": {"air data": 1e-3}, "inertia": {"scale": 0.01}}
+    expected, found = with_errors(clean, errors), fly({"errors": errors}).flight
+    for name in ("ay", "q", "velocity", "dynamic_pressure"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
+    assert found.vehicle == expected.vehicle
