@@ -131,7 +131,8 @@ TARGETS = (
         "in.yaml",
         _yaml(TOLERANCES),
         OF_TREES,
-        ("reconstruct", "none.h5", "--instruments", "in.yaml"),
+        ("reconstruct", "good.h5", "--instruments", "in.yaml"),
+        2,
     ),
     Target("mechanism", "in.yaml", _yaml(MECHANISM), OF_TREES, ("mechanisms", "check", "in.yaml"), 2),
     Target("model", "in.json", _json(MODEL), OF_TREES, ("trace", "none.h5", "--model", "in.json")),
@@ -144,3 +145,4 @@ def prepare(folder: Path) -> None:
     """What the commands read beside the mutated input."""
     _csv(folder / "good.csv")
     _yaml(_map())(folder / "good.yaml")
+    save_flight(flight(), folder / "good.h5")
