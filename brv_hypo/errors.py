@@ -22,7 +22,17 @@ class FlightRecordError(BrvHypoError):
 
 
 class MechanismError(UsageError):
-    """A mechanism broke its contract: columns that are not finite, or of the wrong shape."""
+    """A plugin broke its contract: it raised, gave no answer, or columns that are not finite or of the wrong shape.
+
+    `mechanism` is the name of what broke it, so that it can be left out; empty where that is not known.
+    """
+
+    def __init__(self, message: str, mechanism: str = "") -> None:
+        super().__init__(message)
+        self.mechanism = mechanism
+
+    def __reduce__(self) -> tuple[type[MechanismError], tuple[str, str]]:
+        return type(self), (str(self), self.mechanism)
 
 
 class UnanswerableError(BrvHypoError):

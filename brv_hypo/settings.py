@@ -6,10 +6,11 @@ import difflib
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from brv_hypo.errors import UsageError
+from brv_hypo.files.mappings import read_yaml
+from brv_hypo.files.printed import one_line
 
 Settings = TypeVar("Settings", bound=BaseModel)
 
@@ -19,7 +20,7 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
 
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
-    content = {} if path is None else read_mapping(Path(path))
+    content = {} if path is None else read_yaml(path, "settings")
     try:
         return model.model_validate({**content, **overrides})
     except ValidationError as error:
@@ -28,25 +29,10 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
         raise UsageError(f"{where}: {problems}.") from None
 
 
-def read_mapping(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file; UsageError where it cannot be read or holds something else."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"the settings in {path} cannot be read ({error.strerror}). Check it.") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UsageError(f"the settings in {path} are not YAML: {error}. Correct the file.") from None
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise UsageError(f"{path} holds {type(content).__name__}, expected a mapping of settings to values.")
-    return content
-
-
 def _problem(detail: Any, known: tuple[str, ...]) -> str:
     place = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
         near = difflib.get_close_matches(place, known, n=1, cutoff=0.5)
         hint = f"is '{near[0]}' meant?" if near else f"known are {', '.join(known)}"
         return f"there is no setting '{place}' ({hint})"
-    return f"'{place}': {detail['msg']}, got {detail['input']!r}"
+    return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"

@@ -10,6 +10,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
+from brv_hypo.errors import UsageError
 
 if TYPE_CHECKING:
     from brv_hypo.ranking import Comparison
@@ -24,7 +25,7 @@ Mechanisms = Annotated[
 ]
 
 
-@in_session("json", "report", "force")
+@in_session("json", "report", "force", "plugin")
 def compare(
     session: Session,
     flights: options.FlightFiles,
@@ -55,6 +56,10 @@ def report_comparison(session: Session, comparison: Comparison) -> None:
     view = comparison_view(comparison, verbose=session.verbose)
     session.present(view, conclusion=comparison.verdict.reason)
     session.write_json(comparison)
+    if session.quiet or session.json_only:
+        for warning in comparison.warnings:
+            if "is left out" in warning:
+                session.warn(warning)
     if session.report is not None:
         from brv_hypo.report.compare_page import comparison_page
 
@@ -62,7 +67,13 @@ def report_comparison(session: Session, comparison: Comparison) -> None:
 
 
 def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
-    """The setting that `--mechanisms` makes: its names; nothing where it was left out."""
+    """The setting that `--mechanisms` makes: its names; nothing where it was left out. Raises UsageError for none."""
     if mechanisms is None:
         return {}
-    return {"mechanisms": tuple(name.strip() for name in mechanisms.split(",") if name.strip())}
+    names = tuple(name.strip() for name in mechanisms.split(",") if name.strip())
+    if not names:
+        raise UsageError(
+            f"--mechanisms names none ({mechanisms!r}). Give names, as in lag,sticking+bodyfixed, or leave the option "
+            "out to compare all that are installed."
+        )
+    return {"mechanisms": names}

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import functools
+import os
+import sys
 import traceback
 import warnings
 from collections.abc import Callable
@@ -10,10 +13,12 @@ from typing import ParamSpec
 
 import typer
 
-from brv_hypo.errors import BrvHypoError
+from brv_hypo.cli.signals import LINE, WORDS, code_of, end_workers, unwinding
+from brv_hypo.errors import BrvHypoError, UsageError
+from brv_hypo.files.printed import printable
 
 PROGRAM_FAULT = 70
-INTERRUPTED = 130
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
 P = ParamSpec("P")
 
@@ -27,17 +32,26 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            with warnings.catch_warnings():
+            with unwinding(), warnings.catch_warnings():
                 if not kwargs.get("verbose"):  # what a user can act on is in the result's own warnings
                     warnings.simplefilter("ignore")
                 command(*args, **kwargs)
+                sys.stdout.flush()
         except (typer.Exit, BrokenPipeError):
             raise
         except BrvHypoError as refusal:
             _end(f"brv-hypo: {refusal}", refusal.exit_code)
-        except KeyboardInterrupt:
-            _end("brv-hypo: interrupted; no output was written", INTERRUPTED)
+        except KeyboardInterrupt as interrupt:
+            end_workers()
+            code = code_of(interrupt)
+            _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
         except Exception as fault:
+            if isinstance(fault, OSError) and fault.errno in FULL:
+                _abandon_output()
+                _end(
+                    f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another.",
+                    UsageError.exit_code,
+                )
             message = (
                 f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
             )
@@ -49,6 +63,12 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     return run
 
 
+def _abandon_output() -> None:
+    """Let the interpreter end without another attempt to write what cannot be written."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+
+
 def _end(message: str, code: int) -> None:
-    typer.echo(message, err=True)
+    typer.echo(printable(message), err=True)
     raise typer.Exit(code) from None

@@ -11,6 +11,7 @@ import typer
 
 from brv_hypo.cli import compare, mechanisms, reconstruct, records, simulate, study, trace
 from brv_hypo.cli.guard import guarded
+from brv_hypo.cli.signals import listen
 
 app = typer.Typer(
     name="brv-hypo",
@@ -52,4 +53,5 @@ app.add_typer(mechanisms.app, name="mechanisms")
 
 def run() -> None:
     """Run the command line; the process ends with the contract's exit code."""
+    listen()
     app(prog_name="brv-hypo")

@@ -16,7 +16,7 @@ app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup
 
 @app.callback()
 @guarded
-@in_session("json", "force")
+@in_session("json", "force", "plugin")
 def listing(session: Session, context: typer.Context) -> None:
     """List the installed mechanisms with package and claims; write or check a plugin."""
     if context.invoked_subcommand is not None:
@@ -54,7 +54,7 @@ def new(
 
 @app.command("check")
 @guarded
-@in_session("json", "force")
+@in_session("json", "force", "plugin")
 def check(
     session: Session,
     name: Annotated[str, typer.Argument(help="Name of an installed mechanism or effect.")],

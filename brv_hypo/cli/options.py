@@ -40,4 +40,10 @@ Instruments = Annotated[
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print the conclusion alone.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print every detail; tracebacks too.")]
+Plugins = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite output files that exist.")]

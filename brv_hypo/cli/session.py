@@ -6,16 +6,18 @@ whole or not at all. With `--json -` standard output holds JSON and nothing else
 
 from __future__ import annotations
 
+import json as json_format
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 from brv_hypo.errors import UsageError
+from brv_hypo.files.printed import printable
+from brv_hypo.files.whole import check_target, write_whole
 
 STANDARD_OUTPUT = "-"
 
@@ -36,6 +38,7 @@ class Session:
     force: bool = False
     quiet: bool = False
     verbose: bool = False
+    stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
     def json_only(self) -> bool:
@@ -56,11 +59,8 @@ class Session:
             self._claim_one(file)
 
     def _claim_one(self, file: Path) -> None:
-        if file.is_dir():
-            raise UsageError(f"{file} is a directory, where a file is to be written. Name a file in it.")
-        if file.exists() and not self.force:
-            raise UsageError(f"{file} exists and is left as it is. Choose another name, or give --force.")
-        folder = file.resolve().parent
+        check_target(file, overwrite=self.force)
+        folder = Path(os.path.realpath(file)).parent
         if not folder.is_dir():
             raise UsageError(
                 f"{file} cannot be written: {folder} does not exist. Create it, or choose another."
@@ -80,23 +80,23 @@ class Session:
     def _print(self, *renderables: Any) -> None:
         if self.json_only:
             return
-        from rich.console import Console
+        from brv_hypo.report.style import plain_console
 
-        console = Console(highlight=False, markup=False)
+        console = plain_console()
         for renderable in renderables:
             console.print(renderable)
 
     def warn(self, message: str) -> None:
         """One line on standard error."""
-        print(f"brv-hypo: {message}", file=sys.stderr)
+        print(f"brv-hypo: {printable(message)}", file=sys.stderr)
 
     def write_json(self, result: Any) -> None:
         """The result as JSON, where it was asked for; what is not finite becomes null."""
         if self.json is None:
             return
-        text = as_json(result)
+        text = as_json(result, left_out())
         if self.json_only:
-            sys.stdout.write(text)
+            self.stdout.write(text)
         else:
             write_whole(Path(self.json), text)
 
@@ -135,31 +135,30 @@ def _silent(stage: str, fraction: float | None = None) -> None:
     """No bar."""
 
 
-def as_json(result: Any) -> str:
-    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null."""
+def left_out() -> tuple[str, ...]:
+    """Why plugins were left out, where any were loaded."""
+    if "brv_hypo.mechanisms" not in sys.modules:
+        return ()
+    from brv_hypo.mechanisms import left_out as reasons
+
+    return reasons()
+
+
+def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
+    """JSON text of a result: models and dataclasses by field, arrays as lists, NaN and infinity as null.
+
+    `warnings` are added to those that it holds.
+    """
     from pydantic_core import to_json
 
     text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=_plain)
+    if warnings:
+        content = json_format.loads(text)
+        content["warnings"] = [*content.get("warnings", ()), *warnings]
+        text = json_format.dumps(content, indent=2, ensure_ascii=False).encode()
     return text.decode() + "\n"
 
 
 def _plain(value: Any) -> Any:
     """A NumPy array or scalar as Python numbers."""
     return value.tolist()
-
-
-def write_whole(file: Path, text: str) -> None:
-    """Write the file whole or not at all: beside it first, then renamed."""
-    folder = file.resolve().parent
-    descriptor, partial = tempfile.mkstemp(prefix=f".{file.name}.", suffix=".partial", dir=folder)
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(partial, 0o666 & ~mask)
-        os.replace(partial, file)
-    except OSError as error:
-        raise UsageError(f"{file} cannot be written: {error}. Choose another place.") from error
-    finally:
-        Path(partial).unlink(missing_ok=True)

@@ -25,7 +25,7 @@ Plant = Annotated[
 ]
 
 
-@in_session("json", "force")
+@in_session("json", "force", "plugin")
 def simulate(
     session: Session,
     config: Annotated[
@@ -45,7 +45,7 @@ def simulate(
     session.write_json(simulation_data(flown, output))
 
 
-@in_session("json", "report", "force")
+@in_session("json", "report", "force", "plugin")
 def demo(
     session: Session,
     mechanisms: Mechanisms = None,

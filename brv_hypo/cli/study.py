@@ -9,9 +9,9 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.guard import INTERRUPTED
-from brv_hypo.cli.session import Progress, Session, as_json, write_whole
+from brv_hypo.cli.session import Progress, Session, as_json
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.files.whole import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.study import Outcome, StudySummary
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
 
 
-@in_session("json", "force")
+@in_session("json", "force", "plugin")
 def study(
     session: Session,
     config: Annotated[
@@ -47,11 +47,15 @@ def study(
     try:
         with session.progress("flying") as progress:
             outcomes = run_study(
-                settings, output, jobs=jobs, overwrite=session.force, progress=_advance(progress)
+                settings,
+                output,
+                jobs=jobs,
+                overwrite=session.force,
+                progress=_advance(progress),
+                note=session.warn,
             )
-    except KeyboardInterrupt:
-        session.warn(f"interrupted; the same command goes on with what {output} holds")
-        raise typer.Exit(INTERRUPTED) from None
+    except KeyboardInterrupt as interrupt:
+        raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     _write(output, outcomes, summary)
     if not summary.compared:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,8 +10,11 @@ import typer
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
-from brv_hypo.cli.session import Session, write_whole
+from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
+from brv_hypo.files.mappings import read_json
+from brv_hypo.files.printed import one_line
+from brv_hypo.files.whole import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.residuals.saved import SavedModel
@@ -29,7 +31,7 @@ MechanismFile = Annotated[
 ]
 
 
-@in_session("json", "report", "force")
+@in_session("json", "report", "force", "plugin")
 def trace(
     session: Session,
     flight: options.FlightFile,
@@ -80,20 +82,20 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
+    content = read_json(path, "what `compare --json` or `trace --json` wrote")
     try:
-        content = json_format.loads(path.read_text(encoding="utf-8"))
         if content["schema"] == "brv-hypo/compare/1":
             return _of_comparison(content, session)
         if content["schema"] == "brv-hypo/trace/1":
             return _of_trace(content["model"], session)
-    except OSError as error:
-        raise UsageError(f"the model {path} cannot be read ({error.strerror}). Check the path.") from None
-    except (ValueError, KeyError, IndexError, TypeError) as error:
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise UsageError(
-            f"{path} is not a model ({type(error).__name__}: {error}). Give what `compare --json` or "
+            f"{path} is not a model ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
             "`trace --json` wrote."
         ) from None
-    raise UsageError(f"{path} holds '{content['schema']}', expected the JSON of a comparison or of a trace.")
+    raise UsageError(
+        f"{path} holds {one_line(repr(content['schema']))}, expected the JSON of a comparison or of a trace."
+    )
 
 
 def _of_comparison(content: dict[str, Any], session: Session) -> str:

@@ -1,20 +1,20 @@
-"""HDF5 in and out, as a plain tree of datasets with units; the only module that imports h5py.
+"""HDF5 in and out, as a plain tree of datasets with units; reading is done by `files.library`.
 
-A file is written whole or not at all: to a temporary file beside it, then renamed.
+A file is written whole or not at all, by `files.whole`.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.files.library import read_hdf5
+from brv_hypo.files.printed import one_line
+from brv_hypo.files.whole import check_target, write_whole
 
 if TYPE_CHECKING:
     import h5py
@@ -30,41 +30,46 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Tree:
-    """One HDF5 group: attributes (numbers and text), datasets, and groups below it."""
+    """One HDF5 group: attributes (numbers and text), datasets, groups below it; names that were not read."""
 
     attributes: Mapping[str, Any] = field(default_factory=dict)
     datasets: Mapping[str, Dataset] = field(default_factory=dict)
     groups: Mapping[str, Tree] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
 
 
-def read_tree(path: str | Path, *, without: tuple[str, ...] = ()) -> Tree:
-    """The content of an HDF5 file, leaving the top-level groups `without` unread.
+def read_tree(path: str | Path, *, only: Mapping[str, Iterable[str] | None] | None = None) -> Tree:
+    """The content of an HDF5 file; None leaves nothing out.
 
-    Raises FlightRecordError where the file is missing, unreadable or not HDF5.
+    `only` gives, for each group to read ("" is the root), its datasets to read; None stands for all that is in the
+    group and below it. What is not asked for is never opened: its names are in `Tree.unread`.
+    Raises FlightRecordError where the file is missing, unreadable, damaged or too large.
     """
-    import h5py
+    asked = None if only is None else {g: None if names is None else [*names] for g, names in only.items()}
+    content = read_hdf5(path, asked)
+    datasets: dict[str, dict[str, Dataset]] = {}
+    for held in content.held:
+        group, _, name = held.place.rpartition("/")
+        units = None if held.units is None else one_line(str(held.units))
+        datasets.setdefault(group, {})[name] = Dataset(held.values, units)
+    return _tree_at("", content.groups, datasets)
 
-    file = Path(path)
-    if not file.is_file():
-        raise FlightRecordError(
-            f"{file}: found {'a directory' if file.is_dir() else 'no such file'}, expected a flight record. "
-            "Likely cause: a misspelt path, or a relative path from another directory. "
-            "Remedy: give the path of an existing file."
-        )
-    if not h5py.is_hdf5(file):
-        raise FlightRecordError(
-            f"{file}: found a file that is not HDF5, expected a flight record (format 1). "
-            "Likely cause: a text table or MATLAB file, a truncated copy, or no permission to read. "
-            "Remedy: bring a foreign record in with `brv-hypo import`, or copy the file again."
-        )
-    try:
-        with h5py.File(file, "r") as handle:
-            return _read_group(handle, without)
-    except OSError as error:
-        raise FlightRecordError(
-            f"{file}: found HDF5 that cannot be read ({error}), expected an intact file. "
-            "Likely cause: a truncated or damaged copy. Remedy: copy the file again from its source."
-        ) from error
+
+def _tree_at(
+    place: str, groups: Mapping[str, dict[str, Any]], datasets: Mapping[str, dict[str, Dataset]]
+) -> Tree:
+    below = {name.rpartition("/")[2]: name for name in groups if name and name.rpartition("/")[0] == place}
+    return Tree(
+        {name: _plain(value) for name, value in groups[place]["attributes"].items()},
+        datasets.get(place, {}),
+        {name: _tree_at(inner, groups, datasets) for name, inner in below.items()},
+        tuple(groups[place]["unread"]),
+    )
+
+
+def _plain(value: Any) -> Any:
+    """An attribute of several values as a tuple, which compares and prints like any value."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def write_tree(
@@ -74,66 +79,20 @@ def write_tree(
 
     Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
     """
+    check_target(path, overwrite=overwrite)
+    write_whole(path, _image(tree, dimension), overwrite=overwrite)
+
+
+def _image(tree: Tree, dimension: str | None) -> bytes:
+    """The bytes of the HDF5 file, made in memory: a medium that fails must not fail inside the library."""
     import h5py
 
-    file = Path(path)
-    if file.exists() and not overwrite:
-        raise UsageError(
-            f"{file} exists already and is left as it is. Choose another name, or force the overwrite."
-        )
-    partial = file.with_name(f".{file.name}.{os.getpid()}.partial")
-    try:
-        with h5py.File(partial, "w") as handle:
-            _write_group(handle, tree)
-            if dimension is not None:
-                _attach_scale(handle, dimension)
-        os.replace(partial, file)
-    except OSError as error:
-        raise UsageError(
-            f"{file} cannot be written: {error}. Choose a directory that exists, is writable and has room."
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _read_group(group: h5py.Group, without: tuple[str, ...] = ()) -> Tree:
-    import h5py
-
-    datasets: dict[str, Dataset] = {}
-    groups: dict[str, Tree] = {}
-    for name in group:
-        if name in without:
-            continue
-        item = group.get(name)
-        if isinstance(item, h5py.Dataset):
-            units = _text(item.attrs["units"]) if "units" in item.attrs else None
-            datasets[name] = Dataset(_values(item), units)
-        elif isinstance(item, h5py.Group):
-            groups[name] = _read_group(item)
-    return Tree({name: _plain(value) for name, value in group.attrs.items()}, datasets, groups)
-
-
-def _values(dataset: h5py.Dataset) -> NDArray[Any]:
-    import h5py
-
-    if h5py.check_string_dtype(dataset.dtype) is not None:
-        return np.asarray(dataset.asstr()[()])
-    return np.asarray(dataset[()])
-
-
-def _plain(value: Any) -> Any:
-    """An attribute as Python text or number, or an array where it holds several."""
-    if isinstance(value, bytes | np.bytes_):
-        return value.decode("utf-8", errors="replace")
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray) and value.size == 1:
-        return _plain(value.reshape(-1)[0])
-    return value
-
-
-def _text(value: Any) -> str:
-    return str(_plain(value))
+    with h5py.File("image", "w", driver="core", backing_store=False) as handle:
+        _write_group(handle, tree)
+        if dimension is not None:
+            _attach_scale(handle, dimension)
+        handle.flush()
+        return bytes(handle.id.get_file_image())
 
 
 def _write_group(group: h5py.Group, tree: Tree) -> None:

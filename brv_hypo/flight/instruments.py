@@ -17,7 +17,6 @@ import numpy as np
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.refusal import refusal
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.settings import read_mapping
 
 Vector = tuple[float, float, float]
 
@@ -95,7 +94,9 @@ def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
 
 def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
     """`base` with stated tolerances, SI, each a number or three; FlightRecordError where one cannot be a tolerance."""
-    return Instruments(base.grade, **{**base.values(), **{key: _vector(key, value) for key, value in stated.items()}})
+    return Instruments(
+        base.grade, **{**base.values(), **{key: _vector(key, value) for key, value in stated.items()}}
+    )
 
 
 def instruments_from(source: str, record: Instruments) -> Instruments:
@@ -111,7 +112,9 @@ def instruments_from(source: str, record: Instruments) -> Instruments:
         near = difflib.get_close_matches(source, GRADES, n=1)
         hint = f"is '{near[0]}' meant?" if near else "or a YAML file of tolerances"
         raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)} ({hint}).")
-    return tolerances_of(read_mapping(path), record, str(path))
+    from brv_hypo.files.mappings import read_yaml
+
+    return tolerances_of(read_yaml(path, "tolerances"), record, str(path))
 
 
 def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) -> Instruments:
@@ -143,9 +146,13 @@ def _read(key: str, value: Any) -> Any:
         try:
             size = float(number)
         except ValueError:
-            raise UsageError(f"the tolerance '{key}' is {item!r}, expected a number, or one with units.") from None
+            raise UsageError(
+                f"the tolerance '{key}' is {item!r}, expected a number, or one with units."
+            ) from None
         dimension = INSTRUMENT_DIMENSIONS[key]
-        found.append(float(to_si(size, units or _FILE_UNITS.get(key, SI[dimension]), dimension, f"instruments/{key}")))
+        found.append(
+            float(to_si(size, units or _FILE_UNITS.get(key, SI[dimension]), dimension, f"instruments/{key}"))
+        )
     return found
 
 

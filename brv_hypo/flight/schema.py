@@ -11,10 +11,19 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, SkipValidation, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SkipValidation,
+    ValidationError,
+    model_validator,
+)
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
+from brv_hypo.files.printed import one_line
 from brv_hypo.flight.instruments import Instruments, of_grade
 from brv_hypo.flight.record import CHANNELS, Vehicle
 from brv_hypo.flight.refusal import refusal
@@ -52,10 +61,35 @@ VEHICLE_DIMENSIONS: dict[str, Dimension] = {
 }
 
 NEVER_NEGATIVE = ("velocity", "dynamic_pressure", "density", "mach", "reynolds")
+# Sizes, SI, that no entry vehicle reaches: beyond them stand fill values, wrong units and damage. Double precision
+# does the arithmetic of squares and ratios inside them.
+LARGEST: dict[Dimension, float] = {
+    "time": 1e12,
+    "angular rate": 1e5,
+    "acceleration": 1e7,
+    "speed": 1e6,
+    "pressure": 1e10,
+    "density": 1e5,
+    "length": 1e9,
+    "dimensionless": 1e13,
+}
+SLOWEST = 0.1  # m/s: coefficients are per speed and dynamic pressure, which a vehicle at rest does not have
+SHORTEST_STEP = 1e-7  # s
+LARGEST_PROPERTY = 1e9  # of the vehicle, SI
 
 Model = TypeVar("Model", bound=BaseModel)
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _of_a_vehicle(value: float) -> float:
+    if value < 1.0 / LARGEST_PROPERTY:
+        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
+    return value
+
+
+Positive = Annotated[
+    float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)
+]
+Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 
 
 class Header(BaseModel):
@@ -160,6 +194,7 @@ def check_time(time: FloatArray) -> None:
             "rows that the recorder dropped",
             "remove the rows without a time",
         )
+    _check_size("time", time)
     backward = np.flatnonzero(np.diff(time) <= 0.0)
     if backward.size:
         i = int(backward[0])
@@ -169,6 +204,15 @@ def check_time(time: FloatArray) -> None:
             "strictly increasing times",
             "repeated rows, two records joined, or stamps with too few digits",
             "sort the rows by time and keep one of each",
+        )
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    if step < SHORTEST_STEP:
+        raise refusal(
+            "time",
+            f"samples {step:.3g} s apart",
+            f"at least {SHORTEST_STEP:g} s",
+            "times in a larger unit than 'units' says",
+            "correct the units of 'time'",
         )
 
 
@@ -198,6 +242,7 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
             "a division by zero or an overflow before the record was written",
             "write NaN for the samples that are missing",
         )
+    _check_size(name, values)
     if name in CHANNELS and not np.any(np.isfinite(values)):
         raise refusal(
             name,
@@ -213,6 +258,28 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
             "values of zero or more",
             "a component along an axis instead of a magnitude, or a fill value such as -999",
             "give the magnitude, and NaN where a sample is missing",
+        )
+    if name == "velocity" and np.any(values < SLOWEST):
+        raise refusal(
+            name,
+            f"{_count(values < SLOWEST)} below {SLOWEST} m/s",
+            "a vehicle that moves through the air",
+            "samples from before release or after landing, or a fill value of zero",
+            "leave such samples out, or write NaN",
+        )
+
+
+def _check_size(name: str, values: FloatArray) -> None:
+    """Raise FlightRecordError where a value is larger than any that can be measured."""
+    largest = LARGEST[CHANNEL_DIMENSIONS[name]]
+    beyond = np.abs(values) > largest
+    if np.any(beyond):
+        raise refusal(
+            name,
+            f"{_count(beyond)} beyond {largest:g} in SI, up to {np.nanmax(np.abs(values)):.3g}",
+            "values that a flight can have",
+            "a fill value, wrong units, or damage",
+            "write NaN where a sample is missing, and check 'units'",
         )
 
 
@@ -232,7 +299,7 @@ def complaints(error: ValidationError, group: str, guide: str) -> str:
 def _complaint(problem: Any, group: str, guide: str) -> str:
     name = "/".join(str(part) for part in (group, *problem["loc"]) if part != "")
     missing = problem["type"] == "missing"
-    found = "nothing" if missing else repr(problem["input"])
+    found = "nothing" if missing else one_line(repr(problem["input"]))
     expected = "a value" if missing else problem["msg"].removeprefix("Input should be ")
     cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
     return str(refusal(name, found, expected, cause, f"correct '{name}' by {guide}"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.files.printed import one_line
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
 from brv_hypo.flight.instruments import (
@@ -38,6 +39,14 @@ from brv_hypo.flight.schema import (
     validated,
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
+
+# All that is read of a record; the rest of the file is never opened.
+READ = {
+    "": tuple(CHANNEL_DIMENSIONS),
+    "vehicle": tuple(VEHICLE_DIMENSIONS),
+    "instruments": tuple(INSTRUMENT_DIMENSIONS),
+}
+MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
 @dataclass(frozen=True)
@@ -105,7 +114,7 @@ def load_truth(path: str | Path) -> dict[str, Any]:
 
     For studies and tests alone: nothing that analyses a flight may call this.
     """
-    truth = read_tree(path).groups.get("truth")
+    truth = read_tree(path, only={"truth": None}).groups.get("truth")
     return {} if truth is None else _plain_tree(truth)
 
 
@@ -114,18 +123,19 @@ def read_record(path: str | Path) -> Record:
 
     Raises FlightRecordError with the file, the dataset, what was found and expected, and the remedy.
     """
-    tree = read_tree(path, without=("truth",))
+    tree = read_tree(path, only=READ)
     with naming(path):
         return _record_from(tree, str(path))
 
 
 def _record_from(tree: Tree, path: str) -> Record:
     header = _header(tree.attributes)
+    present = (*tree.datasets, *tree.unread)
     if "time" not in tree.datasets:
-        check_present(tree.datasets)
+        check_present(present)
         raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
-    check_present(tree.datasets)
-    known = {name: dataset for name, dataset in tree.datasets.items() if name in CHANNEL_DIMENSIONS}
+    check_present(present)
+    known = tree.datasets
     arrays = {name: _in_si(dataset, CHANNEL_DIMENSIONS[name], name) for name, dataset in known.items()}
     return validated(
         Record,
@@ -135,11 +145,11 @@ def _record_from(tree: Tree, path: str) -> Record:
             "vehicle": _vehicle(tree.groups.get("vehicle")),
             "instruments": _instruments(tree.groups.get("instruments")),
             "planet": header.planet.strip().lower(),
-            "title": header.title,
-            "source": header.source,
+            "title": one_line(header.title),
+            "source": one_line(header.source),
             "path": path,
             "recorded_units": {name: dataset.units or "" for name, dataset in known.items()},
-            "notes": (*header.history.splitlines(), *_ignored(tree.datasets)),
+            "notes": (*map(one_line, header.history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
         },
     )
 
@@ -207,7 +217,7 @@ def _instruments(group: Tree | None) -> Instruments:
             "another vocabulary",
             "name the nearest grade, and state what is known better as datasets",
         )
-    unknown = sorted(set(group.datasets) - set(INSTRUMENT_DIMENSIONS))
+    unknown = sorted({*group.datasets, *group.unread} - set(INSTRUMENT_DIMENSIONS))
     if unknown:
         near = difflib.get_close_matches(unknown[0], INSTRUMENT_DIMENSIONS, n=1, cutoff=0.5)
         raise refusal(
@@ -251,13 +261,15 @@ def _in_si(dataset: Dataset, dimension: Dimension, name: str) -> FloatArray:
     return to_si(dataset.values, dataset.units, dimension, name)
 
 
-def _ignored(names: Mapping[str, Any]) -> tuple[str, ...]:
+def _ignored(names: Sequence[str]) -> tuple[str, ...]:
     """A note for each dataset that format 1 does not know, with the channel that may have been meant."""
     notes = []
-    for name in sorted(set(names) - set(CHANNEL_DIMENSIONS)):
+    for name in map(one_line, sorted(names)[:MOST_NOTES]):
         guess = difflib.get_close_matches(name.lower(), CHANNEL_DIMENSIONS, n=1, cutoff=0.7)
         meant = f" (is '{guess[0]}' meant?)" if guess else ""
         notes.append(f"dataset '{name}' is not part of format 1 and was ignored{meant}")
+    if len(names) > MOST_NOTES:
+        notes.append(f"{len(names) - MOST_NOTES} more datasets are not part of format 1 and were ignored")
     return tuple(notes)
 
 

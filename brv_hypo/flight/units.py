@@ -5,6 +5,7 @@ Pint does the work. A string that is SI already never starts it: building its re
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.refusal import refusal
 
 if TYPE_CHECKING:
@@ -69,6 +71,10 @@ SPELLINGS: dict[Dimension, dict[str, str]] = {
     "dimensionless": {"": "dimensionless", "1": "dimensionless", "-": "dimensionless"},
 }
 
+LONGEST_UNITS = 80  # characters
+# Pint calculates what it reads: a power of a power, or a long number, would keep it busy for hours.
+_ENDLESS = re.compile(r"(\*\*|\^)\s*[-+]?\s*([^\s\d.+-]|\d{3}|[\d.]*\s*(\*\*|\^)|\d*\.?\d*[eE])|\d{9}")
+
 
 def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str) -> FloatArray:
     """`values` in the SI unit of `dimension` (see `SI`), same shape.
@@ -86,8 +92,8 @@ def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str
 def is_unit(units: str) -> bool:
     """True where `units` is a unit of any dimension that can be read, "1" included."""
     try:
-        _registry().parse_units(SPELLINGS["dimensionless"].get(units.strip(), units))
-    except Exception:  # pint lets AttributeError, ValueError, TokenError and others out of its parser
+        _parsed(SPELLINGS["dimensionless"].get(units.strip(), units), units, "dimensionless", "units")
+    except FlightRecordError:
         return False
     return True
 
@@ -125,6 +131,8 @@ def _holds_angle(unit: pint.Unit) -> bool:
 def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> pint.Unit:
     """The pint unit of a string; whatever pint makes of nonsense becomes one refusal."""
     try:
+        if len(spelling) > LONGEST_UNITS or _ENDLESS.search(spelling):
+            raise ValueError("too long, or a power that no unit has")
         return _registry().parse_units(spelling)
     except Exception as error:  # pint lets errors of many kinds out of its parser
         raise refusal(

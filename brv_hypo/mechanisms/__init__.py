@@ -4,6 +4,8 @@ hookspecs.py  the plugin border, and the manual for plugin authors
 contract.py   what a mechanism and a record effect are
 registry.py   finds what is installed, by name
 carried.py    the errors that every analysis allows a record to have
+loading.py    from one plugin to the items that keep their contract
+isolation.py  calls of foreign code, whatever it does
 filed.py      mechanisms that a YAML file defines
 conformance/  named checks that every plugin must pass
 template/     a plugin package to start from
@@ -15,9 +17,12 @@ from brv_hypo.mechanisms.registry import (
     find,
     find_installed,
     installed,
+    left_out,
     mechanisms,
     parse_hypothesis,
+    plugin_files,
     record_effects,
+    use_plugin_files,
 )
 
 __all__ = [
@@ -31,7 +36,10 @@ __all__ = [
     "find_installed",
     "hookimpl",
     "installed",
+    "left_out",
     "mechanisms",
     "parse_hypothesis",
+    "plugin_files",
     "record_effects",
+    "use_plugin_files",
 ]

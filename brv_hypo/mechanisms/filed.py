@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.files.mappings import read_yaml
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 
@@ -160,14 +161,7 @@ def read_mechanism(path: str | Path) -> FiledMechanism:
     Raises UsageError that says what is wrong and where.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        return mechanism_of(MechanismFile.model_validate(content))
-    except OSError as error:
-        raise UsageError(
-            f"the mechanism file {path} cannot be read ({error.strerror}). Check the path."
-        ) from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UsageError(f"the mechanism file {path} is not YAML: {error}. Correct the file.") from None
+        return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
     except ValidationError as error:
         places = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
         raise UsageError(

@@ -1,55 +1,109 @@
-"""Finds the installed plugins and looks their mechanisms up by name."""
+"""Finds the installed plugins, each on its own, and looks their mechanisms up by name."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
-import pluggy
 from pydantic import ValidationError
 
-from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms import hookspecs
+from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.filed import is_mechanism_file, read_mechanism
+from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
+from brv_hypo.mechanisms.isolation import answer, guarded, known_as
+from brv_hypo.mechanisms.loading import OWN, Found, items_of, load_file
+
+_files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Installed:
-    """A mechanism or record effect with the distribution that brought it."""
+    """A mechanism or record effect with the distribution, or the file, that brought it."""
 
     item: Mechanism | RecordEffect
     package: str
     version: str
 
 
-@lru_cache(maxsize=1)
+@dataclass(frozen=True)
+class Loaded:
+    """What was found, by name, and why some of it was left out."""
+
+    items: Mapping[str, Installed]
+    left_out: tuple[str, ...]
+
+
+def use_plugin_files(paths: Sequence[str | Path]) -> None:
+    """Load these .py and .yaml files beside what is installed, instead of those of an earlier call."""
+    global _files
+    _files = tuple(str(Path(path).absolute()) for path in paths)
+    _loaded.cache_clear()
+
+
+def plugin_files() -> tuple[str, ...]:
+    """The files that `use_plugin_files` was given: another process has to be told."""
+    return _files
+
+
 def installed() -> Mapping[str, Installed]:
-    """Every mechanism and record effect of every installed plugin, by name; loaded once."""
-    manager = pluggy.PluginManager(hookspecs.PROJECT)
-    manager.add_hookspecs(hookspecs)
-    try:
-        manager.load_setuptools_entrypoints(hookspecs.ENTRY_POINT_GROUP)
-    except Exception as error:  # whatever foreign code raises when it is imported
-        raise UsageError(
-            f"an installed plugin of the group '{hookspecs.ENTRY_POINT_GROUP}' cannot be loaded: "
-            f"{type(error).__name__}: {error}. Mend it or uninstall it."
-        ) from error
+    """Every mechanism and record effect of every plugin that keeps its contract, by name; loaded once."""
+    return _loaded().items
+
+
+def left_out() -> tuple[str, ...]:
+    """Why plugins were left out when they were loaded, with package, file and line; empty before that."""
+    return _loaded().left_out if _loaded.cache_info().currsize else ()
+
+
+@lru_cache(maxsize=1)
+def _loaded() -> Loaded:
     found: dict[str, Installed] = {}
-    for plugin, distribution in manager.list_plugin_distinfo():
-        metadata = distribution.metadata
-        for hook in ("brv_hypo_mechanisms", "brv_hypo_record_effects"):
-            for item in getattr(plugin, hook, list)():
-                if item.name in found:
-                    raise UsageError(
-                        f"two installed plugins name the mechanism '{item.name}': {found[item.name].package} "
-                        f"and {metadata['name']}. Uninstall one of them."
-                    )
-                found[item.name] = Installed(item, metadata["name"], metadata["version"])
-    return dict(sorted(found.items()))
+    left: list[str] = []
+    for point in _entry_points():
+        package, version = _distribution(point)
+        known_as(point.module, package)
+        _add(found, left, package, version, partial(items_of, point.name, package, point.load))
+    for path in _files:
+        _add(found, left, path, "", partial(load_file, path))
+    return Loaded(dict(sorted(found.items())), tuple(left))
+
+
+def _add(
+    found: dict[str, Installed], left: list[str], package: str, version: str, load: Callable[[], Found]
+) -> None:
+    """Add what `load` gives; whatever is wrong with it is a line in `left` and touches nothing else."""
+    try:
+        items, problems = load()
+    except MechanismError as error:
+        items, problems = [], [str(error)]
+    left += [f"a plugin is left out: {problem}" for problem in problems]
+    for item in items:
+        if item.name in found:
+            left.append(
+                f"a plugin is left out: '{item.name}' of {package} has the name of one of "
+                f"{found[item.name].package}, which is kept. Uninstall or rename one of them."
+            )
+            continue
+        found[item.name] = Installed(item if package == OWN else guarded(item), package, version)
+
+
+def _entry_points() -> list[EntryPoint]:
+    """Those of the group, each once: this project's own first, then by package and name."""
+    unique = {(_distribution(point)[0], point.name): point for point in entry_points(group=ENTRY_POINT_GROUP)}
+    return [unique[key] for key in sorted(unique, key=lambda key: (key[0] != OWN, key))]
+
+
+def _distribution(point: EntryPoint) -> tuple[str, str]:
+    """Name and version of what brought the entry point."""
+    if point.dist is None:
+        return point.module, ""
+    return point.dist.metadata["Name"], point.dist.version
 
 
 def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
@@ -77,9 +131,13 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
     if not options:
         return item
     try:
-        return type(item).model_validate({**item.model_dump(), **options})
-    except ValidationError as error:
-        raise UsageError(f"bad options for mechanism '{name}': {error}") from None
+        return answer(
+            name, installed()[name].package, type(item).model_validate, {**item.model_dump(), **options}
+        )
+    except MechanismError as error:
+        if isinstance(error.__cause__, ValidationError):
+            raise UsageError(f"bad options for mechanism '{name}': {error.__cause__}") from None
+        raise
 
 
 def find_installed(name: str) -> Mechanism | RecordEffect:
@@ -97,7 +155,10 @@ def find_installed(name: str) -> Mechanism | RecordEffect:
 def _unknown(name: str, known: Iterable[str]) -> UsageError:
     near = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(near)}?" if near else f"installed: {', '.join(known)}."
-    return UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.")
+    reasons = "".join(f" {reason}" for reason in left_out() if f"'{name}'" in reason)
+    return UsageError(
+        f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.{reasons}"
+    )
 
 
 def parse_hypothesis(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -24,7 +24,7 @@ class CompareConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    mechanisms: tuple[str, ...] | None = None
+    mechanisms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     options: dict[str, dict[str, Any]] = Field(default_factory=dict)
     method: Method = "joint"
     knots: tuple[float, ...] | None = None

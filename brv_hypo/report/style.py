@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from rich import box
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from brv_hypo.files.printed import printable
+
 NOT_A_NUMBER = "–"
+
+
+class _PlainConsole(Console):
+    """A console on which no text, wherever it comes from, acts as a control code."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """As the base class, each piece of text made printable."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else printable(text), style, control)
+
+
+def plain_console() -> Console:
+    """Standard output for human readers: nothing in a text is markup, or more than text."""
+    return _PlainConsole(highlight=False, markup=False)
 
 
 def plain_table(title: str | None = None) -> Table:

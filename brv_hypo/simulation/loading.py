@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from brv_hypo.errors import UsageError
+from brv_hypo.files.mappings import read_yaml
+from brv_hypo.files.printed import one_line
+from brv_hypo.files.regular import kind_of
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.simulation.config import SimulationConfig
 
@@ -31,11 +33,11 @@ def config_path(name: str | Path, folder: str = "") -> Path:
 
     Raises UsageError with the nearest names.
     """
-    if Path(name).is_file():
+    if kind_of(name) not in (None, "a directory"):  # what is no file either is refused where it is read
         return Path(name)
     for home in _HOMES:
         for candidate in (home / folder / Path(name), home / folder / f"{name}.yaml"):
-            if candidate.is_file():
+            if kind_of(candidate) == "a file":
                 return candidate
     known = config_names(folder)
     near = difflib.get_close_matches(Path(name).stem, known, n=2, cutoff=0.4)
@@ -75,17 +77,7 @@ def _validated(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UsageError(
-            f"{path} cannot be read as YAML: {error}. Correct the file, or give another."
-        ) from None
-    if not isinstance(data, dict):
-        raise UsageError(
-            f"{path} holds {type(data).__name__}, expected a mapping with `vehicle`, `start` ..."
-        )
-    return data
+    return read_yaml(path, "a simulation with `vehicle`, `start` ...")
 
 
 def _on_base(data: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -107,7 +99,7 @@ def _problem(detail: Any) -> str:
         return f"'{place}' is not a known key{_nearest_key(detail['loc'])}"
     message = detail["msg"].removeprefix("Value error, ")
     return f"'{place}': {message}" + (
-        "" if isinstance(detail["input"], dict) else f", got {detail['input']!r}"
+        "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
     )
 
 

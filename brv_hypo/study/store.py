@@ -11,8 +11,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
+from brv_hypo.files.mappings import read_json
+from brv_hypo.files.regular import kind_of
+from brv_hypo.files.whole import LineLog, writable, write_whole
 from brv_hypo.study.config import StudyConfig
-from brv_hypo.study.draws import Draw
+from brv_hypo.study.draws import Draw, draws
 from brv_hypo.study.outcome import Outcome
 
 STUDY, FLIGHTS = "study.json", "flights.jsonl"
@@ -21,26 +24,25 @@ _FREE = {"title", "flights", "visible_effect"}
 
 
 class Store:
-    """The folder of one study."""
+    """The folder of one study; `notes` says what was dropped of it."""
 
     def __init__(self, folder: Path, study: StudyConfig, *, overwrite: bool = False) -> None:
-        """Open or begin; raises UsageError where the folder holds another study, or cannot be written."""
-        self._flights = folder / FLIGHTS
-        description = folder / STUDY
-        try:
+        """Open or begin; raises UsageError where the folder holds another study, is in use or cannot be written."""
+        with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
+        self._log = LineLog(folder / FLIGHTS)
+        try:
             if overwrite:
-                self._flights.unlink(missing_ok=True)
-            elif description.exists() and not _same(description, study):
-                raise UsageError(
-                    f"{folder} holds another study. Choose another folder, or give --force to replace it."
-                )
-            description.write_text(study.model_dump_json(indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise UsageError(
-                f"{folder} cannot be written: {error.strerror}. Choose another folder."
-            ) from None
-        self._outcomes = {outcome.draw.key: outcome for outcome in self._read()}
+                self._log.clear()
+            outcomes, self.notes = _outcomes(self._log, folder / FLIGHTS)
+            self._outcomes = {outcome.draw.key: outcome for outcome in outcomes}
+            description = folder / STUDY
+            if not overwrite and kind_of(description) is not None:
+                self._check_same(description, study)
+            write_whole(description, study.model_dump_json(indent=2) + "\n")
+        except BaseException:
+            self._log.close()
+            raise
 
     def known(self) -> dict[str, Outcome]:
         """Outcomes by the key of their flight."""
@@ -48,33 +50,56 @@ class Store:
 
     def add(self, outcome: Outcome) -> None:
         """Keep an outcome now."""
+        self._log.append(outcome.model_dump_json())
         self._outcomes[outcome.draw.key] = outcome
-        with self._flights.open("a", encoding="utf-8") as stream:
-            stream.write(outcome.model_dump_json() + "\n")
 
-    def _read(self) -> list[Outcome]:
-        """What is there; the last line may be half written and is then flown again."""
-        if not self._flights.exists():
-            return []
-        text = self._flights.read_text(encoding="utf-8")
-        whole = text[: text.rfind("\n") + 1]
-        if whole != text:
-            self._flights.write_text(whole, encoding="utf-8")
+    def close(self) -> None:
+        """Let another process go on with the study."""
+        self._log.close()
+
+    def _check_same(self, description: Path, study: StudyConfig) -> None:
+        """Raise UsageError unless the description, or where it is damaged every flight, is of this study."""
         try:
-            return [Outcome.model_validate_json(line) for line in whole.splitlines()]
-        except ValidationError as error:
+            content = read_json(description, "a study")
+        except UsageError:
+            wanted = {draw.key: draw for draw in draws(study)}
+            if all(wanted.get(key) == outcome.draw for key, outcome in self._outcomes.items()):
+                self.notes += (
+                    f"{description} was damaged, and is written anew: the flights are of this study",
+                )
+                return
             raise UsageError(
-                f"{self._flights} is not of this version: {error.errors()[0]['msg']}. Give --force to "
-                "fly the study anew."
+                f"{description} is damaged, and the flights beside it are not of this study. Give the study that they "
+                "were flown for, or choose another folder."
             ) from None
+        if not _same(content, study):
+            raise UsageError(
+                f"{description.parent} holds another study. Choose another folder, or give --force to replace it."
+            )
 
 
-def _same(description: Path, study: StudyConfig) -> bool:
+def _outcomes(log: LineLog, path: Path) -> tuple[list[Outcome], tuple[str, ...]]:
+    """What is there, and a note on what was torn: such flights are flown again."""
+    found, torn = [], int(log.torn)
+    for line in log.lines():
+        try:
+            found.append(Outcome.model_validate_json(line))
+        except ValidationError as error:
+            first = error.errors()[0]
+            if first["type"] != "json_invalid":
+                raise UsageError(
+                    f"{path} is not of this version: {first['msg']}. Give --force to fly the study anew."
+                ) from None
+            torn += 1
+    return found, (f"{path}: {torn} torn line(s) dropped; such flights are flown again",) if torn else ()
+
+
+def _same(before: dict[str, Any], study: StudyConfig) -> bool:
     try:
-        before = StudyConfig.model_validate_json(description.read_text(encoding="utf-8"))
+        flown = StudyConfig.model_validate(before)
     except ValidationError:
         return False
-    return before.model_dump(exclude=_FREE) == study.model_dump(exclude=_FREE)
+    return flown.model_dump(exclude=_FREE) == study.model_dump(exclude=_FREE)
 
 
 def results_csv(outcomes: Sequence[Outcome]) -> str:

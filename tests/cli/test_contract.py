@@ -12,8 +12,9 @@ import typer
 
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.main import app
-from brv_hypo.cli.session import Session, as_json, write_whole
+from brv_hypo.cli.session import Session, as_json
 from brv_hypo.errors import FlightRecordError, UnanswerableError, UsageError
+from brv_hypo.files.whole import write_whole
 
 COMMANDS = (
     *("demo", "simulate", "inspect", "import", "reconstruct", "compare", "trace", "study", "mechanisms"),

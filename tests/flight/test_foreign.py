@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import csv
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +15,7 @@ import scipy.io
 import yaml
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.flight import CHANNELS, Flight, import_record, load_flight, save_flight
+from brv_hypo.flight import CHANNELS, Flight, foreign, import_record, load_flight, save_flight
 from tests.flight.records import UNITS, VEHICLE, motion, write_raw
 
 DEGREE = np.pi / 180.0
@@ -165,7 +164,7 @@ def test_an_unreadable_map_is_a_usage_error(tmp_path: Path, text: str | None) ->
     path = tmp_path / "map.yaml"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(UsageError, match=r"map\.yaml cannot be read"):
+    with pytest.raises(UsageError, match=r"map\.yaml: cannot be read"):
         import_record(write_csv(tmp_path / "d.csv", foreign_columns()), path)
 
 
@@ -217,13 +216,6 @@ def test_parquet_without_its_extra_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = write_parquet(tmp_path / "d.parquet", foreign_columns())
-    imported = builtins.__import__
-
-    def without_pandas(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name == "pandas":
-            raise ImportError("No module named 'pandas'")
-        return imported(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without_pandas)
+    monkeypatch.setattr(foreign, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
         import_record(data, write_map(tmp_path, foreign_map()))

@@ -154,6 +154,13 @@ MALFORMED = [
         (name, "below zero", {"channels": altered(name, 7, -1.0)})
         for name in ("velocity", "dynamic_pressure")
     ],
+    *[(name, "beyond", {"channels": altered(name, 7, 1e300)}) for name in ONE_PER_CHANNEL],
+    ("velocity", "moves through the air", {"channels": altered("velocity", 7, 0.0)}),
+    ("velocity", "moves through the air", {"channels": altered("velocity", slice(None), 1e-300)}),
+    ("time", "apart", {"channels": {**motion(), "time": 1e-12 * motion()["time"]}}),
+    ("vehicle/mass", "less than or equal", {"vehicle": vehicle_with(mass=1e300)}),
+    ("vehicle/iyy", "at least", {"vehicle": vehicle_with(iyy=1e-300, ixx=1e-300)}),
+    ("q", "a power that no unit has", {"units": {"q": "rad/s * 10**(9**9)"}}),
     ("time", "finite", {"channels": altered("time", 7, np.nan)}),
     ("time", "increasing", {"channels": altered("time", 7, 9.0)}),
     ("time", "jumps", {"channels": altered("time", -1, 1e9)}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -87,25 +88,39 @@ def plugin(folder, name, code):
     (metadata / "entry_points.txt").write_text(f"[brv_hypo.mechanisms]\n{name} = {name}\n")
 
 
-def listing(folder):
+def listing(folder, *arguments):
     paths = os.pathsep.join([str(folder), *(path for path in sys.path if path)])
-    command = [sys.executable, "-m", "brv_hypo", "mechanisms"]
+    command = [sys.executable, "-m", "brv_hypo", "mechanisms", *arguments]
     return subprocess.run(
         command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False
     )
 
 
-def test_a_plugin_that_cannot_be_imported_is_a_readable_refusal(tmp_path):
+@pytest.mark.parametrize("arguments", [(), ("-q",), ("--json", "-")])
+def test_a_plugin_that_cannot_be_imported_is_named_and_left_out(tmp_path, arguments):
     plugin(tmp_path, "broken_plugin", "import no_such_module")
-    done = listing(tmp_path)
-    assert done.returncode == 2
+    done = listing(tmp_path, *arguments)
+    assert done.returncode == 0
+    assert "sticking" in done.stdout
+    assert (
+        f"'broken_plugin' of broken_plugin breaks its contract ({tmp_path}/broken_plugin.py, line 1)"
+        in done.stderr
+    )
     assert "no_such_module" in done.stderr
     assert "Traceback" not in done.stderr
+    if "--json" in arguments:
+        assert "no_such_module" in json.loads(done.stdout)["warnings"][0]
 
 
-def test_two_plugins_of_one_name_are_refused_and_both_named(tmp_path):
-    plugin(tmp_path, "second_lag", "from brv_hypo_mechanisms.lag import brv_hypo_mechanisms")
+def test_of_two_plugins_of_one_name_ours_is_kept_and_both_are_named(tmp_path):
+    plugin(tmp_path, "a_second_lag", "from brv_hypo_mechanisms.lag import brv_hypo_mechanisms")
     done = listing(tmp_path)
-    assert done.returncode == 2
-    assert "second_lag" in done.stderr
-    assert "brv-hypo" in done.stderr
+    assert done.returncode == 0
+    assert "'lag' of a_second_lag has the name of one of brv-hypo" in done.stderr
+
+
+def test_what_a_plugin_prints_is_not_in_the_json(tmp_path):
+    plugin(tmp_path, "talking", "print('hello')\ndef brv_hypo_mechanisms(): return []")
+    done = listing(tmp_path, "--json", "-")
+    assert "hello" in done.stderr
+    assert "warnings" not in json.loads(done.stdout)

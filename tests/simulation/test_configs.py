@@ -114,7 +114,7 @@ def test_a_file_may_build_on_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("start: [", "cannot be read as YAML"),
+        ("start: [", "it is not YAML"),
         ("- 1", "expected a mapping"),
         ("base: research_cone\ndurations: 3", "'durations' is not a known key.*is 'duration' meant"),
         ("base: research_cone\nduration: -3", "'duration': Input should be greater than 0, got -3"),

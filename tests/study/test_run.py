@@ -53,6 +53,32 @@ def test_an_interrupted_study_goes_on_and_a_half_written_flight_is_flown_again(t
     assert len(path.read_text().splitlines()) == 4
 
 
+def test_a_line_torn_in_the_middle_is_dropped_with_a_note_and_flown_again(tmp_path, flown):
+    first = run_study(STUDY, tmp_path)
+    path = tmp_path / FLIGHTS
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text(lines[0] + lines[1][:40] + "\n" + "".join(lines[2:]))
+    flown.clear()
+    notes = []
+    assert run_study(STUDY, tmp_path, note=notes.append) == first
+    assert flown == ["research_cone/lag/0"]
+    assert "1 torn line" in notes[0]
+
+
+@pytest.mark.parametrize("content", ["", '{"title": "stu', "\x00" * 100])
+def test_a_damaged_description_costs_no_flight_of_the_same_study(tmp_path, flown, content):
+    first = run_study(STUDY, tmp_path)
+    (tmp_path / "study.json").write_text(content)
+    flown.clear()
+    notes = []
+    assert run_study(STUDY, tmp_path, note=notes.append) == first
+    assert flown == []
+    assert "written anew" in notes[0]
+    (tmp_path / "study.json").write_text(content)
+    with pytest.raises(UsageError, match="not of this study"):
+        run_study(STUDY.model_copy(update={"seed": 9}), tmp_path)
+
+
 def test_a_study_grows_and_another_one_is_refused_unless_forced(tmp_path, flown):
     run_study(STUDY, tmp_path)
     flown.clear()

@@ -13,7 +13,7 @@ samples.py    the motion and the flight record that they are run on
 from brv_hypo.mechanisms.conformance.check import Check, Nonconformity, Outcome
 from brv_hypo.mechanisms.conformance.effect import EFFECT_CHECKS
 from brv_hypo.mechanisms.conformance.mechanism import MECHANISM_CHECKS
-from brv_hypo.mechanisms.conformance.run import conformance
+from brv_hypo.mechanisms.conformance.run import conformance, relied_on
 from brv_hypo.mechanisms.conformance.samples import sample_flight, sample_motion
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Nonconformity",
     "Outcome",
     "conformance",
+    "relied_on",
     "sample_flight",
     "sample_motion",
 ]

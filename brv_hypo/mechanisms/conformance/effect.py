@@ -23,9 +23,7 @@ def _channels(flight: Flight) -> FloatArray:
     place = np.array(flight.vehicle.accelerometer_position)[:, np.newaxis] * np.ones(flight.samples) / _PLACE
     known = sample_flight().vehicle
     inertia = np.array([[flight.vehicle.ixx / known.ixx], [flight.vehicle.iyy / known.iyy]])
-    return np.concatenate(
-        [channels / sizes[:, np.newaxis], wind, place, inertia * np.ones(flight.samples)]
-    )
+    return np.concatenate([channels / sizes[:, np.newaxis], wind, place, inertia * np.ones(flight.samples)])
 
 
 def is_declared(effect: RecordEffect) -> None:

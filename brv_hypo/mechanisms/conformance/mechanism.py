@@ -13,8 +13,9 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.units import is_unit
 from brv_hypo.mechanisms.conformance.check import Check, expect, named
-from brv_hypo.mechanisms.conformance.samples import read_only, sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
+from brv_hypo.mechanisms.isolation import read_only
 from brv_hypo.motion.motion import Motion
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
@@ -58,16 +55,6 @@ def sample_motion(time: FloatArray) -> Motion:
 def uniform_time(samples: int = 600) -> FloatArray:
     """Sample times over the whole sample motion, s."""
     return np.linspace(0.0, DURATION, samples, endpoint=False)
-
-
-def read_only(motion: Motion) -> Motion:
-    """The same motion in arrays that cannot be written to, its past included."""
-    arrays: dict[str, Any] = {
-        name: value.copy() for name, value in vars(motion).items() if isinstance(value, np.ndarray)
-    }
-    for array in arrays.values():
-        array.flags.writeable = False
-    return replace(motion, history=lambda tau: read_only(motion.delayed(tau)), **arrays)
 
 
 def sample_flight() -> Flight:

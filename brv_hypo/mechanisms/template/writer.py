@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import keyword
 import re
-import shutil
-import tempfile
 from importlib.resources import files
 from pathlib import Path
 from string import Template
 
 from brv_hypo.errors import UsageError
+from brv_hypo.files.whole import whole_folder
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -43,19 +42,8 @@ def write_plugin(name: str, parent: Path) -> Path:
         "title": words,
     }
     target = parent / values["distribution"]
-    if target.exists():
-        raise UsageError(
-            f"{target} exists already and is left as it is. Choose another name or another directory."
-        )
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=parent) as scratch:
-            whole = Path(scratch) / target.name
-            _fill(whole, values)
-            shutil.move(whole, target)
-    except OSError as error:
-        raise UsageError(
-            f"{target} cannot be written: {error}. Choose a directory that is writable."
-        ) from error
+    with whole_folder(target) as folder:
+        _fill(folder, values)
     return target
 
 

@@ -1,0 +1,30 @@
+"""Text of foreign origin, made fit to print: a title must not be able to write on a terminal as we do."""
+
+from __future__ import annotations
+
+import unicodedata
+
+LONGEST_LINE = 300  # characters kept of a title or of another text that belongs on one line
+
+_KEPT = "\n\t"
+# Marks that reverse the order of what follows, and separators that begin a new line.
+_REORDERING = frozenset(
+    "\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+)
+
+
+def printable(text: str) -> str:
+    """The text without control codes, marks that reorder it, and code points that no encoding has."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(c for c in text if c in _KEPT or not _is_control(c))
+
+
+def one_line(text: str) -> str:
+    """The text as it stands on one line: printable, without line breaks, and not endless."""
+    line = printable(text).replace("\n", " ").replace("\t", " ")
+    return line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + "..."
+
+
+def _is_control(character: str) -> bool:
+    return unicodedata.category(character) in ("Cc", "Cs") or character in _REORDERING

@@ -1,0 +1,74 @@
+"""Plugins and mechanisms as the command line names them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+GOOD = """
+from brv_hypo.mechanisms import Mechanism, Term
+
+class Own(Mechanism):
+    name, title, claims, source = "own", "own", "a moment of one's own", "a test"
+
+    def terms(self, motion, theta):
+        print("talking")
+        return (Term("C_own", 0.0 * motion.alpha, motion.alpha**2, "1/rad^2"),)
+
+def brv_hypo_mechanisms():
+    return [Own()]
+"""
+
+
+@pytest.mark.parametrize("given", ["", " ", ",", " , "])
+@pytest.mark.parametrize("command", [["compare", "flight.h5"], ["demo"]])
+def test_an_empty_list_of_mechanisms_is_wrong_usage(brv_hypo, tmp_path, command, given):
+    done = brv_hypo(*command, "--mechanisms", given, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "--mechanisms names none" in done.stderr
+
+
+def test_an_empty_list_in_a_configuration_is_wrong_usage(brv_hypo, tmp_path):
+    (tmp_path / "config.yaml").write_text("mechanisms: []")
+    done = brv_hypo("compare", "flight.h5", "--config", "config.yaml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "'mechanisms'" in done.stderr
+
+
+def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
+    (tmp_path / "own.py").write_text(GOOD)
+    arguments = ("--plugin", tmp_path / "own.py", "--mechanisms", "own", "--json", "-")
+    done = brv_hypo("compare", simulated_file, *arguments)
+    assert done.returncode == 0, done.stderr
+    assert {row["mechanism"] for row in json.loads(done.stdout)["ranking"]} == {"none", "own"}
+
+
+@pytest.mark.parametrize("arguments", [["-q"], ["--json", "-"]])
+def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments):
+    (tmp_path / "bad.py").write_text(GOOD.replace('print("talking")', "raise OSError('gone')"))
+    common = ("compare", simulated_file, "--mechanisms", "bodyfixed", *arguments)
+    plain, done = brv_hypo(*common), brv_hypo(*common, "--plugin", tmp_path / "bad.py")
+    assert done.returncode == plain.returncode == 0, done.stderr
+    assert f"'own' of {tmp_path}/bad.py" in done.stderr
+    assert "bad.py, line 8" in done.stderr
+    if "--json" in arguments:
+        first, second = json.loads(plain.stdout), json.loads(done.stdout)
+        assert "bad.py, line 8" in second.pop("warnings")[-1]
+        for result in (first, second):
+            result.pop("warnings", None)
+            result.pop("seconds")
+        for row in (*first["ranking"], *second["ranking"]):
+            if row["ml"]:
+                row["ml"].pop("seconds")
+        assert first == second
+    else:
+        assert plain.stdout == done.stdout
+
+
+@pytest.mark.parametrize("name", ["absent.py", "pipe.txt"])
+def test_what_is_no_plugin_is_wrong_usage(brv_hypo, tmp_path, name):
+    (tmp_path / "pipe.txt").write_text("")
+    done = brv_hypo("mechanisms", "--plugin", name, cwd=tmp_path)
+    assert done.returncode == 2
+    assert name in done.stderr

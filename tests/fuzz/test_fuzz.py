@@ -1,0 +1,30 @@
+"""The fuzzing that every run of the tests does, and every input that once failed."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.fuzz.run import Input, failure_of, inputs
+from tests.fuzz.targets import TARGETS
+
+BATCHES, OF_A_BATCH = 10, 50
+# By target, the seeds of the operations on its valid input: each ended in a fault, a hang or litter once.
+FOUND: tuple[tuple[str, tuple[int, ...]], ...] = (("record", (126550628,)),)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("batch", range(BATCHES))
+def test_mutated_inputs_end_as_the_contract_says(batch):
+    failures = [failure for case in inputs(OF_A_BATCH, seed=1000 + batch) if (failure := failure_of(case))]
+    assert failures == []
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.label)
+def test_the_valid_input_ends_as_the_contract_says(target):
+    assert failure_of(Input(target, ())) is None
+
+
+@pytest.mark.parametrize(("label", "seeds"), FOUND)
+def test_an_input_that_failed_once_does_not_again(label, seeds):
+    target = next(target for target in TARGETS if target.label == label)
+    assert failure_of(Input(target, seeds)) is None
