@@ -5,6 +5,7 @@ reconstruct(flight, config) -> Reconstruction     pipeline.py
     the crossflow: joint, velocity, rates, polar  methods/
     Euler's equations inverted                    moments.py
 write_motion(reconstruction, path)                store.py
+try_record(flight) -> flight, RecordTrial         trial.py, consistency.py, corrections.py
 Motion: what a mechanism may know                 motion.py, history.py, frames.py
 """
 
@@ -13,6 +14,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.pipeline import reconstruct
 from brv_hypo.motion.reconstruction import MomentEstimate, Reconstruction
 from brv_hypo.motion.store import write_motion
+from brv_hypo.motion.trial import try_record
 
 __all__ = [
     "MomentEstimate",
@@ -20,5 +22,6 @@ __all__ = [
     "Reconstruction",
     "ReconstructionConfig",
     "reconstruct",
+    "try_record",
     "write_motion",
 ]

@@ -1,0 +1,109 @@
+"""Steps of the clock: stamps that jump where the motion runs on, and motion that jumps where the stamps run on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
+from brv_hypo.flight.resample import MISSING_BEYOND_STEPS, UNIFORM_WITHIN
+
+FLANK = 6
+MOST_STEPS = 5
+"""More odd intervals than this are jitter or dropouts, and no steps."""
+BETTER = 0.2
+"""The samples run on where closing the interval leaves this share of the misfit or less."""
+MISFIT = 4.0
+"""Mean square misfit, over that of noise, from which the stamps contradict the samples."""
+JUMP_FLANK = 8
+JUMP_SIGMAS = 12.0
+"""A channel jumps where the parabolas before and after miss each other by so many robust standard deviations."""
+
+GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
+
+
+def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:
+    """Indices of samples before which the clock was set ahead, and by how much, s.
+
+    Only in a record of otherwise uniform stamps: the samples on either side of the interval lie on one smooth
+    course if it is closed, and on none as it is stamped.
+    """
+    intervals = np.diff(time)
+    step = float(np.median(intervals))
+    odd = np.flatnonzero(np.abs(intervals - step) > UNIFORM_WITHIN * step)
+    if not 0 < odd.size <= MOST_STEPS:
+        return ()
+    found = []
+    for place in odd:
+        excess = float(intervals[place] - step)
+        if intervals[place] > MISSING_BEYOND_STEPS * step and _runs_on(time, channels, int(place) + 1, excess):
+            found.append((int(place) + 1, excess))
+    return tuple(found)
+
+
+def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, excess: float) -> bool:
+    part = slice(max(0, at - FLANK), at + FLANK)
+    stamped = time[part]
+    closed = np.where(np.arange(time.size)[part] >= at, stamped - excess, stamped)
+    misfits = np.array(
+        [
+            (_misfit(stamped, values[part], sigma), _misfit(closed, values[part], sigma))
+            for name, values in channels.items()
+            if name in (*GYROS, *ACCELEROMETERS) and (sigma := sigma_of_differences([values])) > 0.0
+        ]
+    )
+    if not misfits.size or stamped.size < 2 * FLANK or not np.all(np.isfinite(misfits)):
+        return False
+    as_stamped, run_on = misfits.mean(axis=0)
+    return bool(as_stamped > MISFIT and run_on < BETTER * as_stamped)
+
+
+def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
+    """Mean square residual of a cubic, per degree of freedom, over `sigma` squared."""
+    place = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
+    columns = np.vander(place, 4)
+    if not np.all(np.isfinite(values)):
+        return float("nan")
+    residual = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(residual @ residual) / (time.size - 4) / sigma**2
+
+
+def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
+    """Indices before which gyros and accelerometers jump together: samples lost, or repeated, without a trace.
+
+    No force or moment does that: a rate cannot jump.
+    """
+    gyros = _jumping([channels[name] for name in GYROS if name in channels])
+    accelerometers = _jumping([channels[name] for name in ACCELEROMETERS if name in channels])
+    both = np.minimum(gyros, accelerometers)
+    found: list[int] = []
+    while both.size and float(both.max()) > JUMP_SIGMAS and len(found) <= MOST_STEPS:
+        at = int(np.argmax(both))
+        found.append(at)
+        both[max(0, at - 2 * JUMP_FLANK) : at + 2 * JUMP_FLANK] = 0.0
+    return tuple(sorted(found)) if len(found) <= MOST_STEPS else ()
+
+
+def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
+    """The largest jump (n,) of some channels before each sample, in robust standard deviations."""
+    largest = np.zeros(channels[0].size if channels else 0)
+    weights = _weights()
+    for values in channels:
+        if values.size < 4 * JUMP_FLANK:
+            continue
+        jump = np.full(values.size, np.nan)
+        jump[JUMP_FLANK : values.size - JUMP_FLANK + 1] = np.correlate(values, weights, "valid")
+        finite = jump[np.isfinite(jump)]
+        scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else 0.0
+        if scale > 0.0:
+            largest = np.maximum(largest, np.nan_to_num(np.abs(jump)) / scale)
+    return largest
+
+
+def _weights() -> FloatArray:
+    """Of the samples about a place: the parabola after it less that before it, half a step away from both."""
+    columns = np.vander(np.arange(JUMP_FLANK) + 0.5, 3)
+    after = np.linalg.pinv(columns)[-1]
+    return np.concatenate([-after[::-1], after])
