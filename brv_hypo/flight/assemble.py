@@ -53,7 +53,7 @@ def assemble(record: Record) -> Flight:
         source=record.source,
         path=record.path,
         notes=(*notes, *resampled, *gap_notes, *derived, *cut_notes, *filled),
-        faults=faults,
+        faults=(*faults, *_spike_faults(stamps, spikes)),
     )
 
 
@@ -63,16 +63,30 @@ def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
     For flights that did not come through `assemble`, or were changed since. Raises FlightRecordError where the
     flight is no valid record, or the faults leave nothing of it.
     """
-    record = unassemble(flight)
-    faults = mask_faults(record.time, record.channels)[-1]
-    fresh = tuple(fault for fault in faults if fault not in flight.faults)
-    if not any(not fault.decisive for fault in fresh):
+    again = assemble(unassemble(flight))
+    fresh = tuple(fault for fault in again.faults if fault not in flight.faults)
+    if all(fault.decisive for fault in fresh):
         return flight, (*flight.faults, *fresh)
-    again = assemble(record)
     if flight.wind is not None:
         first = int(np.searchsorted(flight.time, again.time[0] - 0.5 * flight.step))
         again = replace(again, wind=flight.wind[first : first + again.samples])
     return again, (*flight.faults, *fresh)
+
+
+def _spike_faults(time: FloatArray, spikes: Mapping[str, BoolArray]) -> tuple[RecordFault, ...]:
+    """Isolated spikes in the channels that every analysis needs."""
+    return tuple(
+        RecordFault(
+            name,
+            "spikes",
+            float(time[found][0]),
+            float(time[found][-1]),
+            f"{int(np.count_nonzero(found))} samples replaced by a cubic spline",
+            decisive=False,
+        )
+        for name, found in spikes.items()
+        if name in CHANNELS and np.any(found)
+    )
 
 
 def unassemble(flight: Flight) -> Record:

@@ -3,9 +3,9 @@
 A run of 3 to 60 samples is a burst where all of these hold:
 - it begins and ends with an edge: a third difference beyond 8 robust standard deviations, and 3 times any other
   around, which no motion and no kink shows;
-- the cubic through 6 samples on either side passes the run at more than 8 standard deviations of the channel's noise
+- the quintic through 8 samples on either side passes the run at more than 8 standard deviations of the channel's noise
   at its first and last sample and in the middle of its departures;
-- at the edges the channel jumps by at least half the departure there.
+- the edges are at least half of the departure there.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
 
 SHORTEST = 3
 LONGEST = 60
-FLANK = 6
+FLANK = 8
+ORDER = 5
 SIGMAS = 8.0
 TIMES_AROUND = 3.0
+EDGE_OF_STEP = 1.5
+"""Third difference, as taken here, of a step of one."""
 LARGEST_FRACTION = 0.05
 MOST_EDGES = 200
 
@@ -68,16 +71,15 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
     if not np.all(np.isfinite(values[start - FLANK : stop + FLANK])):
         return False
     middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + FLANK
-    cubic = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], 3)
+    course = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], ORDER)
     inside = np.arange(start, stop)
-    departure = values[inside] - cubic((inside - middle) / reach)
+    departure = values[inside] - course((inside - middle) / reach)
     ends = min(abs(departure[0]), abs(departure[-1]))
-    jump = min(abs(values[start] - values[start - 1]), abs(values[stop] - values[stop - 1]))
     around = np.abs(np.concatenate([third[start - FLANK : start - 1], third[stop + 2 : stop + FLANK]]))
     edge = min(abs(third[start]), abs(third[stop]))
     rough = float(np.max(np.nan_to_num(around)))
     return bool(
         min(ends, float(np.median(np.abs(departure)))) > SIGMAS * sigma
-        and jump > 0.5 * ends
+        and edge > 0.5 * EDGE_OF_STEP * ends
         and edge > TIMES_AROUND * rough
     )

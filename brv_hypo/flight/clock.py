@@ -13,10 +13,12 @@ from brv_hypo.flight.resample import MISSING_BEYOND_STEPS, UNIFORM_WITHIN
 FLANK = 6
 MOST_STEPS = 5
 """More odd intervals than this are jitter or dropouts, and no steps."""
-BETTER = 0.2
-"""The samples run on where closing the interval leaves this share of the misfit or less."""
-MISFIT = 4.0
-"""Mean square misfit, over that of noise, from which the stamps contradict the samples."""
+RUNS_ON = 2.0
+"""The samples run on where a cubic through the closed interval misses them by this, in squares over noise, or less."""
+MOVED, FEWEST_MOVED = 8.0, 2
+"""Unless so many channels would have moved by so many sigmas in the time of the interval, nothing can be said."""
+SURE_SLOPE = 5.0
+"""Standard errors by which such a trend must be known."""
 JUMP_FLANK = 8
 JUMP_SIGMAS = 12.0
 """A channel jumps where the parabolas before and after miss each other by so many robust standard deviations."""
@@ -44,28 +46,32 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
 
 
 def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, excess: float) -> bool:
+    """Whether the samples lie on one course with the interval closed, though in its time they would have moved."""
     part = slice(max(0, at - FLANK), at + FLANK)
-    stamped = time[part]
-    closed = np.where(np.arange(time.size)[part] >= at, stamped - excess, stamped)
-    misfits = np.array(
-        [
-            (_misfit(stamped, values[part], sigma), _misfit(closed, values[part], sigma))
-            for name, values in channels.items()
-            if name in (*GYROS, *ACCELEROMETERS) and (sigma := sigma_of_differences([values])) > 0.0
-        ]
-    )
-    if not misfits.size or stamped.size < 2 * FLANK or not np.all(np.isfinite(misfits)):
+    closed = np.where(np.arange(time.size)[part] >= at, time[part] - excess, time[part])
+    if closed.size < 2 * FLANK:
         return False
-    as_stamped, run_on = misfits.mean(axis=0)
-    return bool(as_stamped > MISFIT and run_on < BETTER * as_stamped)
+    misfits, moved = [], 0
+    for name in (*GYROS, *ACCELEROMETERS):
+        values = channels[name][part] if name in channels else np.array([np.nan])
+        sigma = sigma_of_differences([channels[name]]) if name in channels else 0.0
+        if sigma > 0.0 and np.all(np.isfinite(values)):
+            misfits.append(_misfit(closed, values, sigma))
+            moved += _would_move(closed, values, sigma, excess)
+    return moved >= FEWEST_MOVED and float(np.mean(misfits)) < RUNS_ON and max(misfits) < 2.0 * RUNS_ON
+
+
+def _would_move(time: FloatArray, values: FloatArray, sigma: float, excess: float) -> bool:
+    """Whether the trend of a channel would carry it, in `excess` s, well beyond its noise."""
+    centred = time - time.mean()
+    slope = abs(float(centred @ values)) / float(centred @ centred)
+    known = slope > SURE_SLOPE * sigma / float(np.linalg.norm(centred))
+    return known and slope * excess > MOVED * sigma
 
 
 def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
     """Mean square residual of a cubic, per degree of freedom, over `sigma` squared."""
-    place = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
-    columns = np.vander(place, 4)
-    if not np.all(np.isfinite(values)):
-        return float("nan")
+    columns = np.vander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, 4)
     residual = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
     return float(residual @ residual) / (time.size - 4) / sigma**2
 

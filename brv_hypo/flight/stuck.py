@@ -59,12 +59,12 @@ def flat_tops(values: FloatArray) -> BoolArray:
     levels, counts = np.unique(known, return_counts=True)
     for level, own, others in ((levels[-1], counts[-1], counts[-4:-1]), (levels[0], counts[0], counts[1:4])):
         at = values == level
-        flat = [stop - start for start, stop in runs(at) if stop - start >= FLAT_RUN]
-        if own < FLAT_SAMPLES or not flat or not others.size:
+        lengths = [stop - start for start, stop in runs(at)]
+        # A single stretch at one value is a channel that is stuck, at whatever height.
+        if own < FLAT_SAMPLES or len(lengths) < 2 or max(lengths) < FLAT_RUN or not others.size:
             continue
-        if not repeats and max(flat) > FLAT_RUN:
-            found |= at
-        elif len(flat) > 1 and own > FLAT_TIMES * int(np.max(others)):
+        often = own > FLAT_TIMES * int(np.max(others))
+        if often if repeats else max(lengths) > FLAT_RUN:
             found |= at
     return found
 

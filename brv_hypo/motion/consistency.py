@@ -34,7 +34,7 @@ from brv_hypo.motion.wind import gravity_magnitude
 
 # A segment is judged where it is this long, and thinned to so many samples.
 FEWEST_SAMPLES = 64
-MOST_SAMPLES = 600
+MOST_SAMPLES = 300
 # Below these shares of what is to be explained a relation counts as kept: mechanisms act on moments, and leave more
 # of the second and third.
 KEPT = np.array([0.002, 0.1, 0.1])

@@ -30,9 +30,16 @@ NORMAL_WITHIN = (0.04, 30.0)
 # A mistake is named where undoing it raises ln likelihood by this much, and leaves this share of what was broken.
 DECISIVE = 2.2
 MENDED = 0.4
+# Corrections within this of the best in ln likelihood are told beside it, so many of them.
+NEARLY_EQUAL = 1.0
+MOST_OTHERS = 2
 # Nothing mends it, and hardly anything of one instrument follows from the others.
 UNRELATED = 0.8
 QUIET = 0.1
+UNRELATED_WORDS = (
+    "gyros and accelerometers do not follow from each other under any signs and axes that were tried: their axes, "
+    "signs and units are in doubt. Check the map, or pass --accept-record"
+)
 
 
 def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
@@ -48,7 +55,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
 
 
 def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
-    """At most one: the mistake that, undone, mends the record best."""
+    """The mistake that, undone, mends the record best; and whether the gyros are at odds with it even so."""
     record = made_ready(flight)
     if not record.segments:
         return ()
@@ -56,24 +63,34 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     broken = _broken(as_read)
     if not broken:
         return ()
-    best, gain = _best(record, as_read)
-    mended = consistency(record, best)
-    if gain >= DECISIVE and _mends(mended, as_read, broken):
-        return (_fault(flight, best.channel, best.fault, f"{best.words}: correct the map or pass --accept-record"),)
-    unrelated = as_read.informative & (as_read.left > UNRELATED) & (as_read.noise < QUIET)
-    if unrelated.all():
-        words = (
-            "gyros and accelerometers do not follow from each other under any signs and axes that were tried: "
-            "their axes, signs and units are in doubt. Check the map, or pass --accept-record"
-        )
-        return (_fault(flight, "p, q, r, ay, az", "axes", words),)
-    return ()
+    found = []
+    ranked = _ranked(record, as_read)
+    mended = ranked[0][2]
+    likely = [
+        correction
+        for correction, gain, after in ranked
+        if gain >= max(DECISIVE, ranked[0][1] - NEARLY_EQUAL) and _mended(after, as_read, broken)
+    ]
+    if likely and likely[0] is ranked[0][0]:
+        found.append(_named(flight, likely))
+    if "path" in broken and _unrelated(as_read) and _unrelated(mended):
+        found.append(_fault(flight, "p, q, r, ay, az", "axes", UNRELATED_WORDS))
+    return tuple(found)
 
 
-def _best(record: Record, as_read: Consistency) -> tuple[Correction, float]:
-    gains = [(consistency(record, one).better_than(as_read), one) for one in corrections()]
-    gain, best = max(gains, key=lambda pair: pair[0])
-    return best, gain
+def _ranked(record: Record, as_read: Consistency) -> list[tuple[Correction, float, Consistency]]:
+    """Every correction with what it gains and leaves, the best first."""
+    tried = [(one, consistency(record, one)) for one in corrections()]
+    ranked = [(one, after.better_than(as_read), after) for one, after in tried]
+    return sorted(ranked, key=lambda entry: -entry[1])
+
+
+def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
+    """The fault of the likeliest correction; others that mend the record nearly as well are told."""
+    best, others = likely[0], likely[1 : 1 + MOST_OTHERS]
+    nearly = f" (nearly as likely: {'; or '.join(one.words for one in others)})" if others else ""
+    action = f"{best.words}{nearly}: correct the map or pass --accept-record"
+    return _fault(flight, best.channel, best.fault, action)
 
 
 def _broken(found: Consistency) -> Sequence[str]:
@@ -92,12 +109,20 @@ def _broken(found: Consistency) -> Sequence[str]:
     return failed
 
 
-def _mends(mended: Consistency, as_read: Consistency, broken: Sequence[str]) -> bool:
-    """Whether a correction leaves none of the checks broken, or nearly so."""
-    left = set(_broken(mended)) & {"axial", "pressure", "slope"}
-    path = "path" not in broken or mended.left[0] < MENDED * as_read.left[0]
-    alone = "gyros" not in broken or mended.left[2] < MENDED * as_read.left[2]
-    return not (left & set(broken)) and path and alone
+def _mended(mended: Consistency, as_read: Consistency, broken: Sequence[str]) -> bool:
+    """Whether a correction mends any of the broken checks, and breaks no other."""
+    still = set(_broken(mended))
+    if mended.left[0] < MENDED * as_read.left[0]:
+        still.discard("path")
+    if mended.left[2] < MENDED * as_read.left[2]:
+        still.discard("gyros")
+    return still < set(broken)
+
+
+def _unrelated(found: Consistency) -> bool:
+    """Whether next to nothing of one instrument follows from the others, though noise would let it."""
+    tells = found.informative & (found.noise < QUIET)
+    return bool(tells[0] and (found.left[tells] > UNRELATED).all())
 
 
 def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:
