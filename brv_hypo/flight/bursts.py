@@ -41,10 +41,11 @@ def find_bursts(values: FloatArray) -> BoolArray:
     sigma = sigma_of_differences([values])
     for place, start in enumerate(edges):
         for stop in edges[place + 1 :][::-1]:
-            if SHORTEST <= stop - start <= LONGEST and not np.any(found[start:stop]):
-                if _is_burst(values, third, int(start), int(stop), sigma):
-                    found[start:stop] = True
-                    break
+            if not SHORTEST <= stop - start <= LONGEST or np.any(found[start:stop]):
+                continue
+            if _is_burst(values, third, int(start), int(stop), sigma):
+                found[start:stop] = True
+                break
     return found if np.count_nonzero(found) <= LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 

@@ -23,6 +23,9 @@ JUMP_FLANK = 8
 JUMP_SIGMAS = 12.0
 """A channel jumps where the parabolas before and after miss each other by so many robust standard deviations."""
 
+JUMP_TIMES_AROUND = 3.0
+"""And stands out as much from the misses around it: parabolas miss fast motion all the time."""
+
 GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
 
 
@@ -40,7 +43,9 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
     found = []
     for place in odd:
         excess = float(intervals[place] - step)
-        if intervals[place] > MISSING_BEYOND_STEPS * step and _runs_on(time, channels, int(place) + 1, excess):
+        if intervals[place] > MISSING_BEYOND_STEPS * step and _runs_on(
+            time, channels, int(place) + 1, excess
+        ):
             found.append((int(place) + 1, excess))
     return tuple(found)
 
@@ -84,11 +89,15 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
     gyros = _jumping([channels[name] for name in GYROS if name in channels])
     accelerometers = _jumping([channels[name] for name in ACCELEROMETERS if name in channels])
     both = np.minimum(gyros, accelerometers)
-    found: list[int] = []
-    while both.size and float(both.max()) > JUMP_SIGMAS and len(found) <= MOST_STEPS:
-        at = int(np.argmax(both))
-        found.append(at)
-        both[max(0, at - 2 * JUMP_FLANK) : at + 2 * JUMP_FLANK] = 0.0
+    left, found = both.copy(), list[int]()
+    while left.size and float(left.max()) > JUMP_SIGMAS and len(found) <= MOST_STEPS:
+        at = int(np.argmax(left))
+        left[max(0, at - JUMP_FLANK) : at + JUMP_FLANK + 1] = 0.0
+        before = both[max(0, at - 5 * JUMP_FLANK) : max(0, at - JUMP_FLANK)]
+        after = both[at + JUMP_FLANK + 1 : at + 5 * JUMP_FLANK]
+        around = max(float(part.max(initial=0.0)) for part in (before, after))
+        if min(before.size, after.size) > JUMP_FLANK and both[at] > JUMP_TIMES_AROUND * around:
+            found.append(at)
     return tuple(sorted(found)) if len(found) <= MOST_STEPS else ()
 
 

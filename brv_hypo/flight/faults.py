@@ -133,9 +133,7 @@ def _speed_changes(gauge: str, time: FloatArray, channels: Mapping[str, FloatArr
     return gained > 2.0 * CHANGES * float(np.nanmax(speed))
 
 
-def _mask_channel(
-    name: str, time: FloatArray, values: FloatArray
-) -> tuple[FloatArray, list[RecordFault]]:
+def _mask_channel(name: str, time: FloatArray, values: FloatArray) -> tuple[FloatArray, list[RecordFault]]:
     """`values` with NaN where the channel is clipped, stuck or in a burst of spikes, and the faults."""
     clipped = flat_tops(values)
     if name in STOP_AT_ZERO:

@@ -85,5 +85,3 @@ def _release(values: FloatArray, run: tuple[int, int]) -> float:
     if run[1] >= values.size or not np.isfinite(values[run[1]]):
         return 0.0
     return float(abs(values[run[1]] - values[run[1] - 1]))
-
-

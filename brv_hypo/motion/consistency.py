@@ -22,7 +22,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.derive import standard_density
@@ -215,7 +214,7 @@ class _Tally:
 def _tally(record: Record, piece: Readings, rate_sigma: FloatArray, force_sigma: FloatArray) -> _Tally:
     vehicle = record.flight.vehicle
     time = piece.time
-    roll = cumulative_trapezoid(piece.rates[0], time, initial=0.0)
+    roll = _running(time, piece.rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega = piece.rates[1] + 1j * piece.rates[2]
     axial, force = _force(piece, vehicle.accelerometer_position)
@@ -259,8 +258,10 @@ def _tally(record: Record, piece: Readings, rate_sigma: FloatArray, force_sigma:
 
 
 def _integral(time: FloatArray, values: ComplexArray) -> ComplexArray:
-    """Integral of `values` (n,) from the first sample on."""
-    return np.asarray(cumulative_trapezoid(values, time, initial=0.0), dtype=complex)
+    """Integral of `values` (n,) from the first sample on, by trapezoids."""
+    result = np.zeros(time.size, dtype=complex)
+    np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time), out=result[1:])
+    return result
 
 
 def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[FloatArray, ComplexArray]:
@@ -300,7 +301,9 @@ def _fit(observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[Com
     course = rows[:, count:-1] @ (answer / np.where(norms[count:-1] > 0.0, norms[count:-1], 1.0))
     first = rows[:, count]
     slope = float(first @ course / max(float(first @ first), 1e-300)) * float(norms[-1])
-    return _Fit(power * float(rest[:, -1] @ rest[:, -1]), power * float(residual @ residual), slope, table.shape[0])
+    return _Fit(
+        power * float(rest[:, -1] @ rest[:, -1]), power * float(residual @ residual), slope, table.shape[0]
+    )
 
 
 def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
@@ -329,13 +332,13 @@ def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tu
 
 def _running(time: FloatArray, values: FloatArray) -> FloatArray:
     """Integral of real `values` (n,) from the first sample on."""
-    return np.asarray(cumulative_trapezoid(values, time, initial=0.0), dtype=float)
+    return np.asarray(_integral(time, values.astype(complex)).real)
 
 
 def _slowly(values: FloatArray) -> FloatArray:
     """A cubic through `values` (n,): altitude is noisy, and its rate changes slowly."""
     place = np.linspace(-1.0, 1.0, values.size)
-    return np.asarray(np.polyval(np.polyfit(place, values, 3), place), dtype=float)
+    return np.asarray(np.polyval(np.polyfit(place, values, 3), place), dtype=np.float64)
 
 
 def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
@@ -359,7 +362,7 @@ def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
 def _of_normal(slope: float | None) -> float:
     if slope is None:
         return 0.0
-    return min(0.5 * (np.log(slope / NORMAL_SLOPE) / NORMAL_SPREAD) ** 2, MOST_PER_CHECK)
+    return min(0.5 * float(np.log(slope / NORMAL_SLOPE) / NORMAL_SPREAD) ** 2, MOST_PER_CHECK)
 
 
 def _of_steady(size: float) -> float:
@@ -373,11 +376,11 @@ def _of_axial(ratio: float, sigma: float) -> float:
         return 0.0
     if ratio <= 0.0:
         return MOST_PER_CHECK
-    return min(0.5 * (np.log(ratio) / AXIAL_SPREAD) ** 2, MOST_PER_CHECK)
+    return min(0.5 * float(np.log(ratio) / AXIAL_SPREAD) ** 2, MOST_PER_CHECK)
 
 
 def _of_pressure(ratio: float | None) -> float:
-    return 0.0 if ratio is None else min(0.5 * (np.log(ratio) / DENSITY_SPREAD) ** 2, MOST_PER_CHECK)
+    return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / DENSITY_SPREAD) ** 2, MOST_PER_CHECK)
 
 
 def _of_noise(sigma: FloatArray) -> float:

@@ -21,6 +21,8 @@ from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
 # most: 90 simulated flights with all instrument grades, and the measured entry of Opportunity.
 BROKEN = 0.012
 TIMES_NOISE = 4.0
+# It is strained from here on: then a mistake must explain more before it is named.
+STRAINED = 0.003
 # Where the accelerometers cannot tell, the gyros alone must leave so much; mechanisms leave up to 0.5.
 BROKEN_ALONE = 0.7
 # Sensed deceleration, density, slope of the normal force: beyond these factors no tolerance explains them.
@@ -29,6 +31,7 @@ PRESSURE_WITHIN = (0.3, 3.0)
 NORMAL_WITHIN = (0.04, 30.0)
 # A mistake is named where undoing it raises ln likelihood by this much, and leaves this share of what was broken.
 DECISIVE = 2.2
+DECISIVE_IF_STRAINED = 4.5
 MENDED = 0.4
 # Corrections within this of the best in ln likelihood are told beside it, so many of them.
 NEARLY_EQUAL = 1.0
@@ -64,12 +67,13 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if not broken:
         return ()
     found = []
+    least = DECISIVE if set(broken) - {"path, strained"} else DECISIVE_IF_STRAINED
     ranked = _ranked(record, as_read)
     mended = ranked[0][2]
     likely = [
         correction
         for correction, gain, after in ranked
-        if gain >= max(DECISIVE, ranked[0][1] - NEARLY_EQUAL) and _mended(after, as_read, broken)
+        if gain >= max(least, ranked[0][1] - NEARLY_EQUAL) and _mended(after, as_read, broken)
     ]
     if likely and likely[0] is ranked[0][0]:
         found.append(_named(flight, likely))
@@ -96,8 +100,9 @@ def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
 def _broken(found: Consistency) -> Sequence[str]:
     """The checks that the record fails by more than any tolerance."""
     failed = []
-    if found.informative[0] and found.left[0] > BROKEN + TIMES_NOISE * found.noise[0]:
-        failed.append("path")
+    beyond_noise = found.left[0] - TIMES_NOISE * found.noise[0]
+    if found.informative[0] and beyond_noise > STRAINED:
+        failed.append("path" if beyond_noise > BROKEN else "path, strained")
     if not found.informative[0] and found.informative[2] and found.left[2] > BROKEN_ALONE:
         failed.append("gyros")
     if found.axial_known and not AXIAL_WITHIN[0] < found.axial < AXIAL_WITHIN[1]:
@@ -113,7 +118,7 @@ def _mended(mended: Consistency, as_read: Consistency, broken: Sequence[str]) ->
     """Whether a correction mends any of the broken checks, and breaks no other."""
     still = set(_broken(mended))
     if mended.left[0] < MENDED * as_read.left[0]:
-        still.discard("path")
+        still -= {"path", "path, strained"}
     if mended.left[2] < MENDED * as_read.left[2]:
         still.discard("gyros")
     return still < set(broken)

@@ -71,7 +71,10 @@ def planted_faults() -> tuple[PlantedFault, ...]:
     """Every fault of the study."""
     gyros, forces = ("p", "q", "r"), ("ax", "ay", "az")
     found = [PlantedFault(f"sign of {n}", (n,), ("sign",), _scaled((n,), -1.0)) for n in (*gyros, *forces)]
-    found += [PlantedFault(f"{a} and {b} exchanged", (a, b), ("axes",), _swapped(a, b)) for a, b in (("q", "r"), ("ay", "az"))]
+    found += [
+        PlantedFault(f"{a} and {b} exchanged", (a, b), ("axes",), _swapped(a, b))
+        for a, b in (("q", "r"), ("ay", "az"))
+    ]
     for names, factor, large, small in (
         (gyros, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
         (forces, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
@@ -81,7 +84,9 @@ def planted_faults() -> tuple[PlantedFault, ...]:
                 name = f"{told}: {', '.join(chosen)}"
                 found.append(PlantedFault(name, chosen, ("units",), _scaled(chosen, value)))
     found += [
-        PlantedFault("ft/s tagged m/s: velocity", ("velocity",), ("units",), _scaled(("velocity",), 1.0 / FEET)),
+        PlantedFault(
+            "ft/s tagged m/s: velocity", ("velocity",), ("units",), _scaled(("velocity",), 1.0 / FEET)
+        ),
         PlantedFault(
             "psf tagged Pa: dynamic_pressure",
             ("dynamic_pressure",),
@@ -165,13 +170,15 @@ def _instruments(
         for axis in range(3):
             sizes = np.array(tolerance)[grade]
             drawn[f"instruments.{path}.{axis}"] = sizes * random.standard_normal(flights)
-    drawn["instruments.accelerometer.delay"] = np.array(TIME_SKEW)[grade] * np.abs(random.standard_normal(flights))
-    drawn["instruments.dynamic_pressure.scale"] = np.array(DYNAMIC_PRESSURE_SCALE)[grade] * random.standard_normal(
-        flights
+    drawn["instruments.accelerometer.delay"] = np.array(TIME_SKEW)[grade] * np.abs(
+        random.standard_normal(flights)
     )
+    drawn["instruments.dynamic_pressure.scale"] = np.array(DYNAMIC_PRESSURE_SCALE)[
+        grade
+    ] * random.standard_normal(flights)
 
     def factor(span: tuple[float, float]) -> FloatArray:
-        return np.asarray(np.exp(random.uniform(*np.log(span), size=flights)))
+        return np.asarray(np.exp(random.uniform(np.log(span[0]), np.log(span[1]), size=flights)))
 
     drawn["start.alpha"] = config.start.alpha * factor(ALPHA)
     drawn["start.roll_rate"] = config.start.roll_rate * factor(ROLL_RATE)
