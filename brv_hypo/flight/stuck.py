@@ -61,10 +61,10 @@ def flat_tops(values: FloatArray) -> BoolArray:
         at = values == level
         lengths = [stop - start for start, stop in runs(at)]
         # A single stretch at one value is a channel that is stuck, at whatever height.
-        if own < FLAT_SAMPLES or len(lengths) < 2 or max(lengths) < FLAT_RUN or not others.size:
+        if own < FLAT_SAMPLES or len(lengths) < 2 or not others.size:
             continue
-        often = own > FLAT_TIMES * int(np.max(others))
-        if often if repeats else max(lengths) > FLAT_RUN:
+        often, flat = own > FLAT_TIMES * int(np.max(others)), max(lengths) >= FLAT_RUN
+        if (often and flat) if repeats else (often or max(lengths) > FLAT_RUN):
             found |= at
     return found
 

@@ -101,7 +101,8 @@ def _units() -> list[Correction]:
     for chosen, factor, too_small, too_large in _AIR_UNITS:
         for value, told in ((factor, too_small), (1.0 / factor, too_large)):
             air = tuple(value if name in chosen else 1.0 for name in _AIR)
-            words = f"{' and '.join(chosen)} read as if they were {told}"
+            verb = "read as if they were" if len(chosen) > 1 else "reads as if it were"
+            words = f"{' and '.join(chosen)} {verb} {told}"
             found.append(Correction(chosen, "units", words, air=(air[0], air[1], air[2])))
     return found
 
