@@ -19,15 +19,18 @@ def inspect(
     start: options.Start = None,
     stop: options.Stop = None,
 ) -> None:
-    """Show channels, units, rates, gaps, noise, spikes, and what is usable."""
+    """Show channels, units, rates, gaps, noise, faults of the record, and what is usable."""
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
+    from brv_hypo.motion import try_record
     from brv_hypo.report.flight import inspection_data, inspection_line, inspection_view
 
     windowed = start is not None or stop is not None
-    inspection = inspect_flight(load_flight(flight).window(start, stop) if windowed else flight)
-    session.present(inspection_view(inspection), conclusion=inspection_line(inspection))
-    session.write_json(inspection_data(inspection))
+    loaded = load_flight(flight, start=start, stop=stop)
+    inspection = inspect_flight(loaded if windowed else flight)
+    trial = try_record(loaded)[1]
+    session.present(inspection_view(inspection, trial), conclusion=inspection_line(inspection))
+    session.write_json(inspection_data(inspection, trial))
 
 
 @in_session("force")

@@ -4,12 +4,14 @@
 - `Flight`, `Vehicle` (record.py): what the rest of the library sees
 - schema.py: what a valid record holds (pydantic)
 - assemble.py: from record to flight through spikes.py, resample.py (gaps too) and derive.py
+- faults.py: faults of single channels, masked on reading, by stuck.py, bursts.py and clock.py; `RecordTrial`
 - noise.py: the one estimate of white noise
 - `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
 - `import_record` (foreign.py): csv, parquet and mat through a map of names and units
 - `write_tree`, `Tree`, `Dataset` (hdf5.py): any other HDF5 output, with units, whole or not at all
 """
 
+from brv_hypo.flight.faults import RecordFault, RecordTrial
 from brv_hypo.flight.foreign import import_record
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
 from brv_hypo.flight.quality import Inspection, Noise, inspect_flight, white_noise
@@ -25,6 +27,8 @@ __all__ = [
     "Inspection",
     "Noise",
     "Quantity",
+    "RecordFault",
+    "RecordTrial",
     "Tree",
     "Vehicle",
     "despiked",

@@ -1,17 +1,19 @@
 """From a `Record`, as flown, to a `Flight`, ready to analyse, and back.
 
-The order is fixed: spikes are replaced; time is made uniform; short gaps are bridged; missing
+The order is fixed: faults are masked; spikes are replaced; time is made uniform; short gaps are bridged; missing
 channels are derived; what is still missing cuts the flight into segments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.flight.derive import derive
+from brv_hypo.flight.faults import RecordFault, mask_faults
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.resample import BRIDGED_SECONDS, bridge, joined, longest_gap, regularise, runs
@@ -29,14 +31,13 @@ def assemble(record: Record) -> Flight:
 
     Raises FlightRecordError where no stretch of 16 samples has every channel that is needed.
     """
-    spikes = {name: find_spikes(values) for name, values in record.channels.items()}
-    notes = [*record.notes]
-    notes += [spike_note(name, found, record.time) for name, found in spikes.items() if np.any(found)]
-    despiked = {
-        name: without_spikes(record.time, values, spikes[name]) for name, values in record.channels.items()
-    }
+    stamps, masked, faults = mask_faults(record.time, record.channels)
+    spikes = {name: find_spikes(values) for name, values in masked.items()}
+    notes = [*record.notes, *(f"{one.channel}: {one.fault}, {one.action}" for one in faults)]
+    notes += [spike_note(name, found, stamps) for name, found in spikes.items() if np.any(found)]
+    despiked = {name: without_spikes(stamps, values, spikes[name]) for name, values in masked.items()}
     with naming(record.path):
-        time, recorded, resampled = regularise(record.time, despiked)
+        time, recorded, resampled = regularise(stamps, despiked)
         bridged, gap_notes = _bridged(time, _without_empty(recorded))
         channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
         segments, cut_notes = _segments(time, channels)
@@ -53,6 +54,39 @@ def assemble(record: Record) -> Flight:
         source=record.source,
         path=record.path,
         notes=(*notes, *resampled, *gap_notes, *derived, *cut_notes, *filled),
+        faults=(*faults, *_spike_faults(stamps, spikes)),
+    )
+
+
+def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
+    """The flight with its faulty stretches masked, itself where there are none, and all its faults.
+
+    For flights that did not come through `assemble`, or were changed since. Raises FlightRecordError where the
+    flight is no valid record, or the faults leave nothing of it.
+    """
+    again = assemble(unassemble(flight))
+    fresh = tuple(fault for fault in again.faults if fault not in flight.faults)
+    if all(fault.decisive for fault in fresh):
+        return flight, (*flight.faults, *fresh)
+    if flight.wind is not None:
+        first = int(np.searchsorted(flight.time, again.time[0] - 0.5 * flight.step))
+        again = replace(again, wind=flight.wind[first : first + again.samples])
+    return again, (*flight.faults, *fresh)
+
+
+def _spike_faults(time: FloatArray, spikes: Mapping[str, BoolArray]) -> tuple[RecordFault, ...]:
+    """Isolated spikes in the channels that every analysis needs."""
+    return tuple(
+        RecordFault(
+            name,
+            "spikes",
+            float(time[found][0]),
+            float(time[found][-1]),
+            f"{int(np.count_nonzero(found))} samples replaced by a cubic spline",
+            decisive=False,
+        )
+        for name, found in spikes.items()
+        if name in CHANNELS and np.any(found)
     )
 
 

@@ -89,6 +89,11 @@ def _atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
     return result
 
 
+def standard_density(altitude: FloatArray) -> FloatArray:
+    """Density (n,) kg/m^3 of the Earth standard atmosphere at `altitude` (n,) m; NaN beyond its ends."""
+    return _atmosphere(altitude, "density")
+
+
 def _altitude_of_density(density: FloatArray) -> FloatArray:
     """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
 

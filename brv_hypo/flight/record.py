@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.faults import RecordFault
 from brv_hypo.flight.instruments import Instruments, of_grade
 
 CHANNELS = ("p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure")
@@ -49,7 +50,8 @@ class Flight:
     `segments` are the index ranges [start, stop) that are contiguous and usable.
     `wind` (n, 3) m/s is what is known of the wind, in body axes of the first sample; None where nothing is.
     `instruments` are the tolerances to which record, vehicle and air are known.
-    `notes` say what was derived, resampled, bridged or cut. The `truth` of a simulated flight is not here:
+    `notes` say what was derived, resampled, bridged or cut; `faults` what was masked, or should stop an analysis
+    (`brv_hypo.motion.try_record`). The `truth` of a simulated flight is not here:
     nothing that analyses a flight may see it.
     """
 
@@ -76,6 +78,7 @@ class Flight:
     source: str = ""
     path: str = ""
     notes: tuple[str, ...] = field(default=())
+    faults: tuple[RecordFault, ...] = ()
 
     def __post_init__(self) -> None:
         """A record without gaps is one segment."""
@@ -119,4 +122,5 @@ class Flight:
                 f"the window [{start}, {stop}] s lies in a gap of the record; it is usable over "
                 f"{', '.join(f'{self.time[s]:.3f} to {self.time[e - 1]:.3f} s' for s, e in self.segments)}."
             )
-        return replace(self, segments=segments, **arrays)
+        faults = tuple(fault for fault in self.faults if fault.start_s <= upper and fault.stop_s >= lower)
+        return replace(self, segments=segments, faults=faults, **arrays)

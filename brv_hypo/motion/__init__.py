@@ -6,6 +6,7 @@ reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py
     what errors of the record make of it all      perturbation.py, effect_responses.py
     Euler's equations inverted                    moments.py
 write_motion(reconstruction, path)                store.py
+try_record(flight) -> flight, RecordTrial         trial.py, consistency.py, corrections.py
 Motion: what a mechanism may know                 motion.py, history.py, frames.py
 """
 
@@ -15,6 +16,7 @@ from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.pipeline import reconstruct
 from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
 from brv_hypo.motion.store import write_motion
+from brv_hypo.motion.trial import try_record
 
 __all__ = [
     "EffectEstimate",
@@ -24,5 +26,6 @@ __all__ = [
     "Reconstruction",
     "ReconstructionConfig",
     "reconstruct",
+    "try_record",
     "write_motion",
 ]

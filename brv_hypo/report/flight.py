@@ -9,11 +9,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from brv_hypo.flight.faults import RecordTrial
 from brv_hypo.flight.quality import ChannelQuality, Inspection, Noise
 from brv_hypo.report.style import bullets, number, plain_table, warning_list
 
 
-def inspection_view(inspection: Inspection) -> RenderableType:
+def inspection_view(inspection: Inspection, trial: RecordTrial) -> RenderableType:
     """All that is known of the record before anything is done with it."""
     return Group(
         Text(inspection.title or inspection.path, "bold"),
@@ -23,9 +24,23 @@ def inspection_view(inspection: Inspection) -> RenderableType:
         channel_table(inspection),
         Text(),
         vehicle_line(inspection),
+        *fault_lines(trial),
         bullets(inspection.notes, "Notes"),
         warning_list(inspection.warnings),
     )
+
+
+def fault_lines(trial: RecordTrial) -> list[RenderableType]:
+    """What the trial of the record found; nothing where it found nothing."""
+    if not trial.faults:
+        return []
+    verdict = "" if trial.sound else ": the record contradicts itself"
+    table = plain_table(f"Faults{verdict}")
+    for heading in ("channel", "fault", "from s", "to s", "action"):
+        table.add_column(heading, overflow="fold")
+    for fault in trial.faults:
+        table.add_row(fault.channel, fault.fault, f"{fault.start_s:.3f}", f"{fault.stop_s:.3f}", fault.action)
+    return [Text(), table, Text()]
 
 
 def inspection_line(inspection: Inspection) -> str:
@@ -95,6 +110,6 @@ def vehicle_line(inspection: Inspection) -> Text:
     )
 
 
-def inspection_data(inspection: Inspection) -> dict[str, Any]:
+def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any]:
     """The same as data for JSON."""
-    return {"schema": "brv-hypo/inspect/1", **asdict(inspection)}
+    return {"schema": "brv-hypo/inspect/1", **asdict(inspection), "record": asdict(trial)}

@@ -1,0 +1,87 @@
+"""Channels that stand still where they cannot: runs of constants, flat tops, dead channels.
+
+A channel that is quantised, slow, or sampled and held repeats its values by nature. So a run counts only where the
+channel hardly ever repeats itself, or where it ends in a jump that no other step of the channel comes near; a flat
+top only where the extreme value is held far more often than the values next to it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.flight.resample import runs
+
+BLOCKS = 20
+REPEATS_SELDOM = 0.02
+"""Share of samples that equal the one before, in the quieter blocks of a channel that does not repeat itself."""
+LEAST_SHARE = 1e-3
+"""No channel is believed to repeat itself less often: it bounds how short a run may be that counts (4 samples)."""
+CHANCE = 1e-6
+"""Chance of a run as long in a whole channel, below which it counts."""
+RELEASE = 5.0
+"""A stuck channel that repeats itself by nature ends in a jump of so many of its largest common steps."""
+FLAT_RUN = 3
+FLAT_SAMPLES = 5
+FLAT_TIMES = 5.0
+"""A flat top of a quantised channel holds so many times the samples of the three levels below it."""
+FEWEST_SAMPLES = 50
+
+
+def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
+    """The runs [start, stop) of `values` (n,), NaN where missing, over which the channel is stuck."""
+    equal = np.concatenate([np.diff(values) == 0.0, [False]])
+    if values.size < FEWEST_SAMPLES or not np.any(equal):
+        return ()
+    shares = _shares(equal)
+    quiet, lively = float(np.quantile(shares, 0.25)), float(np.quantile(shares, 0.9))
+    repeats = quiet > REPEATS_SELDOM
+    share = max(lively if repeats else quiet, LEAST_SHARE)
+    if share > 1.0 - 1.0 / FEWEST_SAMPLES:
+        return ()
+    shortest = np.log(CHANCE / values.size) / np.log(share)
+    found = [(start, stop + 1) for start, stop in runs(equal) if stop - start >= shortest]
+    if repeats:
+        steps = np.abs(np.diff(values))
+        common = float(np.quantile(steps[steps > 0.0], 0.99)) if np.any(steps > 0.0) else np.inf
+        found = [run for run in found if _release(values, run) > RELEASE * common]
+    return tuple(run for run in found if run[0] > 0 or values[0] != 0.0)
+
+
+def flat_tops(values: FloatArray) -> BoolArray:
+    """Which samples of `values` (n,) lie at a limit of the instrument, at either end of its range."""
+    found = np.zeros(values.size, dtype=np.bool_)
+    known = values[np.isfinite(values)]
+    if known.size < FEWEST_SAMPLES:
+        return found
+    equal = np.diff(values) == 0.0
+    repeats = float(np.quantile(_shares(equal), 0.25)) > REPEATS_SELDOM
+    levels, counts = np.unique(known, return_counts=True)
+    for level, own, others in ((levels[-1], counts[-1], counts[-4:-1]), (levels[0], counts[0], counts[1:4])):
+        at = values == level
+        lengths = [stop - start for start, stop in runs(at)]
+        # A single stretch at one value is a channel that is stuck, at whatever height.
+        if own < FLAT_SAMPLES or len(lengths) < 2 or not others.size:
+            continue
+        often, flat = own > FLAT_TIMES * int(np.max(others)), max(lengths) >= FLAT_RUN
+        if (often and flat) if repeats else (often or max(lengths) > FLAT_RUN):
+            found |= at
+    return found
+
+
+def is_constant(values: FloatArray) -> bool:
+    """Whether a channel (n,) has one value throughout."""
+    known = values[np.isfinite(values)]
+    return bool(known.size and known.min() == known.max())
+
+
+def _shares(equal: BoolArray) -> FloatArray:
+    """Share of repeated samples in each of some blocks."""
+    return np.array([float(np.mean(block)) for block in np.array_split(equal, BLOCKS)])
+
+
+def _release(values: FloatArray, run: tuple[int, int]) -> float:
+    """How far the channel jumps where the run ends; 0 where the record ends with it."""
+    if run[1] >= values.size or not np.isfinite(values[run[1]]):
+        return 0.0
+    return float(abs(values[run[1]] - values[run[1] - 1]))

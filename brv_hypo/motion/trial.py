@@ -1,0 +1,134 @@
+"""The trial of a record, before anything is fitted to it: `try_record`.
+
+Faults of single channels are masked (`brv_hypo.flight.faults`). Then gyros, accelerometers and air data are held
+against each other (consistency.py), as read and under every mistake of sign, axis and unit that is tried
+(corrections.py). The record contradicts itself where it breaks a relation by more than its own noise and the
+tolerances of any instrument explain, and one such mistake, undone, mends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from brv_hypo.flight.assemble import masked_flight
+from brv_hypo.flight.faults import RecordFault, RecordTrial
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.consistency import Consistency, Record, consistency, made_ready
+from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
+
+# A relation is broken where this share is left beyond so many times what noise leaves. Sound records leave 0.04 at
+# most: 90 simulated flights with all instrument grades, and the measured entry of Opportunity.
+BROKEN = 0.012
+TIMES_NOISE = 4.0
+# It is strained from here on: then a mistake must explain more before it is named.
+STRAINED = 0.003
+# Where the accelerometers cannot tell, the gyros alone must leave so much; mechanisms leave up to 0.5.
+BROKEN_ALONE = 0.7
+# Sensed deceleration, density, slope of the normal force: beyond these factors no tolerance explains them.
+AXIAL_WITHIN = (0.5, 2.0)
+PRESSURE_WITHIN = (0.3, 3.0)
+NORMAL_WITHIN = (0.04, 30.0)
+# A mistake is named where undoing it raises ln likelihood by this much, and leaves this share of what was broken.
+DECISIVE = 2.2
+DECISIVE_IF_STRAINED = 4.5
+MENDED = 0.4
+# Corrections within this of the best in ln likelihood are told beside it, so many of them.
+NEARLY_EQUAL = 1.0
+MOST_OTHERS = 2
+# Nothing mends it, and hardly anything of one instrument follows from the others.
+UNRELATED = 0.8
+QUIET = 0.1
+UNRELATED_WORDS = (
+    "gyros and accelerometers do not follow from each other under any signs and axes that were tried: their axes, "
+    "signs and units are in doubt. Check the map, or pass --accept-record"
+)
+
+
+def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
+    """The flight with faulty stretches masked (the same object where there are none), and what the trial found.
+
+    Raises nothing that reading the flight did not: a fault that leaves too little of a channel is reported as
+    decisive, and the channel left as it is.
+    """
+    masked, faults = masked_flight(flight)
+    found = (*faults, *_contradictions(masked))
+    trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
+    return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
+
+
+def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
+    """The mistake that, undone, mends the record best; and whether the gyros are at odds with it even so."""
+    record = made_ready(flight)
+    if not record.segments:
+        return ()
+    as_read = consistency(record, AS_IT_IS)
+    broken = _broken(as_read)
+    if not broken:
+        return ()
+    found = []
+    least = DECISIVE if set(broken) - {"path, strained"} else DECISIVE_IF_STRAINED
+    ranked = _ranked(record, as_read)
+    mended = ranked[0][2]
+    likely = [
+        correction
+        for correction, gain, after in ranked
+        if gain >= max(least, ranked[0][1] - NEARLY_EQUAL) and _mended(after, as_read, broken)
+    ]
+    if likely and likely[0] is ranked[0][0]:
+        found.append(_named(flight, likely))
+    if "path" in broken and _unrelated(as_read) and _unrelated(mended):
+        found.append(_fault(flight, "p, q, r, ay, az", "axes", UNRELATED_WORDS))
+    return tuple(found)
+
+
+def _ranked(record: Record, as_read: Consistency) -> list[tuple[Correction, float, Consistency]]:
+    """Every correction with what it gains and leaves, the best first."""
+    tried = [(one, consistency(record, one)) for one in corrections()]
+    ranked = [(one, after.better_than(as_read), after) for one, after in tried]
+    return sorted(ranked, key=lambda entry: -entry[1])
+
+
+def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
+    """The fault of the likeliest correction; others that mend the record nearly as well are told."""
+    best, others = likely[0], likely[1 : 1 + MOST_OTHERS]
+    nearly = f" (nearly as likely: {'; or '.join(one.words for one in others)})" if others else ""
+    action = f"{best.words}{nearly}: correct the map or pass --accept-record"
+    return _fault(flight, best.channel, best.fault, action)
+
+
+def _broken(found: Consistency) -> Sequence[str]:
+    """The checks that the record fails by more than any tolerance."""
+    failed = []
+    beyond_noise = found.left[0] - TIMES_NOISE * found.noise[0]
+    if found.informative[0] and beyond_noise > STRAINED:
+        failed.append("path" if beyond_noise > BROKEN else "path, strained")
+    if not found.informative[0] and found.informative[2] and found.left[2] > BROKEN_ALONE:
+        failed.append("gyros")
+    if found.axial_known and not AXIAL_WITHIN[0] < found.axial < AXIAL_WITHIN[1]:
+        failed.append("axial")
+    if found.pressure is not None and not PRESSURE_WITHIN[0] < found.pressure < PRESSURE_WITHIN[1]:
+        failed.append("pressure")
+    if found.normal_slope is not None and not NORMAL_WITHIN[0] < found.normal_slope < NORMAL_WITHIN[1]:
+        failed.append("slope")
+    return failed
+
+
+def _mended(mended: Consistency, as_read: Consistency, broken: Sequence[str]) -> bool:
+    """Whether a correction mends any of the broken checks, and breaks no other."""
+    still = set(_broken(mended))
+    if mended.left[0] < MENDED * as_read.left[0]:
+        still -= {"path", "path, strained"}
+    if mended.left[2] < MENDED * as_read.left[2]:
+        still.discard("gyros")
+    return still < set(broken)
+
+
+def _unrelated(found: Consistency) -> bool:
+    """Whether next to nothing of one instrument follows from the others, though noise would let it."""
+    tells = found.informative & (found.noise < QUIET)
+    return bool(tells[0] and (found.left[tells] > UNRELATED).all())
+
+
+def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:
+    return RecordFault(channel, fault, float(flight.time[0]), float(flight.time[-1]), action, decisive=True)

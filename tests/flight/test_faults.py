@@ -1,0 +1,105 @@
+"""Faults of single channels: found and masked, and never seen in a sound channel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from brv_hypo.flight.bursts import find_bursts
+from brv_hypo.flight.clock import joint_jumps, stamped_steps
+from brv_hypo.flight.faults import mask_faults
+from brv_hypo.flight.stuck import constant_runs, flat_tops
+from tests.flight.records import motion
+
+SAMPLES = 800
+
+
+def channels(seed=0, **changes):
+    found = motion(SAMPLES, seed=seed)
+    time = found.pop("time")
+    return time, {**found, **changes}
+
+
+def kinds(time, found):
+    return [(one.channel, one.fault) for one in mask_faults(time, found)[-1]]
+
+
+@given(st.floats(14.0, 2000.0), st.floats(0.0, 6.3), st.floats(0.0, 50.0), st.integers(0, 2**31))
+@settings(max_examples=100, deadline=None)
+def test_motion_however_quantised_is_untouched(cycle, phase, quanta, seed):
+    noise = np.random.default_rng(seed).standard_normal(SAMPLES)
+    wave = 100.0 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / cycle + phase) + noise
+    values = np.rint(wave / quanta) * quanta if quanta > 0.1 else wave
+    assert constant_runs(values) == ()
+    assert not np.any(find_bursts(values))
+    assert not np.any(flat_tops(values))
+
+
+def test_a_channel_sampled_and_held_is_untouched():
+    held = np.repeat(np.random.default_rng(0).standard_normal(SAMPLES // 20), 20)
+    assert constant_runs(held) == ()
+    assert not np.any(flat_tops(held))
+
+
+@given(st.integers(100, 600), st.integers(4, 100), st.integers(0, 2**31))
+@settings(max_examples=50, deadline=None)
+def test_a_stuck_channel_is_masked_exactly(start, length, seed):
+    time, found = channels(seed)
+    found["q"][start : start + length] = found["q"][start]
+    _, masked, faults = mask_faults(time, found)
+    assert np.flatnonzero(np.isnan(masked["q"])).tolist() == list(range(start, start + length))
+    assert [(one.channel, one.fault, one.decisive) for one in faults] == [("q", "stuck", False)]
+
+
+@pytest.mark.parametrize(("limit", "decisive"), [(0.999, False), (0.7, True)])
+def test_clipping_is_masked_or_where_it_is_much_decides(limit, decisive):
+    time, found = channels()
+    found["az"] = np.clip(found["az"], -10.0, limit * 2.0)
+    _, masked, faults = mask_faults(time, found)
+    assert [(one.channel, one.fault, one.decisive) for one in faults] == [("az", "clipped", decisive)]
+    assert bool(np.any(np.isnan(masked["az"]))) is not decisive
+
+
+@pytest.mark.parametrize("name", ["q", "az", "velocity", "dynamic_pressure"])
+def test_a_dead_channel_decides(name):
+    time, found = channels()
+    found[name] = np.full(SAMPLES, 0.0 if name in ("q", "az") else 900.0)
+    assert (name, "dead") in kinds(time, found)
+
+
+def test_a_record_without_noise_or_roll_has_no_dead_channel():
+    time = np.arange(SAMPLES) * 0.01
+    still = {name: np.sin(time + i) for i, name in enumerate(("q", "r", "ax", "ay", "az"))}
+    constant = {"p": np.zeros(SAMPLES), "velocity": np.full(SAMPLES, 3e3)}
+    assert kinds(time, {**still, **constant, "dynamic_pressure": np.full(SAMPLES, 1e3)}) == []
+
+
+@given(st.integers(50, 700), st.integers(3, 30), st.floats(40.0, 1e4), st.integers(0, 2**31))
+@settings(max_examples=50, deadline=None)
+def test_a_burst_is_found_exactly(start, length, height, seed):
+    values = 50.0 * np.sin(np.arange(SAMPLES) / 30.0) + np.random.default_rng(seed).standard_normal(SAMPLES)
+    values[start : start + length] += height
+    assert np.flatnonzero(find_bursts(values)).tolist() == list(range(start, start + length))
+
+
+def test_a_clock_that_was_set_ahead_is_set_back_and_a_gap_is_not():
+    time, found = channels()
+    late = np.where(np.arange(SAMPLES) >= 400, time + 0.1, time)
+    steady, _, faults = mask_faults(late, found)
+    np.testing.assert_allclose(steady, time, atol=1e-9)
+    assert [(one.channel, one.fault, one.decisive) for one in faults] == [("time", "clock step", False)]
+    kept = np.delete(np.arange(SAMPLES), np.arange(400, 410))
+    assert stamped_steps(time[kept], {name: values[kept] for name, values in found.items()}) == ()
+
+
+def test_samples_lost_without_a_trace_are_found():
+    time, found = channels()
+    assert joint_jumps(found) == ()
+    kept = np.delete(np.arange(SAMPLES), np.arange(400, 420))
+    (at,) = joint_jumps({name: values[kept] for name, values in found.items()})
+    assert abs(at - 400) <= 1
+    assert ("time", "clock step") in kinds(
+        time[: kept.size], {name: values[kept] for name, values in found.items()}
+    )

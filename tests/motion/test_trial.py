@@ -1,0 +1,82 @@
+"""The trial of the record: sound records stand, and a mistake of sign, axis or unit is named with its channel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from brv_hypo.flight import load_flight
+from brv_hypo.motion import try_record
+from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe
+from tests.shared_data import shared_file
+
+DEGREES, GRAVITY, FEET = 180.0 / np.pi, 9.80665, 0.3048
+TACTICAL = {"gyro_bias": (3.5e-4, -3.5e-4, 3.5e-4), "accel_bias": (0.01, 0.01, -0.01)}
+
+
+@pytest.fixture(scope="module")
+def flights():
+    return {s.name: observe(fly(s), 3, **TACTICAL) for s in (CONE, CAPSULE, SLENDER)}
+
+
+def scaled(flight, factor, *names):
+    return replace(flight, **{name: factor * getattr(flight, name) for name in names})
+
+
+@pytest.mark.parametrize("name", ["cone", "capsule", "slender"])
+def test_a_sound_record_stands_and_is_not_touched(flights, name):
+    kept, trial = try_record(flights[name])
+    assert kept is flights[name]
+    assert trial.sound
+    assert trial.faults == ()
+
+
+@pytest.mark.parametrize("roll_rate", [0.2, 20.0])
+def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
+    assert try_record(observe(fly(replace(CONE, roll_rate=roll_rate)), 1))[1].sound
+
+
+@pytest.mark.parametrize(
+    ("spoil", "channel", "fault"),
+    [
+        *((lambda f, n=n: scaled(f, -1.0, n), n, "sign") for n in ("p", "q", "r", "ax", "ay", "az")),
+        (lambda f: replace(f, q=f.r, r=f.q), "q, r", "axes"),
+        (lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes"),
+        (lambda f: scaled(f, DEGREES, "q"), "q", "units"),
+        (lambda f: scaled(f, 1.0 / DEGREES, "p", "q", "r"), "p, q, r", "units"),
+        (lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units"),
+        (lambda f: scaled(f, GRAVITY, "ay"), "ay", "units"),
+        (lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units"),
+    ],
+)
+def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
+    trial = try_record(spoil(flights["slender"]))[1]
+    assert not trial.sound
+    assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [(channel, fault, True)]
+    assert "--accept-record" in trial.faults[0].action
+
+
+def test_noise_in_place_of_forces_raises_no_alarm(flights):
+    rng = np.random.default_rng(4)
+    flight = flights["cone"]
+    noisy = {name: 40.0 * rng.standard_normal(flight.samples) for name in ("ay", "az")}
+    assert try_record(replace(flight, **noisy))[1].sound
+
+
+def test_a_stuck_gyro_ends_a_segment(flights):
+    flight = flights["cone"]
+    q = flight.q.copy()
+    q[500:540] = q[500]
+    kept, trial = try_record(replace(flight, q=q))
+    assert trial.sound
+    assert [(one.channel, one.fault) for one in trial.faults] == [("q", "stuck")]
+    assert kept.segments == ((0, 500), (540, flight.samples))
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("start", "stop"), [(None, None), (1030.0, 1100.0), (1060.0, 1150.0)])
+def test_the_measured_entry_of_opportunity_is_sound(start, stop):
+    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"), start=start, stop=stop)
+    assert try_record(flight)[1].sound
