@@ -10,7 +10,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import UnanswerableError, UsageError
 
 if TYPE_CHECKING:
     from brv_hypo.ranking import Comparison
@@ -34,6 +34,7 @@ def compare(
     start: options.Start = None,
     stop: options.Stop = None,
     instruments: options.Instruments = None,
+    accept_record: options.AcceptRecord = False,
     seed: options.Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
@@ -42,7 +43,8 @@ def compare(
     from brv_hypo.ranking import compare as rank
     from brv_hypo.settings import read_settings
 
-    settings = read_settings(CompareConfig, config, **chosen(mechanisms))
+    accepted = {"accept_record": True} if accept_record else {}
+    settings = read_settings(CompareConfig, config, **chosen(mechanisms), **accepted)
     records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("comparing") as progress:
         comparison = rank(records, settings, progress=progress)
@@ -64,6 +66,8 @@ def report_comparison(session: Session, comparison: Comparison) -> None:
         from brv_hypo.report.compare_page import comparison_page
 
         session.write_report(comparison_page(comparison))
+    if comparison.verdict.outcome == "record fault":
+        raise typer.Exit(UnanswerableError.exit_code)
 
 
 def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:

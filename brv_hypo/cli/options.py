@@ -37,6 +37,9 @@ Instruments = Annotated[
         "or a YAML file.",
     ),
 ]
+AcceptRecord = Annotated[
+    bool, typer.Option("--accept-record", help="Go on with a record that contradicts itself.")
+]
 Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print the conclusion alone.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print every detail; tracebacks too.")]

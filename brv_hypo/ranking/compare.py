@@ -14,12 +14,13 @@ from brv_hypo.errors import MechanismError, UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.isolation import checked_terms, without_faulty
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import default_knots, theta_grid
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
@@ -30,11 +31,11 @@ from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.stability import stability
-from brv_hypo.ranking.summary import summarise
+from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.build import baseline_columns, build_problem
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
-from brv_hypo.regression.frame import RateFrame, build_frame, checked_terms
+from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.held_out import HeldOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
@@ -51,15 +52,30 @@ def compare(
 ) -> Comparison:
     """Rank competing mechanisms on one or several flights of a vehicle.
 
-    Raises UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
+    A record that contradicts itself is not compared unless `config.accept_record`: the verdict says why. Raises
+    UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
     """
-    config = config or CompareConfig()
+    config, say = config or CompareConfig(), progress or (lambda message: None)
+    say("trying the record")
+    trials = [try_record(flight) for flight in flights]
+    record = record_summary([trial for _, trial in trials])
+    tried = [flight for flight, _ in trials]
+    if not (record.sound or config.accept_record):
+        return refused(tried, record, config.method)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        return _compare(flights, config, progress or (lambda message: None))
+        found, reasons = without_faulty(lambda faulty: _compare(tried, config, say, faulty))
+    return found.model_copy(update={"record": record, "warnings": (*found.warnings, *reasons)})
 
 
-def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress) -> Comparison:
-    hypotheses = _hypotheses(config)
+def _compare(
+    flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]
+) -> Comparison:
+    """The comparison without the mechanisms that broke their contract."""
+    hypotheses = {
+        name: mechanisms
+        for name, mechanisms in _hypotheses(config).items()
+        if faulty.isdisjoint(mechanism.name for mechanism in mechanisms)
+    }
     begun = clock.perf_counter()
     say("reconstructing the motion")
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
@@ -133,7 +149,8 @@ def answerable(
         try:
             for mechanism in mechanisms:
                 for reconstruction in reconstructions:
-                    checked_terms(mechanism, reconstruction.motion, theta_grid(mechanism)[0])
+                    for theta in theta_grid(mechanism):
+                        checked_terms(mechanism, reconstruction.motion, dict(theta))
             kept[name] = mechanisms
         except MechanismError as error:
             warnings.append(f"{name} is left out: {error}")

@@ -16,10 +16,9 @@ class CompareConfig(BaseModel):
     by mechanism name. `knots` s: where coefficients may change; None spreads `knot_count` of them evenly.
     `max_terms`: columns that a hypothesis may add; the search is exact up to `exact_terms` of them, then
     goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre degree of the
-    slow drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots become continuous.
-    `maximum_likelihood`: hypotheses that stand are refined on the original measurements, with those groups of
-    `instrument_errors` (such as gyro_bias) that the evidence asks for; "quick" leaves out records with warnings,
-    which take several seconds each.
+    slow drift of C_N0 and C_Nalpha; None is 1 and 2. `refine`: delays and knots become continuous.
+    `accept_record`: go on with a record that contradicts itself. `maximum_likelihood`: hypotheses that stand are
+    refined on the original measurements; "quick" leaves out records with warnings, which take several seconds each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -34,6 +33,7 @@ class CompareConfig(BaseModel):
     slope_degree: int | None = Field(default=None, ge=0, le=8)
     exact_terms: int = Field(default=4, ge=1, le=20)
     refine: bool = True
+    accept_record: bool = False
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: Literal["quick", "full", "none"] = "quick"
     instrument_errors: tuple[str, ...] = ()

@@ -104,8 +104,8 @@ class ReconstructionSummary(_Result):
     """How well the motion is known."""
 
     method: str
-    alpha_rms_sigma_rad: float
-    phi_w_rms_sigma_rad: float
+    alpha_rms_sigma_rad: float | None
+    phi_w_rms_sigma_rad: float | None
     warnings: tuple[str, ...] = ()
 
 

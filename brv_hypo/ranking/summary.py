@@ -7,6 +7,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from brv_hypo.flight.faults import RecordTrial
+from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification
 from brv_hypo.model.columns import BASELINE, Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
@@ -22,6 +24,8 @@ from brv_hypo.ranking.result import (
     NetInterval,
     RankedHypothesis,
     ReconstructionSummary,
+    RecordFaultSummary,
+    RecordSummary,
     Seconds,
     Series,
     TermEstimate,
@@ -57,18 +61,7 @@ def summarise(
     )
     reconstructions = problem.frame.reconstructions
     return Comparison(
-        flights=tuple(
-            FlightSummary(
-                path=r.flight.path,
-                samples=r.flight.samples,
-                start_s=float(r.flight.time[0]),
-                stop_s=float(r.flight.time[-1]),
-                sample_rate_hz=r.flight.sample_rate,
-                title=r.flight.title,
-                notes=r.flight.notes,
-            )
-            for r in reconstructions
-        ),
+        flights=tuple(flight_summary(r.flight) for r in reconstructions),
         reconstruction=ReconstructionSummary(
             method=reconstructions[0].method,
             alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
@@ -81,6 +74,58 @@ def summarise(
         seconds=seconds,
         series=_series(problem, fits),
         warnings=tuple(warnings),
+    )
+
+
+def flight_summary(flight: Flight) -> FlightSummary:
+    """The part of a record that was compared."""
+    return FlightSummary(
+        path=flight.path,
+        samples=flight.samples,
+        start_s=float(flight.time[0]),
+        stop_s=float(flight.time[-1]),
+        sample_rate_hz=flight.sample_rate,
+        title=flight.title,
+        notes=flight.notes,
+    )
+
+
+def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
+    """What the trials of all flights found."""
+    return RecordSummary(
+        sound=all(trial.sound for trial in trials),
+        faults=tuple(
+            RecordFaultSummary(
+                channel=fault.channel,
+                fault=fault.fault,
+                start_s=fault.start_s,
+                stop_s=fault.stop_s,
+                action=fault.action,
+            )
+            for trial in trials
+            for fault in sorted(trial.faults, key=lambda fault: not fault.decisive)
+        ),
+    )
+
+
+def refused(flights: Sequence[Flight], record: RecordSummary, method: str) -> Comparison:
+    """The result for a record that contradicts itself: no ranking, and a verdict that says where."""
+    worst = record.faults[0]
+    return Comparison(
+        flights=tuple(flight_summary(flight) for flight in flights),
+        reconstruction=ReconstructionSummary(method=method, alpha_rms_sigma_rad=None, phi_w_rms_sigma_rad=None),
+        baseline=BaselineSummary(terms=()),
+        record=record,
+        ranking=(),
+        verdict=Verdict(
+            winner=None,
+            outcome="record fault",
+            equivalent=(),
+            probability={},
+            reason=f"The record contradicts itself: {worst.channel}, {worst.fault}, from {worst.start_s:.2f} to "
+            f"{worst.stop_s:.2f} s. {worst.action}.",
+        ),
+        seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
     )
 
 

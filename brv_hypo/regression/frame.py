@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.errors import MechanismError
-from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.history import recorded
@@ -114,29 +114,13 @@ class RateFrame:
     def _evaluate(self, mechanism: Mechanism, theta: Theta) -> dict[str, _Shape]:
         found: dict[str, list[ComplexArray]] = {}
         for motion in self.motions:
-            for term in checked_terms(mechanism, motion, theta):
+            for term in checked_terms(mechanism, motion, dict(theta)):
                 body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
                 found.setdefault(term.name, []).append(body)
         return {
             name: _Shape(tuple(body), tuple(s.integrate(body[s.flight][s.rows]) for s in self.segments))
             for name, body in found.items()
         }
-
-
-def checked_terms(mechanism: Mechanism, motion: Motion, theta: Theta) -> tuple[Term, ...]:
-    """The mechanism's terms at this motion; raises MechanismError where they break the contract."""
-    terms = mechanism.terms(motion, dict(theta))
-    for term in terms:
-        for name, column in (("in_plane", term.in_plane), ("out_of_plane", term.out_of_plane)):
-            if np.shape(column) != motion.time.shape or not np.all(np.isfinite(column)):
-                bad = np.count_nonzero(~np.isfinite(column))
-                raise MechanismError(
-                    f"mechanism '{mechanism.name}', term '{term.name}', {name}: got shape {np.shape(column)} "
-                    f"with {bad} values that are not finite, expected {motion.time.shape} finite values. "
-                    "It may need a channel that this record lacks (Mach or Reynolds number); "
-                    f"`brv-hypo mechanisms check {mechanism.name}` tests it."
-                )
-    return terms
 
 
 def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:

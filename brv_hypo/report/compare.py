@@ -47,7 +47,7 @@ def verdict_panel(verdict: Verdict) -> Panel:
     """The verdict in one sentence: green where a winner is named."""
     return Panel(
         Text(verdict.reason),
-        title=f"Verdict: {verdict.winner or 'undecided'}",
+        title=f"Verdict: {verdict.winner or verdict.outcome}",
         title_align="left",
         border_style="green" if verdict.winner else "yellow",
         expand=False,

@@ -107,6 +107,8 @@ def flight_texts(comparison: Comparison) -> list[str]:
         for flight in comparison.flights
     ]
     known = comparison.reconstruction
+    if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
+        return lines
     alpha = number(float(np.degrees(known.alpha_rms_sigma_rad)), 2)
     meridian = number(known.phi_w_rms_sigma_rad, 2)
     lines.append(
@@ -124,4 +126,8 @@ def note_texts(comparison: Comparison) -> list[str]:
 
 def warning_texts(comparison: Comparison) -> list[str]:
     """What limits the result."""
-    return [*comparison.reconstruction.warnings, *comparison.warnings]
+    faults = [
+        f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
+        for fault in comparison.record.faults
+    ]
+    return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]

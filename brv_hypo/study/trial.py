@@ -37,6 +37,8 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
 
 def _judged(flown: SimulatedFlight, comparison: Comparison, draw: Draw) -> dict[str, Any]:
     verdict, ranking = comparison.verdict, comparison.ranking
+    if not ranking:
+        return {"status": "not compared", "reason": verdict.reason}
     own = next((row for row in ranking if row.mechanism == draw.planted), None)
     return {
         "status": "compared",
