@@ -17,6 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
@@ -108,21 +109,16 @@ class LinearisedFlight:
         rate = record.transverse_rate
         quiet = replace(
             flight,
-            p=self._smooth(flight.p),
+            p=_smooth(flight, flight.p),
             q=rate.real,
             r=rate.imag,
-            ax=self._smooth(flight.ax),
+            ax=_smooth(flight, flight.ax),
             ay=flight.ay - noise.real,
             az=flight.az - noise.imag,
-            dynamic_pressure=self._smooth(flight.dynamic_pressure),
-            velocity=self._smooth(flight.velocity),
+            dynamic_pressure=_smooth(flight, flight.dynamic_pressure),
+            velocity=_smooth(flight, flight.velocity),
         )
         return replace(perturbed(record, quiet), transverse_rate=rate)
-
-    def _smooth(self, channel: FloatArray) -> FloatArray:
-        flight = self.record.flight
-        sigma = max(white_noise_level(channel, flight.segments), 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
-        return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
     @cached_property
     def _at_noise_free(self) -> Rows:
@@ -241,7 +237,7 @@ def linearisation_point(
     The motion has the slow part alone of what the reconstruction lets the attitude wander: the faster part follows
     errors as they turn with the body, and here those are unknowns of their own.
     """
-    flight = reconstruction.corrected
+    flight = with_smooth_air(reconstruction.corrected)
     record = inertial_record(flight, config)
     motion = replace(
         reconstruction.motion,
@@ -252,6 +248,25 @@ def linearisation_point(
         dynamic_pressure=flight.dynamic_pressure,
     )
     return record, _without_wander(record, replace(reconstruction, flight=flight, motion=motion))
+
+
+def with_smooth_air(flight: Flight) -> Flight:
+    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
+
+    The density is far smoother than the pressure, which follows drag and lift through the speed.
+    """
+    speed = _smooth(flight, flight.velocity)
+    density = flight.dynamic_pressure / speed**2
+    least = 1e-6 * float(np.max(density))
+    logarithm = _smooth(flight, np.log(np.maximum(density, least)))
+    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
+
+
+def _smooth(flight: Flight, channel: FloatArray) -> FloatArray:
+    """A channel (n,) through the filter of least mean-square error."""
+    noise = white_noise_level(channel, flight.segments)
+    sigma = max(noise, 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
+    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
 
 def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
