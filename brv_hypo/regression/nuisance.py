@@ -13,7 +13,6 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
@@ -122,7 +121,6 @@ def _tolerated(frame: RateFrame, number: int, mechanism: Mechanism) -> list[tupl
         rates = np.zeros(frame.observed.size, dtype=complex)
         for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
             if segment.flight == number:
-                integrals = segment.integrate(body[segment.rows])
-                rates[a:b] = size * segment.column(integrals, TimeFunction("constant"))
+                rates[a:b] = size * segment.integrate(body[segment.rows, np.newaxis]).plain.at_samples[:, 0]
         found.append((Nuisance(mechanism.name, term.name, number, term.units, size, 0.0), rates))
     return found

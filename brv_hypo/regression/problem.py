@@ -18,7 +18,7 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.channels import Noise, Part, Rows, side_by_side
+from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.nuisance import Nuisances
@@ -63,36 +63,46 @@ class WhitenedRows:
         """All rows."""
         return 2 * self.rates + self.nuisances.bounded.size
 
+    @cached_property
+    def _whitening(self) -> Whitening:
+        return Whitening(self.part, self.noise)
+
+    def white_moments(self, rates: ComplexArray) -> FloatArray:
+        """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
+        whole = self.part.rows.size == rates.shape[0]
+        return self._whitening.rates(rates if whole else rates[self.part.rows])
+
     def of_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows."""
         out = np.zeros((self.size, rates.shape[1]))
-        out[: self.rates] = self.part.white_rates(rates[self.part.rows], self.noise)
+        out[: self.rates] = self.white_moments(rates)
         return out
 
     def of_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows."""
         out = np.zeros((self.size, histories.rates.shape[1]))
-        out[: 2 * self.rates] = self.part.whitened(histories.at(self.part.rows), self.noise)
+        out[: 2 * self.rates] = self._whitening.both(histories.at(self.part.rows))
         return out
 
     @cached_property
     def nuisance_design(self) -> FloatArray:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
         constants = np.zeros((self.size, 2 * len(self.part.levels)))
-        constants[: self.rates] = self.part.white_rates(self.part.constants(), self.noise)
+        constants[: self.rates] = self._whitening.rates(self.part.constants())
         histories = self.of_histories(self.nuisances.rows)
         bounded = self.nuisances.bounded
         histories[2 * self.rates + np.arange(bounded.size), bounded] = 1.0
         return np.column_stack([constants, histories])
 
     @cached_property
-    def _basis(self) -> FloatArray:
+    def basis(self) -> FloatArray:
+        """Orthonormal columns that span constants and nuisances (rows, unknowns)."""
         design = self.nuisance_design
         return np.asarray(np.linalg.qr(design / lengths(design))[0], dtype=float)
 
     def projected(self, rows: FloatArray) -> FloatArray:
         """Rows (rows, columns) with constants and nuisances projected out."""
-        return np.asarray(rows - self._basis @ (self._basis.T @ rows), dtype=float)
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows), dtype=float)
 
     def stretch_of_row(self) -> IntArray:
         """Thinned sample that each row belongs to; -1 for the rows of priors (rows,)."""
