@@ -82,15 +82,6 @@ class RateFrame:
                 out[a:b, members] = segment.columns(integrals, which, courses)
         return out
 
-    def slopes_by_start(self, columns: Sequence[Column]) -> ComplexArray:
-        """Derivatives of `columns` by the start of each course (rows, columns), rad/s per s."""
-        out = np.empty((self.observed.size, len(columns)), dtype=complex)
-        for shapes, members, which in self._by_shape(columns):
-            courses = [columns[j].course for j in members]
-            for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
-                out[a:b, members] = segment.slopes(integrals, which, courses)
-        return out
-
     def moments(self, columns: Sequence[Column]) -> ComplexArray:
         """C_m + i C_n (rows, columns) per unit of each coefficient."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)

@@ -84,7 +84,10 @@ def nuisances(
         force = linearised.force.columns(linearised.record, linearised.crossflow)
         nothing = np.zeros(force.shape[0], dtype=complex)
         for k, column in enumerate(force.T):
-            add(Nuisance("force", str(k), number, "1", 1.0, np.nan), on_frame(frame, number, Rows(nothing, column)))
+            add(
+                Nuisance("force", str(k), number, "1", 1.0, np.nan),
+                on_frame(frame, number, Rows(nothing, column)),
+            )
         for effect in effects:
             for component in effect.components(linearised.record.flight):
                 if not effect.carried and (effect.name, component.name) not in free:

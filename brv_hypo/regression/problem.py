@@ -72,6 +72,10 @@ class WhitenedRows:
         whole = self.part.rows.size == rates.shape[0]
         return self._whitening.rates(rates if whole else rates[self.part.rows])
 
+    def white_histories(self, histories: Rows) -> FloatArray:
+        """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
+        return self._whitening.both(histories.at(self.part.rows))
+
     def of_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows."""
         out = np.zeros((self.size, rates.shape[1]))
@@ -81,7 +85,7 @@ class WhitenedRows:
     def of_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows."""
         out = np.zeros((self.size, histories.rates.shape[1]))
-        out[: 2 * self.rates] = self._whitening.both(histories.at(self.part.rows))
+        out[: 2 * self.rates] = self.white_histories(histories)
         return out
 
     @cached_property
@@ -156,14 +160,25 @@ class Problem:
 
     def raw_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
         """Whitened columns (rows, columns) as they are."""
+        own = self.own_rows(frame, columns)
+        out = np.zeros((self.rows.size, len(columns)))
+        out[: own.shape[0]] = own
+        return out
+
+    def own_rows(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """The rows of the raw design in which columns can be other than zero: the first ones.
+
+        Rates alone where all columns are moments; rates and force where some are given.
+        """
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         if not given:
-            return self.rows.of_moments(frame.columns(columns))
+            return self.rows.white_moments(frame.columns(columns))
         others = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
-        out = np.zeros((self.rows.size, len(columns)))
+        out = np.zeros((2 * self.rows.rates, len(columns)))
         if others:
-            out[:, others] = self.rows.of_moments(frame.columns([columns[j] for j in others]))
-        out[:, given] = self.rows.of_histories(side_by_side([self.given[columns[j].term] for j in given]))
+            moments = frame.columns([columns[j] for j in others])
+            out[: self.rows.rates, others] = self.rows.white_moments(moments)
+        out[:, given] = self.rows.white_histories(side_by_side([self.given[columns[j].term] for j in given]))
         return out
 
     def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
@@ -183,7 +198,9 @@ class Problem:
         values = solve_scaled(self.whole_design(frame, columns), self.raw_response)
         return values[: len(columns)], values[len(columns) + 2 * len(self.rows.part.levels) :]
 
-    def left(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray) -> Rows:
+    def left(
+        self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray
+    ) -> Rows:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,)."""
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]

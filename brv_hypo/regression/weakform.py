@@ -84,11 +84,6 @@ class Antiderivative:
         i, u, (c0, c1, c2, c3) = self._cubic(times, columns)
         return self.at_samples[i, columns] + u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
 
-    def value(self, times: FloatArray, columns: IntArray) -> ComplexArray:
-        """Each spline (k,) at its own time (k,)."""
-        _, u, (c0, c1, c2, c3) = self._cubic(times, columns)
-        return c0 + u * (c1 + u * (c2 + u * c3))
-
     def _cubic(
         self, times: FloatArray, columns: IntArray
     ) -> tuple[IntArray, FloatArray, tuple[ComplexArray, ...]]:
@@ -164,24 +159,9 @@ class WeakSegment:
             out[:, ramps] = (
                 self._between(integrals.first, which, told)
                 + (self.time[0] - told.start) * plain
-                + held * self._between(integrals.plain, which, _Courses(told.ramp, last, last, told.end, last))
+                + held
+                * self._between(integrals.plain, which, _Courses(told.ramp, last, last, told.end, last))
             )
-        return out
-
-    def slopes(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
-        """Derivatives of `columns` by the start of each course (m, k).
-
-        A jump that comes later loses the integrand at its start from there on; a ramp loses a jump.
-        """
-        told = self._told(courses)
-        inside = (told.start > self.time[0]) & (told.start < self.time[-1])
-        lost = np.where(inside, integrals.plain.value(told.begin, which), 0.0)
-        out = np.where(self.time[:, np.newaxis] >= told.begin, -lost, 0.0)
-        ramps = np.flatnonzero(told.ramp)
-        if ramps.size:
-            last = np.full(ramps.size, self.time[-1])
-            endless = _Courses(told.ramp[ramps], told.start[ramps], last, told.begin[ramps], last)
-            out[:, ramps] = -self._between(integrals.plain, which[ramps], endless)
         return out
 
     def _told(self, courses: Sequence[TimeFunction]) -> _Courses:

@@ -39,7 +39,9 @@ class NoiseModel:
     def operator(self, samples: int) -> sparse.csr_array:
         """The filter of a segment of so many samples, banded (samples, samples)."""
         order = min(self.order, samples - 1)
-        band = [np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])]
+        band = [
+            np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])
+        ]
         for k in range(min(self.order, samples)):
             for lag, weight in enumerate(self.filters[k]):
                 band[lag][k - lag] = weight
