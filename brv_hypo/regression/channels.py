@@ -129,7 +129,7 @@ class Whitening:
         for a, b in self.part.pieces:
             filtered = model.operator(b - a) / model.sigma
             blocks.append(_averages(b - a, self.noise.thinning) @ filtered)
-        return sparse.block_diag(blocks, format="csr")
+        return sparse.csr_array(sparse.block_diag(blocks, format="csr"))
 
 
 def _averages(samples: int, thinning: int) -> sparse.csr_array:

@@ -52,8 +52,7 @@ class FreeMoment(Mechanism):
         nothing, one = np.zeros_like(motion.alpha), np.ones_like(motion.alpha)
         body = np.exp(1j * motion.windward_meridian)
         rate = plane_from_body(
-            np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex),
-            motion.windward_meridian,
+            np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex), motion.windward_meridian
         )
         shapes = (
             (one, nothing),
@@ -121,7 +120,5 @@ def _of_residual(problem: Problem, frame: RateFrame, columns: Sequence[Column]) 
 def _thinning(flight: LinearisedFlight) -> int:
     """Samples that may be averaged where a cycle of the fastest motion keeps `_PER_CYCLE` rows."""
     motion = flight.reconstruction.motion
-    fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(
-        np.max(np.abs(motion.p))
-    )
+    fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
     return max(1, int(2.0 * np.pi / (fastest * flight.record.flight.step * _PER_CYCLE)))

@@ -29,7 +29,7 @@ _WIDTH = 2e-3
 
 @dataclass(frozen=True)
 class Nonlinear:
-    """One continuous parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
+    """One continuous parameter, in `units`, and the columns that it moves: a theta of a mechanism, or a knot."""
 
     kind: Literal["theta", "knot"]
     name: str
@@ -37,6 +37,7 @@ class Nonlinear:
     value: float
     bounds: tuple[float, float]
     columns: tuple[int, ...]
+    units: str = "s"
 
     def around(self, points: int) -> FloatArray:
         """Values to try: over the bounds of a knot; for a theta, within a factor of 1.6."""
@@ -122,10 +123,11 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name), members in found.items():
         if kind == "knot":
-            bounds = (value - reach, value + reach)
+            bounds, units = (value - reach, value + reach), "s"
         else:
-            bounds = next(p.bounds for p in mechanisms[mechanism].parameters() if p.name == name)
-        out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members)))
+            parameter = next(p for p in mechanisms[mechanism].parameters() if p.name == name)
+            bounds, units = parameter.bounds, parameter.units
+        out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members), units))
     return tuple(out)
 
 

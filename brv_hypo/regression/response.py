@@ -122,9 +122,7 @@ class LinearisedFlight:
 
     def _smooth(self, channel: FloatArray) -> FloatArray:
         flight = self.record.flight
-        sigma = max(
-            white_noise_level(channel, flight.segments), 1e-9 * float(np.max(np.abs(channel))) + 1e-300
-        )
+        sigma = max(white_noise_level(channel, flight.segments), 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
         return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
     @cached_property
@@ -334,3 +332,5 @@ def _walk(record: InertialRecord, count: int) -> FloatArray:
     return np.asarray(
         size * np.sqrt(2.0) / order * np.sin(np.outer(record.time / duration, order)), dtype=float
     )
+
+

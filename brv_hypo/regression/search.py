@@ -168,9 +168,9 @@ def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
 
 
 def _merged_thetas(columns: Sequence[Column], tolerance: float = 0.1) -> list[Theta]:
-    """The thetas of the columns; single delays within a tenth of each other become one."""
+    """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
     thetas = list(dict.fromkeys(column.theta for column in columns))
-    if any(len(theta) != 1 for theta in thetas):
+    if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):
         return thetas
     name = thetas[0][0][0]
     logarithms = _merged([float(np.log(theta[0][1])) for theta in thetas], tolerance)
