@@ -37,6 +37,10 @@ class Column:
         """What the components of one vector share."""
         return (self.mechanism, self.theta, self.course)
 
+    def at(self, theta: Theta, course: TimeFunction) -> Column:
+        """The column at another theta, or with another course."""
+        return Column(self.mechanism, self.term, theta, course, self.units, self.tied, self.delay_name)
+
     @property
     def delay(self) -> float | None:
         """The delay of the term in s, None where it has none."""

@@ -7,6 +7,7 @@ need no other bookkeeping.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +26,9 @@ from brv_hypo.regression.weakform import Integrals, WeakSegment, weak_segments
 from brv_hypo.regression.whitening import NoiseModel
 
 Piece = tuple[int, int]
+
+# Rows of shapes that are kept, of all mechanisms and thetas together: some 100 bytes each.
+_KEPT_VALUES = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,9 @@ class RateFrame:
     mechanisms: Mapping[str, Mechanism]
 
     @cached_property
-    def _evaluated(self) -> dict[tuple[str, Theta], _Shapes]:
-        return {}
+    def _evaluated(self) -> OrderedDict[tuple[str, Theta], _Shapes]:
+        """Shapes that were asked for lately, the latest last."""
+        return OrderedDict()
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -118,6 +123,9 @@ class RateFrame:
         for key, members in groups.items():
             if key not in self._evaluated:
                 self._evaluated[key] = self._evaluate(*key)
+                if len(self._evaluated) > max(_KEPT_VALUES // self.observed.size, 2):
+                    self._evaluated.popitem(last=False)
+            self._evaluated.move_to_end(key)
             shapes = self._evaluated[key]
             yield shapes, members, np.array([shapes.position[columns[j].term] for j in members])
 

@@ -25,6 +25,8 @@ from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
 GIVEN = "given"
+# Values of histories that are held at once: 16 bytes each, several times over.
+_AT_ONCE = 2_000_000
 
 
 class GivenColumns(Mechanism):
@@ -172,13 +174,21 @@ class Problem:
         """
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         if not given:
-            return self.rows.white_moments(frame.columns(columns))
+            return self._white_moments(frame, columns)
         others = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         out = np.zeros((2 * self.rows.rates, len(columns)))
         if others:
-            moments = frame.columns([columns[j] for j in others])
-            out[: self.rows.rates, others] = self.rows.white_moments(moments)
+            out[: self.rows.rates, others] = self._white_moments(frame, [columns[j] for j in others])
         out[:, given] = self.rows.white_histories(side_by_side([self.given[columns[j].term] for j in given]))
+        return out
+
+    def _white_moments(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """Rows of the rates, so many columns at once that their histories stay small."""
+        width = max(1, _AT_ONCE // self.frame.observed.size)
+        out = np.empty((self.rows.rates, len(columns)))
+        for first in range(0, len(columns), width):
+            some = columns[first : first + width]
+            out[:, first : first + width] = self.rows.white_moments(frame.columns(some))
         return out
 
     def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:

@@ -22,6 +22,8 @@ from brv_hypo.regression.problem import Problem
 _CUTOFF = 1e-12
 # Share of its length below which what is left of a column is rounding.
 _SPENT = 1e-10
+# Rows that are reduced to a triangular factor at once.
+_BLOCK = 20_000
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,10 @@ class Batch:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Coefficients (columns,) of a batch and the residual sum of squares."""
+    """Normal equations of a batch, its coefficients (columns,) and the residual sum of squares."""
 
+    products: FloatArray
+    right: FloatArray
     values: FloatArray
     rss: float
 
@@ -114,23 +118,34 @@ class Reduced:
 
     def fit(self, batch: Batch) -> Fitted:
         """Least squares."""
-        right = self.right(batch)
-        values = solve_normal(batch.products(batch), right, batch.squares)
-        return Fitted(values, self.rss - float(right @ values))
+        products, right = batch.products(batch), self.right(batch)
+        values = solve_normal(products, right, batch.squares)
+        return Fitted(products, right, values, self.rss - float(right @ values))
 
-    def projected(self, batch: Batch) -> FloatArray:
-        """All rows of the columns with nuisances and baseline projected out (rows, columns)."""
-        out = -(self.problem.rows.basis @ batch.nuisance + self._baseline[0] @ batch.baseline)
-        out[: batch.rows.shape[0]] += batch.rows
+    def projected(self, batch: Batch, first: int, last: int) -> FloatArray:
+        """Rows [first, last) of the columns with nuisances and baseline projected out (rows, columns)."""
+        inside = slice(first, last)
+        out = -(self.problem.rows.basis[inside] @ batch.nuisance + self._baseline[0][inside] @ batch.baseline)
+        own = batch.rows[inside]
+        out[: own.shape[0]] += own
         return np.asarray(out, dtype=float)
 
-    def spent(self, batch: Batch, projected: FloatArray) -> IntArray:
-        """Columns that baseline and nuisances leave nothing of."""
-        return np.flatnonzero(np.linalg.norm(projected, axis=0) <= _SPENT * np.sqrt(batch.squares))
+    def triangle(self, batch: Batch) -> FloatArray:
+        """Triangular factor of the projected columns and the response after them, a block of rows at a time."""
+        factor = np.zeros((0, batch.rows.shape[1] + 1))
+        for first in range(0, self.left.size, _BLOCK):
+            last = min(first + _BLOCK, self.left.size)
+            block = np.column_stack([self.projected(batch, first, last), self.left[first:last]])
+            factor = np.linalg.qr(np.concatenate([factor, block]), mode="r")
+        return np.asarray(factor, dtype=float)
+
+    def spent(self, batch: Batch, triangle: FloatArray) -> IntArray:
+        """Columns that baseline and nuisances leave nothing of, by their lengths in the triangular factor."""
+        return np.flatnonzero(np.linalg.norm(triangle[:, :-1], axis=0) <= _SPENT * np.sqrt(batch.squares))
 
     def residual(self, batch: Batch, values: FloatArray) -> FloatArray:
         """Whitened residual (rows,)."""
-        return self.left - self.projected(_sum(batch, values))[:, 0]
+        return self.left - self.projected(_sum(batch, values), 0, self.left.size)[:, 0]
 
     def with_baseline(self, batch: Batch, values: FloatArray) -> FloatArray:
         """The baseline's coefficients that go with those of the columns, and these after them."""

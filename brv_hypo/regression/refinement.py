@@ -15,6 +15,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.reduced import Batch, Fitted, Reduced
@@ -50,12 +51,14 @@ class Nonlinear:
         """The columns with this parameter at `value`."""
         out = list(columns)
         for j in self.columns:
-            if self.kind == "knot":
-                out[j] = replace(out[j], course=replace(out[j].course, start=value))
-            else:
-                theta = tuple((key, value if key == self.name else old) for key, old in out[j].theta)
-                out[j] = replace(out[j], theta=theta)
+            out[j] = self._moved(out[j], value)
         return tuple(out)
+
+    def _moved(self, column: Column, value: float) -> Column:
+        if self.kind == "knot":
+            return column.at(column.theta, TimeFunction(column.course.kind, value, column.course.stop))
+        theta = tuple((key, value if key == self.name else old) for key, old in column.theta)
+        return column.at(theta, column.course)
 
 
 @dataclass(frozen=True)
@@ -201,13 +204,13 @@ def _step(reduced: Reduced, state: _State) -> FloatArray:
     values = state.fitted.values
     slopes = reduced.batch_of_rates(prediction_slopes(state.nonlinear, state.columns, values, reduced.frame))
     across = state.batch.products(slopes)
-    inside = state.batch.products(state.batch)
-    products = np.block([[inside, across], [across.T, slopes.products(slopes)]])
-    right = np.concatenate(
-        [reduced.right(state.batch) - inside @ values, reduced.right(slopes) - across.T @ values]
-    )
+    inside, count = state.fitted.products, values.size
+    products = np.empty((count + len(state.nonlinear),) * 2)
+    products[:count, :count], products[count:, count:] = inside, slopes.products(slopes)
+    products[:count, count:], products[count:, :count] = across, across.T
+    right = np.concatenate([state.fitted.right - inside @ values, reduced.right(slopes) - across.T @ values])
     squares = np.concatenate([state.batch.squares, slopes.squares])
-    return solve_normal(products, right, squares)[values.size :]
+    return solve_normal(products, right, squares)[count:]
 
 
 def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = 4) -> _State | None:
@@ -216,7 +219,8 @@ def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: in
         trial = state.columns
         moved = []
         for parameter, full in zip(state.nonlinear, step, strict=True):
-            value = float(np.clip(parameter.value + full * 0.5**halving, *parameter.bounds))
+            low, high = parameter.bounds
+            value = min(max(parameter.value + float(full) * 0.5**halving, low), high)
             trial = parameter.moved(trial, value)
             moved.append(replace(parameter, value=value))
         batch = state.batch.with_columns(places, reduced.batch([trial[j] for j in places]))

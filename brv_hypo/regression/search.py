@@ -192,19 +192,17 @@ def _subsets(
 ) -> list[Subset]:
     """(RSS, columns) of the best subsets of each size beside the forced columns."""
     batch = reduced.batch((*forced, *offered))
-    rows = reduced.projected(batch)
-    spent = frozenset(reduced.spent(batch, rows).tolist())
+    # The triangular factor has the same residual sums of squares as the rows, and is small.
+    triangle = reduced.triangle(batch)
+    spent = frozenset(reduced.spent(batch, triangle).tolist())
     columns = [(j, column) for j, column in enumerate((*forced, *offered)) if j not in spent]
     size = sum(j < len(forced) for j, _ in columns)
     vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
     for place, (_, column) in enumerate(columns):
         if place >= size and column.tied:
             vectors.setdefault(column.vector, []).append(place)
-    # The triangular factor has the same residual sums of squares as the rows, and is small.
-    kept = rows[:, [j for j, _ in columns]]
-    triangle = np.asarray(np.linalg.qr(np.column_stack([kept, reduced.left]), mode="r"), dtype=float)
     result = best_subsets(
-        triangle[:, :-1],
+        triangle[:, [j for j, _ in columns]],
         triangle[:, -1],
         max_terms=min(max_terms, len(columns) - size),
         forced=tuple(range(size)),

@@ -88,7 +88,7 @@ class Antiderivative:
         self, times: FloatArray, columns: IntArray
     ) -> tuple[IntArray, FloatArray, tuple[ComplexArray, ...]]:
         """Interval, time since its first sample, and the polynomial's coefficients, the constant first."""
-        i = np.searchsorted(self.grid.time, times, side="right").clip(1, self.grid.time.size - 1) - 1
+        i = np.searchsorted(self.grid.time[1:-1], times, side="right")
         h = self.grid.steps[i, 0]
         g, s, following = self.values[i, columns], self._slopes[i, columns], self._slopes[i + 1, columns]
         chord = (self.values[i + 1, columns] - g) / h
@@ -168,14 +168,15 @@ class WeakSegment:
         start = np.array([course.start for course in courses])
         stop = np.array([course.stop for course in courses])
         ramp = np.array([course.kind == "ramp" for course in courses])
-        ends = (self.time[0], self.time[-1])
-        return _Courses(ramp, start, stop, np.clip(start, *ends), np.clip(stop, *ends))
+        first, last = self.time[0], self.time[-1]
+        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
+        return _Courses(ramp, start, stop, begin, end)
 
     def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
         base = integral.at(told.begin, which)
         out = integral.at_samples[:, which] - base
-        out[self.time[:, np.newaxis] < told.begin] = 0.0
+        out *= self.time[:, np.newaxis] >= told.begin
         for j in np.flatnonzero(told.end < self.time[-1]):
             after = np.searchsorted(self.time, told.end[j])
             out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
