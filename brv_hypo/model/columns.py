@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +20,8 @@ Theta = tuple[tuple[str, float], ...]
 class Column:
     """One candidate: a term of a mechanism at theta, with a course in time.
 
-    `tied`: the terms of this course are components of one vector and enter together.
+    `tied`: the terms of this course are components of one vector and enter together. `delay_name`: which parameter of
+    theta the mechanism declares to be a delay.
     """
 
     mechanism: str
@@ -29,16 +30,21 @@ class Column:
     course: TimeFunction
     units: str
     tied: bool = False
+    delay_name: str | None = field(default=None, compare=False)
 
     @property
     def vector(self) -> tuple[str, Theta, TimeFunction]:
         """What the components of one vector share."""
         return (self.mechanism, self.theta, self.course)
 
+    def at(self, theta: Theta, course: TimeFunction) -> Column:
+        """The column at another theta, or with another course."""
+        return Column(self.mechanism, self.term, theta, course, self.units, self.tied, self.delay_name)
+
     @property
     def delay(self) -> float | None:
         """The delay of the term in s, None where it has none."""
-        return dict(self.theta).get("delay")
+        return None if self.delay_name is None else dict(self.theta).get(self.delay_name)
 
     @property
     def label(self) -> str:
@@ -46,6 +52,11 @@ class Column:
         if self.course.kind == "constant":
             return self.term
         return f"{self.course.kind} in {self.term}"
+
+
+def delay_name(mechanism: Mechanism) -> str | None:
+    """The parameter of the mechanism that is a delay, the first where there are several; None where none is."""
+    return next((parameter.name for parameter in mechanism.parameters() if parameter.is_delay), None)
 
 
 def default_knots(start: float, stop: float, count: int) -> FloatArray:
@@ -81,8 +92,11 @@ def candidates(
 ) -> tuple[Column, ...]:
     """All columns of a mechanism: theta x course x term; the motion tells only which terms there are."""
     terms = [(term.name, term.units) for term in mechanism.terms(motion, dict(thetas[0]))]
+    delay = delay_name(mechanism)
     return tuple(
-        Column(mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together)
+        Column(
+            mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together, delay
+        )
         for theta in thetas
         for course in courses(mechanism, knots)
         for name, units in terms

@@ -39,6 +39,7 @@ from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.held_out import HeldOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
+from brv_hypo.regression.search import on_grid
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]
@@ -121,15 +122,17 @@ def _judged(
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
     """Every hypothesis searched; the likeliest of a rough search first, so that those without hope can end early."""
     rough = replace(problem, refine=False, max_terms=problem.exact_terms)
+    grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
     first = sorted(
-        (fit_hypothesis(rough, *each) for each in hypotheses.items()), key=lambda fit: fit.information
+        (fit_hypothesis(rough, *each, grid=grids.get(each[0])) for each in hypotheses.items()),
+        key=lambda fit: fit.information,
     )
     problem = with_efficiency(problem, first)
     fits: list[HypothesisFit] = []
     for each in first:
         say(f"fitting {each.name}")
         rival = min((fit.information for fit in fits), default=math.inf)
-        fits.append(fit_hypothesis(problem, each.name, each.mechanisms, rival))
+        fits.append(fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
     return fits
 
 

@@ -89,7 +89,7 @@ def _scaled(fit: HypothesisFit, scale: float) -> RateFrame:
     motions = tuple(
         recorded(replace(motion, alpha=scale * motion.alpha, history=None)) for motion in fit.frame.motions
     )
-    frame = replace(fit.frame, motions=motions, _shapes={})
+    frame = replace(fit.frame, motions=motions)
     return frame.with_in_plane_moment(fit.columns, fit.values)
 
 

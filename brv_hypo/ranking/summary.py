@@ -284,7 +284,7 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
                 name=f"{parameter.mechanism} {parameter.name}",
                 value=parameter.value,
                 std_error=sigma,
-                units="s",
+                units=parameter.units,
             )
         )
     vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.regression.frame import Piece, RateFrame
-from brv_hypo.regression.whitening import NoiseModel
+from brv_hypo.regression.whitening import NoiseModel, applied
 
 # The block held out of each four.
 _HELD_OUT = 2
@@ -70,19 +72,11 @@ class Part:
 
     def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
         """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
-        rows = _columns(rates)
-        white = [noise.rates.whiten(rows[a:b]) for a, b in self.pieces]
-        return self._stacked(np.concatenate(white) / noise.rates.sigma, noise)
-
-    def white_force(self, force: ComplexArray, noise: Noise) -> FloatArray:
-        """The force filtered, at unit noise (2 thinned rows, columns)."""
-        seen = _columns(force) * self.seen[:, np.newaxis]
-        white = [noise.force.whiten(seen[a:b]) for a, b in self.pieces]
-        return self._stacked(np.concatenate(white) / noise.force.sigma, noise)
+        return Whitening(self, noise).rates(rates)
 
     def whitened(self, rows: Rows, noise: Noise) -> FloatArray:
         """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
-        return np.concatenate([self.white_rates(rows.rates, noise), self.white_force(rows.force, noise)])
+        return Whitening(self, noise).both(rows)
 
     def constants(self) -> ComplexArray:
         """The constants of integration as histories of the rates (rows, 2 levels)."""
@@ -101,14 +95,53 @@ class Part:
         """Thinned rows of one channel."""
         return self.thinned_pieces(noise)[-1][1]
 
-    def _stacked(self, white: ComplexArray, noise: Noise) -> FloatArray:
-        """Sums of neighbours over the root of their number, within each stretch; real before imaginary."""
-        if noise.thinning > 1:
-            starts = np.concatenate([np.arange(a, b, noise.thinning) for a, b in self.pieces])
-            sizes = np.diff(np.append(starts, white.shape[0]))
-            sums: ComplexArray = np.add.reduceat(white, starts, axis=0)
-            white = sums / np.sqrt(sizes)[:, np.newaxis]
-        return np.concatenate([white.real, white.imag])
+
+@dataclass(frozen=True)
+class Whitening:
+    """Filter, unit noise and thinning of a part's two channels, each as one banded operator."""
+
+    part: Part
+    noise: Noise
+
+    def rates(self, rates: ComplexArray) -> FloatArray:
+        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
+        return _stacked(applied(self._of_rates, _columns(rates)))
+
+    def force(self, force: ComplexArray) -> FloatArray:
+        """The force filtered, at unit noise (2 thinned rows, columns)."""
+        return _stacked(applied(self._of_force, _columns(force) * self.part.seen[:, np.newaxis]))
+
+    def both(self, rows: Rows) -> FloatArray:
+        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
+        return np.concatenate([self.rates(rows.rates), self.force(rows.force)])
+
+    @cached_property
+    def _of_rates(self) -> sparse.csr_array:
+        return self._operator(self.noise.rates)
+
+    @cached_property
+    def _of_force(self) -> sparse.csr_array:
+        return self._operator(self.noise.force)
+
+    def _operator(self, model: NoiseModel) -> sparse.csr_array:
+        """Filter and sums of neighbours over the root of their number, within each stretch (thinned rows, rows)."""
+        blocks = []
+        for a, b in self.part.pieces:
+            filtered = model.operator(b - a) / model.sigma
+            blocks.append(_averages(b - a, self.noise.thinning) @ filtered)
+        return sparse.csr_array(sparse.block_diag(blocks, format="csr"))
+
+
+def _averages(samples: int, thinning: int) -> sparse.csr_array:
+    """Sums of `thinning` neighbours over the root of their number (thinned samples, samples)."""
+    starts = np.append(np.arange(0, samples, thinning), samples)
+    sizes = np.diff(starts)
+    return sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(samples), starts))
+
+
+def _stacked(white: ComplexArray) -> FloatArray:
+    """Real parts before imaginary ones."""
+    return np.concatenate([white.real, white.imag])
 
 
 def _columns(values: ComplexArray) -> ComplexArray:

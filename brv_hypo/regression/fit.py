@@ -11,16 +11,11 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.regression.linear import covariance_of
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import (
-    DesignOf,
-    Nonlinear,
-    nonlinear_parameters,
-    prediction_slopes,
-    refine,
-)
-from brv_hypo.regression.search import best_by_size, extended, narrowed, offers
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import Nonlinear, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.regression.search import OnGrid, extended, narrowed, on_grid
 
 # Sizes that may go by without a gain before the search over sizes ends.
 PATIENCE = 2
@@ -106,32 +101,33 @@ def extended_bic(
 
 
 def fit_hypothesis(
-    problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
+    problem: Problem,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
+    best_rival: float = math.inf,
+    grid: OnGrid | None = None,
 ) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
     The best subset of each size on the grid of knots and delays is refined, and so is the best model so far
     with the best further term; the least extended BIC after refinement decides. A last search runs on the
     refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early where it stays
-    far behind `best_rival`, the least criterion of the others so far.
+    far behind `best_rival`, the least criterion of the others so far. `grid` is the search on the grid where it is
+    known already.
     """
-    frame = problem.frame.with_mechanisms(mechanisms)
     if not mechanisms:
-        return _solved(problem, frame, name, (), problem.baseline, 0)
-    offered = offers(problem, frame, mechanisms)
-    searched = offered.count
+        return _solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
+    grid = on_grid(problem, mechanisms) if grid is None else grid
+    searched, offered = grid.offered.count, grid.offered
+    start = Reduced(problem, grid.frame)
 
     def settle(chosen: tuple[Column, ...], known: tuple[Column, ...] = ()) -> HypothesisFit:
-        return _settled(problem, frame, name, mechanisms, (*problem.baseline, *chosen), searched, frozenset(known))
+        return _settled(start, name, mechanisms, (*problem.baseline, *chosen), searched, frozenset(known))
 
     best: HypothesisFit | None = None
     worse = 0
-    exact = [best_by_size(problem, frame, family) for family in (offered.single, offered.joint)]
     for size in range(1, problem.max_terms + 1):
-        distinct = dict.fromkeys(columns for family in exact for columns in family.get(size, []))
-        grid = [_solved(problem, frame, name, mechanisms, (*problem.baseline, *c), searched) for c in distinct]
-        grid.sort(key=lambda fit: fit.rss)
-        starts = [settle(fit.selected) for fit in grid[:STARTS]]
+        starts = [settle(chosen) for _, chosen in grid.best.get(size, ())[:STARTS]]
         if best is not None:
             further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])
@@ -157,14 +153,14 @@ def fit_hypothesis(
 def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same columns fitted under the problem's noise model, with their uncertainty."""
     known = frozenset(fit.selected)
-    renewed = _settled(problem, fit.frame, fit.name, fit.mechanisms, fit.columns, fit.searched, known)
+    renewed = _settled(
+        Reduced(problem, fit.frame), fit.name, fit.mechanisms, fit.columns, fit.searched, known
+    )
     renewed = replace(renewed, ended_early=fit.ended_early)
     design = problem.design(renewed.frame, renewed.columns)
     if renewed.nonlinear:
-        slopes = prediction_slopes(
-            renewed.nonlinear, renewed.columns, renewed.values, _design_of(problem, renewed)
-        )
-        design = np.column_stack([design, slopes])
+        slopes = prediction_slopes(renewed.nonlinear, renewed.columns, renewed.values, renewed.frame)
+        design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, renewed.residual, problem.samples, problem.efficiency)
     linear = renewed.values.size
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))[linear:]
@@ -176,8 +172,7 @@ def _least(fits: list[HypothesisFit]) -> HypothesisFit:
 
 
 def _settled(
-    problem: Problem,
-    frame: RateFrame,
+    reduced: Reduced,
     name: str,
     mechanisms: tuple[Mechanism, ...],
     columns: tuple[Column, ...],
@@ -185,48 +180,51 @@ def _settled(
     known: frozenset[Column],
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
-    fit = _solved(problem, frame, name, mechanisms, columns, searched)
+    problem = reduced.problem
     if any(mechanism.parameters() for mechanism in mechanisms):
-        frame = frame.with_in_plane_moment(fit.columns, fit.values)
-        fit = _solved(problem, frame, name, mechanisms, columns, searched)
+        values = _solved(reduced, name, mechanisms, columns, searched).values
+        reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
-        return fit
-    parameters = nonlinear_parameters(columns, fit.baseline_size, frame.mechanisms, problem.knots)
+        return _solved(reduced, name, mechanisms, columns, searched)
+    size, frame = len(problem.baseline), reduced.frame
+    parameters = nonlinear_parameters(columns, size, frame.mechanisms, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, _design_of(problem, fit), problem.response, problem.samples)
-    return replace(
-        fit,
-        columns=refined.columns,
-        values=refined.values,
-        residual=refined.residual,
-        nonlinear=refined.nonlinear,
+    refined = refine(columns, parameters, fresh, reduced)
+    return HypothesisFit(
+        name,
+        mechanisms,
+        frame,
+        refined.columns,
+        size,
+        refined.values,
+        refined.residual,
+        problem.samples,
+        problem.efficiency,
+        searched,
+        refined.nonlinear,
     )
 
 
 def _solved(
-    problem: Problem,
-    frame: RateFrame,
+    reduced: Reduced,
     name: str,
     mechanisms: tuple[Mechanism, ...],
     columns: tuple[Column, ...],
     searched: int,
 ) -> HypothesisFit:
-    design = problem.design(frame, columns)
-    values = solve_scaled(design, problem.response)
-    residual = problem.response - design @ values
+    problem = reduced.problem
+    size = len(problem.baseline)
+    batch = reduced.batch(columns[size:])
+    values = reduced.fit(batch).values
     return HypothesisFit(
         name,
         mechanisms,
-        frame,
+        reduced.frame,
         columns,
-        len(problem.baseline),
-        values,
-        residual,
+        size,
+        reduced.with_baseline(batch, values),
+        reduced.residual(batch, values),
         problem.samples,
         problem.efficiency,
         searched,
     )
-
-
-def _design_of(problem: Problem, fit: HypothesisFit) -> DesignOf:
-    return lambda columns: problem.design(fit.frame, columns)

@@ -7,13 +7,14 @@ need no other bookkeeping.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import Column, Theta
@@ -26,11 +27,15 @@ from brv_hypo.regression.whitening import NoiseModel
 
 Piece = tuple[int, int]
 
+# Rows of shapes that are kept, of all mechanisms and thetas together: some 100 bytes each.
+_KEPT_VALUES = 4_000_000
+
 
 @dataclass(frozen=True)
-class _Shape:
-    """A term's unit moment, C_m + i C_n (n,) a flight, and its antiderivatives, one a segment."""
+class _Shapes:
+    """A mechanism's unit moments, C_m + i C_n (n, terms) a flight, and their antiderivatives, one a segment."""
 
+    position: Mapping[str, int]
     body: tuple[ComplexArray, ...]
     integrals: tuple[Integrals, ...]
 
@@ -46,7 +51,11 @@ class RateFrame:
     motions: tuple[Motion, ...]
     segments: tuple[WeakSegment, ...]
     mechanisms: Mapping[str, Mechanism]
-    _shapes: dict[tuple[str, Theta], dict[str, _Shape]] = field(default_factory=dict)
+
+    @cached_property
+    def _evaluated(self) -> OrderedDict[tuple[str, Theta], _Shapes]:
+        """Shapes that were asked for lately, the latest last."""
+        return OrderedDict()
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -72,25 +81,26 @@ class RateFrame:
     def columns(self, columns: Sequence[Column]) -> ComplexArray:
         """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
-        for j, column in enumerate(columns):
-            shape = self._shape(column)
-            for segment, integrals, (a, b) in zip(self.segments, shape.integrals, self.pieces, strict=True):
-                out[a:b, j] = segment.column(integrals, column.course)
+        for shapes, members, which in self._by_shape(columns):
+            courses = [columns[j].course for j in members]
+            for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
+                out[a:b, members] = segment.columns(integrals, which, courses)
         return out
 
     def moments(self, columns: Sequence[Column]) -> ComplexArray:
         """C_m + i C_n (rows, columns) per unit of each coefficient."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
-        for j, column in enumerate(columns):
-            shape = self._shape(column)
+        for shapes, members, which in self._by_shape(columns):
             for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
-                out[a:b, j] = shape.body[segment.flight][segment.rows] * column.course(segment.time)
+                body = shapes.body[segment.flight][segment.rows]
+                for j, k in zip(members, which, strict=True):
+                    out[a:b, j] = body[:, k] * columns[j].course(segment.time)
         return out
 
     def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
         """The same frame, knowing these mechanisms too."""
         known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
-        return replace(self, mechanisms=known, _shapes={})
+        return replace(self, mechanisms=known)
 
     def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
         """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns; shapes are evaluated anew."""
@@ -103,24 +113,33 @@ class RateFrame:
                     terms = {term.name: term for term in mechanism.terms(motion, dict(column.theta))}
                     moment = moment + value * terms[column.term].in_plane * column.course(motion.time)
             motions.append(recorded(replace(motion, in_plane_moment=moment, history=None)))
-        return replace(self, motions=tuple(motions), _shapes={})
+        return replace(self, motions=tuple(motions))
 
-    def _shape(self, column: Column) -> _Shape:
-        key = (column.mechanism, column.theta)
-        if key not in self._shapes:
-            self._shapes[key] = self._evaluate(self.mechanisms[column.mechanism], column.theta)
-        return self._shapes[key][column.term]
+    def _by_shape(self, columns: Sequence[Column]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
+        """Mechanism and theta in turn: their shapes, the columns of them, and which term each column has."""
+        groups: dict[tuple[str, Theta], list[int]] = {}
+        for j, column in enumerate(columns):
+            groups.setdefault((column.mechanism, column.theta), []).append(j)
+        for key, members in groups.items():
+            if key not in self._evaluated:
+                self._evaluated[key] = self._evaluate(*key)
+                if len(self._evaluated) > max(_KEPT_VALUES // self.observed.size, 2):
+                    self._evaluated.popitem(last=False)
+            self._evaluated.move_to_end(key)
+            shapes = self._evaluated[key]
+            yield shapes, members, np.array([shapes.position[columns[j].term] for j in members])
 
-    def _evaluate(self, mechanism: Mechanism, theta: Theta) -> dict[str, _Shape]:
-        found: dict[str, list[ComplexArray]] = {}
+    def _evaluate(self, name: str, theta: Theta) -> _Shapes:
+        found: list[ComplexArray] = []
+        position: dict[str, int] = {}
         for motion in self.motions:
-            for term in checked_terms(mechanism, motion, dict(theta)):
-                body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
-                found.setdefault(term.name, []).append(body)
-        return {
-            name: _Shape(tuple(body), tuple(s.integrate(body[s.flight][s.rows]) for s in self.segments))
-            for name, body in found.items()
-        }
+            terms = checked_terms(self.mechanisms[name], motion, dict(theta))
+            position = {term.name: k for k, term in enumerate(terms)}
+            in_plane = np.stack([term.in_plane for term in terms], axis=1)
+            out_of_plane = np.stack([term.out_of_plane for term in terms], axis=1)
+            found.append(body_from_plane(in_plane, out_of_plane, motion.windward_meridian[:, np.newaxis]))
+        integrals = tuple(s.integrate(found[s.flight][s.rows]) for s in self.segments)
+        return _Shapes(position, tuple(found), integrals)
 
 
 def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:

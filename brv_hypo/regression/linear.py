@@ -6,11 +6,35 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 
+# Share of a column's square below which what a projection leaves of it is rounding; the same for directions of unit
+# columns in normal equations.
+_SPENT = 1e-12
+_ROUNDING = 1e-14
+
 
 def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = 1e-12) -> FloatArray:
     """Coefficients (columns,); singular values below `cutoff` of the largest drop out."""
     scale = lengths(design)
     return np.asarray(np.linalg.lstsq(design / scale, response, rcond=cutoff)[0] / scale, dtype=float)
+
+
+def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -> FloatArray:
+    """Coefficients (..., columns) of normal equations, `products` (..., columns, columns), or a stack of them.
+
+    `squares` (..., columns) are the squared lengths of the columns before anything was projected out of them: the
+    rounding of the products is relative to these. Directions that are rounding drop out.
+    """
+    if right.shape[-1] == 0:
+        return np.zeros(right.shape)
+    diagonal = np.diagonal(products, axis1=-2, axis2=-1)
+    alive = diagonal > _SPENT * squares
+    scale = np.where(alive, 1.0 / np.sqrt(np.where(alive, diagonal, 1.0)), 0.0)
+    rounding = np.max(np.where(alive, squares * scale**2, 1.0), axis=-1, keepdims=True)
+    size, directions = np.linalg.eigh(products * scale[..., np.newaxis] * scale[..., np.newaxis, :])
+    kept = size > _ROUNDING * rounding
+    along = np.einsum("...ji,...j->...i", directions, right * scale)
+    along = np.where(kept, along / np.where(kept, size, 1.0), 0.0)
+    return np.asarray(np.einsum("...ij,...j->...i", directions, along) * scale, dtype=float)
 
 
 def covariance_of(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:

@@ -13,7 +13,6 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
@@ -88,7 +87,10 @@ def nuisances(
         force = linearised.force.columns(linearised.record, linearised.crossflow)
         nothing = np.zeros(force.shape[0], dtype=complex)
         for k, column in enumerate(force.T):
-            add(Nuisance("force", str(k), number, "1", 1.0, np.nan), on_frame(frame, number, Rows(nothing, column)))
+            add(
+                Nuisance("force", str(k), number, "1", 1.0, np.nan),
+                on_frame(frame, number, Rows(nothing, column)),
+            )
         for effect in effects:
             for component in effect.components(linearised.record.flight):
                 if not effect.carried and (effect.name, component.name) not in free:
@@ -127,7 +129,6 @@ def _tolerated(frame: RateFrame, number: int, mechanism: Mechanism) -> list[tupl
         rates = np.zeros(frame.observed.size, dtype=complex)
         for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
             if segment.flight == number:
-                integrals = segment.integrate(body[segment.rows])
-                rates[a:b] = size * segment.column(integrals, TimeFunction("constant"))
+                rates[a:b] = size * segment.integrate(body[segment.rows, np.newaxis]).plain.at_samples[:, 0]
         found.append((Nuisance(mechanism.name, term.name, number, term.units, size, 0.0), rates))
     return found

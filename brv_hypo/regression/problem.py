@@ -18,13 +18,15 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.channels import Noise, Part, Rows, side_by_side
+from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
 GIVEN = "given"
+# Values of histories that are held at once: 16 bytes each, several times over.
+_AT_ONCE = 2_000_000
 
 
 class GivenColumns(Mechanism):
@@ -63,36 +65,50 @@ class WhitenedRows:
         """All rows."""
         return 2 * self.rates + self.nuisances.bounded.size
 
+    @cached_property
+    def _whitening(self) -> Whitening:
+        return Whitening(self.part, self.noise)
+
+    def white_moments(self, rates: ComplexArray) -> FloatArray:
+        """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
+        whole = self.part.rows.size == rates.shape[0]
+        return self._whitening.rates(rates if whole else rates[self.part.rows])
+
+    def white_histories(self, histories: Rows) -> FloatArray:
+        """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
+        return self._whitening.both(histories.at(self.part.rows))
+
     def of_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows."""
         out = np.zeros((self.size, rates.shape[1]))
-        out[: self.rates] = self.part.white_rates(rates[self.part.rows], self.noise)
+        out[: self.rates] = self.white_moments(rates)
         return out
 
     def of_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows."""
         out = np.zeros((self.size, histories.rates.shape[1]))
-        out[: 2 * self.rates] = self.part.whitened(histories.at(self.part.rows), self.noise)
+        out[: 2 * self.rates] = self.white_histories(histories)
         return out
 
     @cached_property
     def nuisance_design(self) -> FloatArray:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
         constants = np.zeros((self.size, 2 * len(self.part.levels)))
-        constants[: self.rates] = self.part.white_rates(self.part.constants(), self.noise)
+        constants[: self.rates] = self._whitening.rates(self.part.constants())
         histories = self.of_histories(self.nuisances.rows)
         bounded = self.nuisances.bounded
         histories[2 * self.rates + np.arange(bounded.size), bounded] = 1.0
         return np.column_stack([constants, histories])
 
     @cached_property
-    def _basis(self) -> FloatArray:
+    def basis(self) -> FloatArray:
+        """Orthonormal columns that span constants and nuisances (rows, unknowns)."""
         design = self.nuisance_design
         return np.asarray(np.linalg.qr(design / lengths(design))[0], dtype=float)
 
     def projected(self, rows: FloatArray) -> FloatArray:
         """Rows (rows, columns) with constants and nuisances projected out."""
-        return np.asarray(rows - self._basis @ (self._basis.T @ rows), dtype=float)
+        return np.asarray(rows - self.basis @ (self.basis.T @ rows), dtype=float)
 
     def stretch_of_row(self) -> IntArray:
         """Thinned sample that each row belongs to; -1 for the rows of priors (rows,)."""
@@ -146,14 +162,33 @@ class Problem:
 
     def raw_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
         """Whitened columns (rows, columns) as they are."""
+        own = self.own_rows(frame, columns)
+        out = np.zeros((self.rows.size, len(columns)))
+        out[: own.shape[0]] = own
+        return out
+
+    def own_rows(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """The rows of the raw design in which columns can be other than zero: the first ones.
+
+        Rates alone where all columns are moments; rates and force where some are given.
+        """
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         if not given:
-            return self.rows.of_moments(frame.columns(columns))
+            return self._white_moments(frame, columns)
         others = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
-        out = np.zeros((self.rows.size, len(columns)))
+        out = np.zeros((2 * self.rows.rates, len(columns)))
         if others:
-            out[:, others] = self.rows.of_moments(frame.columns([columns[j] for j in others]))
-        out[:, given] = self.rows.of_histories(side_by_side([self.given[columns[j].term] for j in given]))
+            out[: self.rows.rates, others] = self._white_moments(frame, [columns[j] for j in others])
+        out[:, given] = self.rows.white_histories(side_by_side([self.given[columns[j].term] for j in given]))
+        return out
+
+    def _white_moments(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+        """Rows of the rates, so many columns at once that their histories stay small."""
+        width = max(1, _AT_ONCE // self.frame.observed.size)
+        out = np.empty((self.rows.rates, len(columns)))
+        for first in range(0, len(columns), width):
+            some = columns[first : first + width]
+            out[:, first : first + width] = self.rows.white_moments(frame.columns(some))
         return out
 
     def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
@@ -173,7 +208,9 @@ class Problem:
         values = solve_scaled(self.whole_design(frame, columns), self.raw_response)
         return values[: len(columns)], values[len(columns) + 2 * len(self.rows.part.levels) :]
 
-    def left(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray) -> Rows:
+    def left(
+        self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray
+    ) -> Rows:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,)."""
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]

@@ -6,26 +6,31 @@ derivatives and standard errors like any other parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.linear import solve_scaled
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import solve_normal
+from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
 # A step that gains less than this, in units of twice the log-likelihood, ends the iteration.
 SMALLEST_GAIN = 0.2
-
-DesignOf = Callable[[Sequence[Column]], FloatArray]
+# Values of a parameter that are tried before Gauss-Newton.
+_SCANNED = 7
+# Half the width of differences, of a parameter's bounds.
+_WIDTH = 2e-3
 
 
 @dataclass(frozen=True)
 class Nonlinear:
-    """One continuous parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
+    """One continuous parameter, in `units`, and the columns that it moves: a theta of a mechanism, or a knot."""
 
     kind: Literal["theta", "knot"]
     name: str
@@ -33,6 +38,7 @@ class Nonlinear:
     value: float
     bounds: tuple[float, float]
     columns: tuple[int, ...]
+    units: str = "s"
 
     def around(self, points: int) -> FloatArray:
         """Values to try: over the bounds of a knot; for a theta, within a factor of 1.6."""
@@ -45,12 +51,14 @@ class Nonlinear:
         """The columns with this parameter at `value`."""
         out = list(columns)
         for j in self.columns:
-            if self.kind == "knot":
-                out[j] = replace(out[j], course=replace(out[j].course, start=value))
-            else:
-                theta = tuple((key, value if key == self.name else old) for key, old in out[j].theta)
-                out[j] = replace(out[j], theta=theta)
+            out[j] = self._moved(out[j], value)
         return tuple(out)
+
+    def _moved(self, column: Column, value: float) -> Column:
+        if self.kind == "knot":
+            return column.at(column.theta, TimeFunction(column.course.kind, value, column.course.stop))
+        theta = tuple((key, value if key == self.name else old) for key, old in column.theta)
+        return column.at(theta, column.course)
 
 
 @dataclass(frozen=True)
@@ -67,31 +75,41 @@ def refine(
     columns: tuple[Column, ...],
     nonlinear: tuple[Nonlinear, ...],
     fresh: frozenset[int],
-    design_of: DesignOf,
-    response: FloatArray,
-    samples: int,
+    reduced: Reduced,
     iterations: int = 6,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
-    Parameters that move a column of `fresh` are scanned over their bounds first.
+    `columns` are the baseline's and then the chosen ones. Parameters that move a column of `fresh` are scanned over
+    their bounds first.
     """
-    nonlinear, columns = _scan(nonlinear, columns, fresh, design_of, response)
-    design = design_of(columns)
-    values = solve_scaled(design, response)
-    residual = response - design @ values
+    size = len(reduced.problem.baseline)
+    own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
+    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh))
     for _ in range(iterations if nonlinear else 0):
-        slopes = prediction_slopes(nonlinear, columns, values, design_of)
-        step = solve_scaled(np.column_stack([design, slopes]), residual)[values.size :]
-        rss = float(residual @ residual)
-        improved = _line_search(nonlinear, columns, step, design_of, response, rss)
+        improved = _line_search(reduced, state, _step(reduced, state))
         if improved is None:
             break
-        nonlinear, columns, design, values, residual = improved
-        left = float(residual @ residual)
-        if samples * (rss - left) < SMALLEST_GAIN * left:
+        gained = state.fitted.rss - improved.fitted.rss
+        state = improved
+        if reduced.problem.samples * gained < SMALLEST_GAIN * state.fitted.rss:
             break
-    return Refined(columns, values, residual, nonlinear)
+    return Refined(
+        (*reduced.problem.baseline, *state.columns),
+        reduced.with_baseline(state.batch, state.fitted.values),
+        reduced.residual(state.batch, state.fitted.values),
+        tuple(replace(p, columns=tuple(j + size for j in p.columns)) for p in state.nonlinear),
+    )
+
+
+@dataclass(frozen=True)
+class _State:
+    """Chosen columns (those of the baseline left out), the parameters that move them, and the fit at them."""
+
+    nonlinear: tuple[Nonlinear, ...]
+    columns: tuple[Column, ...]
+    batch: Batch
+    fitted: Fitted
 
 
 def nonlinear_parameters(
@@ -108,77 +126,105 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name), members in found.items():
         if kind == "knot":
-            bounds = (value - reach, value + reach)
+            bounds, units = (value - reach, value + reach), "s"
         else:
-            bounds = next(p.bounds for p in mechanisms[mechanism].parameters() if p.name == name)
-        out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members)))
+            parameter = next(p for p in mechanisms[mechanism].parameters() if p.name == name)
+            bounds, units = parameter.bounds, parameter.units
+        out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members), units))
     return tuple(out)
 
 
-def _scan(
-    nonlinear: tuple[Nonlinear, ...],
-    columns: tuple[Column, ...],
-    fresh: frozenset[int],
-    design_of: DesignOf,
-    response: FloatArray,
-    points: int = 7,
-) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...]]:
+def _scanned(
+    reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Column, ...], fresh: frozenset[int]
+) -> _State:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
+    batch = reduced.batch(columns)
     settled = []
     for parameter in nonlinear:
-        if fresh.isdisjoint(parameter.columns):
-            settled.append(parameter)
-            continue
-        others = [j for j in range(len(columns)) if j not in parameter.columns]
-        basis, _ = np.linalg.qr(design_of([columns[j] for j in others]))
-        left = response - basis @ (basis.T @ response)
-        scores = {}
-        for value in (parameter.value, *parameter.around(points)):
-            moved = parameter.moved(columns, float(value))
-            own = design_of([moved[j] for j in parameter.columns])
-            own = own - basis @ (basis.T @ own)
-            scores[float(value)] = float(np.sum((left - own @ solve_scaled(own, left)) ** 2))
-        best = min(scores, key=lambda value: scores[value])
-        columns = parameter.moved(columns, best)
-        settled.append(replace(parameter, value=best))
-    return tuple(settled), columns
+        if not fresh.isdisjoint(parameter.columns):
+            values = (parameter.value, *(float(value) for value in parameter.around(_SCANNED)))
+            best, moved = _best_of(reduced, batch, columns, parameter, values)
+            columns = parameter.moved(columns, values[best])
+            batch = batch.with_columns(parameter.columns, moved)
+            parameter = replace(parameter, value=values[best])
+        settled.append(parameter)
+    return _State(tuple(settled), columns, batch, reduced.fit(batch))
+
+
+def _best_of(
+    reduced: Reduced, batch: Batch, columns: Sequence[Column], parameter: Nonlinear, values: Sequence[float]
+) -> tuple[int, Batch]:
+    """Which value fits best, the other columns held, and the moved columns at it: one stack of normal equations."""
+    count, size = len(values), len(parameter.columns)
+    others = batch.of([j for j in range(len(columns)) if j not in parameter.columns])
+    rest = others.rows.shape[1]
+    trials = [parameter.moved(columns, value) for value in values]
+    moved = reduced.batch([trial[j] for trial in trials for j in parameter.columns])
+    products = np.empty((count, rest + size, rest + size))
+    products[:, :rest, :rest] = others.products(others)
+    across = others.products(moved).reshape(rest, count, size).transpose(1, 0, 2)
+    products[:, :rest, rest:], products[:, rest:, :rest] = across, across.transpose(0, 2, 1)
+    own = moved.products(moved).reshape(count, size, count, size)
+    products[:, rest:, rest:] = own[np.arange(count), :, np.arange(count)]
+    right = _after(reduced.right(others), reduced.right(moved), count)
+    found = solve_normal(products, right, _after(others.squares, moved.squares, count))
+    best = int(np.argmax(np.sum(right * found, axis=1)))
+    return best, moved.of(slice(best * size, (best + 1) * size))
+
+
+def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
+    """`shared` (a,) before each of `count` parts of `own` (count * b,): (count, a + b)."""
+    return np.concatenate([np.tile(shared, (count, 1)), own.reshape(count, -1)], axis=1)
 
 
 def prediction_slopes(
-    nonlinear: Sequence[Nonlinear], columns: tuple[Column, ...], values: FloatArray, design_of: DesignOf
-) -> FloatArray:
-    """Derivative of the prediction with respect to each nonlinear parameter (2 rows, parameters)."""
-    out = []
-    for parameter in nonlinear:
-        width = 2e-3 * (parameter.bounds[1] - parameter.bounds[0])
-        chosen = [columns[j] for j in parameter.columns]
-        weights = values[list(parameter.columns)]
-        local = replace(parameter, columns=tuple(range(len(chosen))))
-        high = design_of(local.moved(chosen, parameter.value + width)) @ weights
-        low = design_of(local.moved(chosen, parameter.value - width)) @ weights
-        out.append((high - low) / (2.0 * width))
-    return np.column_stack(out)
+    nonlinear: Sequence[Nonlinear], columns: Sequence[Column], values: FloatArray, frame: RateFrame
+) -> ComplexArray:
+    """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
+
+    By central differences, all in one batch: where a knot lies at a sample, the derivatives on its two sides differ,
+    and their mean is wanted.
+    """
+    moved: list[Column] = []
+    weights: list[tuple[int, float]] = []
+    for p, parameter in enumerate(nonlinear):
+        width = _WIDTH * (parameter.bounds[1] - parameter.bounds[0])
+        for sign in (1.0, -1.0):
+            there = parameter.moved(columns, parameter.value + sign * width)
+            moved += [there[j] for j in parameter.columns]
+            weights += [(p, sign * float(values[j]) / (2.0 * width)) for j in parameter.columns]
+    mixed = np.zeros((len(moved), len(nonlinear)))
+    for row, (p, weight) in enumerate(weights):
+        mixed[row, p] = weight
+    return np.asarray(frame.columns(moved) @ mixed, dtype=complex)
 
 
-def _line_search(
-    nonlinear: tuple[Nonlinear, ...],
-    columns: tuple[Column, ...],
-    step: FloatArray,
-    design_of: DesignOf,
-    response: FloatArray,
-    rss: float,
-    halvings: int = 4,
-) -> tuple[tuple[Nonlinear, ...], tuple[Column, ...], FloatArray, FloatArray, FloatArray] | None:
+def _step(reduced: Reduced, state: _State) -> FloatArray:
+    """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
+    values = state.fitted.values
+    slopes = reduced.batch_of_rates(prediction_slopes(state.nonlinear, state.columns, values, reduced.frame))
+    across = state.batch.products(slopes)
+    inside, count = state.fitted.products, values.size
+    products = np.empty((count + len(state.nonlinear),) * 2)
+    products[:count, :count], products[count:, count:] = inside, slopes.products(slopes)
+    products[:count, count:], products[count:, :count] = across, across.T
+    right = np.concatenate([state.fitted.right - inside @ values, reduced.right(slopes) - across.T @ values])
+    squares = np.concatenate([state.batch.squares, slopes.squares])
+    return solve_normal(products, right, squares)[count:]
+
+
+def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = 4) -> _State | None:
+    places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
     for halving in range(halvings):
-        trial = columns
+        trial = state.columns
         moved = []
-        for parameter, full in zip(nonlinear, step, strict=True):
-            value = float(np.clip(parameter.value + full * 0.5**halving, *parameter.bounds))
+        for parameter, full in zip(state.nonlinear, step, strict=True):
+            low, high = parameter.bounds
+            value = min(max(parameter.value + float(full) * 0.5**halving, low), high)
             trial = parameter.moved(trial, value)
             moved.append(replace(parameter, value=value))
-        design = design_of(trial)
-        values = solve_scaled(design, response)
-        residual = response - design @ values
-        if float(residual @ residual) < rss:
-            return tuple(moved), trial, design, values, residual
+        batch = state.batch.with_columns(places, reduced.batch([trial[j] for j in places]))
+        fitted = reduced.fit(batch)
+        if fitted.rss < state.fitted.rss:
+            return _State(tuple(moved), trial, batch, fitted)
     return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,10 @@ from brv_hypo.model.columns import Column, Theta, candidates, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
 from brv_hypo.subset import best_subsets
+
+Subset = tuple[float, tuple[Column, ...]]
 
 
 @dataclass(frozen=True)
@@ -68,20 +71,45 @@ def _columns_of(
     return candidates(mechanism, frame.motions[0], problem.knots if own is None else own, thetas)
 
 
-def best_by_size(
-    problem: Problem, frame: RateFrame, offered: Sequence[tuple[Column, ...]], n_best: int = 2
-) -> dict[int, list[tuple[Column, ...]]]:
-    """The `n_best` subsets of least RSS for each number of columns above 0, over all offers."""
-    found: dict[int, list[tuple[float, tuple[Column, ...]]]] = {}
-    forced = problem.design(frame, problem.baseline)
-    for columns in offered:
-        for rss, chosen in _subsets(problem, frame, forced, columns, problem.exact_terms, n_best):
-            found.setdefault(len(chosen), []).append((rss, chosen))
-    return {
-        size: [chosen for _, chosen in sorted(ranked, key=lambda pair: pair[0])[:n_best]]
-        for size, ranked in found.items()
-        if size > 0
-    }
+@dataclass(frozen=True)
+class OnGrid:
+    """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
+
+    `best`: for each number of columns above 0, (RSS, columns), the least first.
+    """
+
+    frame: RateFrame
+    offered: Offers
+    best: Mapping[int, tuple[Subset, ...]]
+
+
+def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2) -> OnGrid:
+    """The `n_best` subsets of each size of either kind of offer."""
+    frame = problem.frame.with_mechanisms(mechanisms)
+    offered = offers(problem, frame, mechanisms)
+    reduced = Reduced(problem, frame)
+    best: dict[int, dict[tuple[Column, ...], float]] = {}
+    for sets in (offered.single, offered.joint):
+        found: dict[int, list[Subset]] = {}
+        for columns in sets:
+            for rss, chosen in _subsets(reduced, (), columns, problem.exact_terms, n_best):
+                found.setdefault(len(chosen), []).append((rss, chosen))
+        for size, ranked in found.items():
+            least = sorted(ranked, key=_rss)[:n_best]
+            best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
+    return OnGrid(
+        frame,
+        offered,
+        {
+            size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
+            for size, subsets in best.items()
+            if size > 0
+        },
+    )
+
+
+def _rss(subset: Subset) -> float:
+    return subset[0]
 
 
 def extended(
@@ -93,17 +121,17 @@ def extended(
 ) -> tuple[Column, ...] | None:
     """A model's selected columns with the best further term of its own offer; None where it is full."""
     selected = columns[len(problem.baseline) :]
+    reduced = Reduced(problem, frame)
     size = max(2 if column.tied else 1 for column in selected)
     if len(selected) + size > problem.max_terms:
         return None
-    forced = problem.design(frame, columns)
     found = [
         (rss, chosen)
         for offer in _compatible(selected, mechanisms, offered)
-        for rss, chosen in _subsets(problem, frame, forced, offer, size)
+        for rss, chosen in _subsets(reduced, selected, offer, size)
         if chosen
     ]
-    return (*selected, *min(found, key=lambda pair: pair[0])[1]) if found else None
+    return (*selected, *min(found, key=_rss)[1]) if found else None
 
 
 def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
@@ -112,16 +140,18 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) ->
     It finds the plainer model where refinement has moved several terms to one place.
     """
     selected = columns[len(problem.baseline) :]
-    forced = problem.design(frame, problem.baseline)
     own: dict[Column, None] = {}
     for column in selected:
         mechanism = frame.mechanisms[column.mechanism]
         mine = [c for c in selected if c.mechanism == column.mechanism]
-        knots = _merged([c.course.start for c in mine if c.course.kind != "constant"], _spacing(problem) / 4.0)
+        knots = _merged(
+            [c.course.start for c in mine if c.course.kind != "constant"], _spacing(problem) / 4.0
+        )
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
     smaller = max(len(selected), 1)
-    return [chosen for _, chosen in _subsets(problem, frame, forced, tuple(own), smaller, n_best=2) if chosen]
+    found = _subsets(Reduced(problem, frame), (), tuple(own), smaller, n_best=2)
+    return [chosen for _, chosen in found if chosen]
 
 
 def _spacing(problem: Problem) -> float:
@@ -138,9 +168,9 @@ def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
 
 
 def _merged_thetas(columns: Sequence[Column], tolerance: float = 0.1) -> list[Theta]:
-    """The thetas of the columns; single delays within a tenth of each other become one."""
+    """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
     thetas = list(dict.fromkeys(column.theta for column in columns))
-    if any(len(theta) != 1 for theta in thetas):
+    if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):
         return thetas
     name = thetas[0][0][0]
     logarithms = _merged([float(np.log(theta[0][1])) for theta in thetas], tolerance)
@@ -158,28 +188,25 @@ def _compatible(
 
 
 def _subsets(
-    problem: Problem,
-    frame: RateFrame,
-    forced: FloatArray,
-    offered: tuple[Column, ...],
-    max_terms: int,
-    n_best: int = 1,
-) -> list[tuple[float, tuple[Column, ...]]]:
+    reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column], max_terms: int, n_best: int = 1
+) -> list[Subset]:
     """(RSS, columns) of the best subsets of each size beside the forced columns."""
-    size = forced.shape[1]
-    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
-    for j, column in enumerate(offered):
-        if column.tied:
-            vectors.setdefault(column.vector, []).append(size + j)
+    batch = reduced.batch((*forced, *offered))
     # The triangular factor has the same residual sums of squares as the rows, and is small.
-    rows = np.column_stack([forced, problem.design(frame, offered), problem.response])
-    triangle: FloatArray = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
+    triangle = reduced.triangle(batch)
+    spent = frozenset(reduced.spent(batch, triangle).tolist())
+    columns = [(j, column) for j, column in enumerate((*forced, *offered)) if j not in spent]
+    size = sum(j < len(forced) for j, _ in columns)
+    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
+    for place, (_, column) in enumerate(columns):
+        if place >= size and column.tied:
+            vectors.setdefault(column.vector, []).append(place)
     result = best_subsets(
-        triangle[:, :-1],
+        triangle[:, [j for j, _ in columns]],
         triangle[:, -1],
-        max_terms=min(max_terms, len(offered)),
+        max_terms=min(max_terms, len(columns) - size),
         forced=tuple(range(size)),
         n_best=n_best,
         groups=tuple(tuple(members) for members in vectors.values()) or None,
     )
-    return [(s.rss, tuple(offered[j - size] for j in s.columns)) for s in result.subsets]
+    return [(s.rss, tuple(columns[j][1] for j in s.columns if j >= size)) for s in result.subsets]

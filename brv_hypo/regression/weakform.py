@@ -11,46 +11,122 @@ of the antiderivatives, for any time of the knot, so that knots can be refined c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg.lapack import dgttrf, dgttrs
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.time_variation import TimeFunction
 
-Antiderivative = Callable[[FloatArray | float], ComplexArray]
+
+@dataclass(frozen=True)
+class SplineGrid:
+    """Cubic splines without a knot at the second and the last but one sample, on the samples `time` (m,), m > 3.
+
+    The equations of the slopes are factorised once (de Boor, A Practical Guide to Splines, Chapter IV).
+    """
+
+    time: FloatArray
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """Distance of neighbouring samples (m - 1, 1), s."""
+        return np.diff(self.time)[:, np.newaxis]
+
+    @cached_property
+    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+        h = self.steps[:, 0]
+        lower = np.append(h[1:], h[-1] + h[-2])
+        diagonal = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
+        upper = np.append(h[0] + h[1], h[:-1])
+        dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
+        return dl, d, du, du2, pivots
+
+    def slopes(self, values: ComplexArray) -> ComplexArray:
+        """Slopes at the samples of the splines through `values` (m, columns)."""
+        h = self.steps
+        chords = np.diff(values, axis=0) / h
+        right = np.empty(values.shape, dtype=complex)
+        right[1:-1] = 3.0 * (h[1:] * chords[:-1] + h[:-1] * chords[1:])
+        first, last = h[0] + h[1], h[-1] + h[-2]
+        right[0] = ((h[0] + 2.0 * first) * h[1] * chords[0] + h[0] ** 2 * chords[1]) / first
+        right[-1] = (h[-1] ** 2 * chords[-2] + (2.0 * last + h[-1]) * h[-2] * chords[-1]) / last
+        found, _ = dgttrs(*self._factors, right.view(float))
+        return np.ascontiguousarray(found).view(complex)
+
+
+@dataclass(frozen=True)
+class Antiderivative:
+    """Splines through `values` (m, columns) and their integrals from the first sample."""
+
+    grid: SplineGrid
+    values: ComplexArray
+
+    @cached_property
+    def _slopes(self) -> ComplexArray:
+        return self.grid.slopes(self.values)
+
+    @cached_property
+    def at_samples(self) -> ComplexArray:
+        """Integrals up to each sample (m, columns)."""
+        h, g, s = self.grid.steps, self.values, self._slopes
+        out = np.zeros_like(g)
+        np.cumsum(h / 2.0 * (g[:-1] + g[1:]) + h**2 / 12.0 * (s[:-1] - s[1:]), axis=0, out=out[1:])
+        return out
+
+    def at(self, times: FloatArray, columns: IntArray) -> ComplexArray:
+        """Integral of each column (k,) up to its own time (k,)."""
+        i, u, (c0, c1, c2, c3) = self._cubic(times, columns)
+        return self.at_samples[i, columns] + u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+
+    def _cubic(
+        self, times: FloatArray, columns: IntArray
+    ) -> tuple[IntArray, FloatArray, tuple[ComplexArray, ...]]:
+        """Interval, time since its first sample, and the polynomial's coefficients, the constant first."""
+        i = np.searchsorted(self.grid.time[1:-1], times, side="right")
+        h = self.grid.steps[i, 0]
+        g, s, following = self.values[i, columns], self._slopes[i, columns], self._slopes[i + 1, columns]
+        chord = (self.values[i + 1, columns] - g) / h
+        bend = (s + following - 2.0 * chord) / h
+        return i, times - self.grid.time[i], (g, s, (chord - s) / h - bend, bend / h)
 
 
 @dataclass(frozen=True)
 class Integrals:
-    """Antiderivatives of a column g and of (t - origin) g over one segment, as functions of time."""
+    """Antiderivatives of columns g (m, columns) and of (t - origin) g over one segment."""
 
-    time: FloatArray
+    grid: SplineGrid
     integrand: ComplexArray
 
     @cached_property
     def plain(self) -> Antiderivative:
-        """Antiderivative of g."""
-        return CubicSpline(self.time, self.integrand).antiderivative()
-
-    @cached_property
-    def plain_at_samples(self) -> ComplexArray:
-        """Antiderivative of g at the segment's samples (m,)."""
-        return self.plain(self.time)
-
-    @cached_property
-    def first_at_samples(self) -> ComplexArray:
-        """Antiderivative of (t - origin) g at the segment's samples (m,)."""
-        return self.first(self.time)
+        """Of g."""
+        return Antiderivative(self.grid, self.integrand)
 
     @cached_property
     def first(self) -> Antiderivative:
-        """Antiderivative of (t - origin) g, which ramps need."""
-        return CubicSpline(self.time, (self.time - self.time[0]) * self.integrand).antiderivative()
+        """Of (t - origin) g, which ramps need."""
+        return Antiderivative(self.grid, (self.grid.time - self.grid.time[0])[:, np.newaxis] * self.integrand)
+
+
+@dataclass(frozen=True)
+class _Courses:
+    """Courses in time as arrays (k,); start and stop are also given as `begin` and `end` inside a segment."""
+
+    ramp: BoolArray
+    start: FloatArray
+    stop: FloatArray
+    begin: FloatArray
+    end: FloatArray
+
+    def of(self, chosen: IntArray) -> _Courses:
+        """Some of them."""
+        return _Courses(*(getattr(self, name)[chosen] for name in ("ramp", "start", "stop", "begin", "end")))
 
 
 @dataclass(frozen=True)
@@ -63,32 +139,47 @@ class WeakSegment:
     flight: int
     rows: slice
 
-    def integrate(self, body_moment: ComplexArray) -> Integrals:
-        """Antiderivatives for a column C_m + i C_n (m,) on the segment's samples."""
-        return Integrals(self.time, self.factor * body_moment)
+    @cached_property
+    def _grid(self) -> SplineGrid:
+        return SplineGrid(self.time)
 
-    def column(self, integrals: Integrals, course: TimeFunction) -> ComplexArray:
-        """The column times its course, integrated from the segment's first sample to each sample (m,)."""
-        origin, last = float(self.time[0]), float(self.time[-1])
-        start = min(max(course.start, origin), last)
-        stop = min(max(course.stop, origin), last)
-        plain = self._between(integrals.plain, integrals.plain_at_samples, start, stop)
-        if course.kind != "ramp":
-            return plain
-        slope = self._between(integrals.first, integrals.first_at_samples, start, stop)
-        after = self._between(integrals.plain, integrals.plain_at_samples, stop, last)
-        held = min(course.stop, last) - course.start
-        return slope + (origin - course.start) * plain + held * after
+    def integrate(self, body_moments: ComplexArray) -> Integrals:
+        """Antiderivatives for columns C_m + i C_n (m, columns) on the segment's samples."""
+        return Integrals(self._grid, self.factor[:, np.newaxis] * body_moments)
 
-    def _between(
-        self, integral: Antiderivative, at_samples: ComplexArray, start: float, stop: float
-    ) -> ComplexArray:
-        """Integral from `start` to each sample, 0 before it and constant after `stop` (m,)."""
-        first, after = np.searchsorted(self.time, [start, stop])
-        out = np.zeros(self.time.size, dtype=complex)
-        base = integral(start)
-        out[first:after] = at_samples[first:after] - base
-        out[after:] = integral(stop) - base
+    def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
+        """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
+        told = self._told(courses)
+        out = self._between(integrals.plain, which, told)
+        ramps = np.flatnonzero(told.ramp)
+        if ramps.size:
+            told, which, plain = told.of(ramps), which[ramps], out[:, ramps]
+            last = np.full(ramps.size, self.time[-1])
+            held = np.minimum(told.stop, last) - told.start
+            out[:, ramps] = (
+                self._between(integrals.first, which, told)
+                + (self.time[0] - told.start) * plain
+                + held
+                * self._between(integrals.plain, which, _Courses(told.ramp, last, last, told.end, last))
+            )
+        return out
+
+    def _told(self, courses: Sequence[TimeFunction]) -> _Courses:
+        start = np.array([course.start for course in courses])
+        stop = np.array([course.stop for course in courses])
+        ramp = np.array([course.kind == "ramp" for course in courses])
+        first, last = self.time[0], self.time[-1]
+        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
+        return _Courses(ramp, start, stop, begin, end)
+
+    def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
+        """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
+        base = integral.at(told.begin, which)
+        out = integral.at_samples[:, which] - base
+        out *= self.time[:, np.newaxis] >= told.begin
+        for j in np.flatnonzero(told.end < self.time[-1]):
+            after = np.searchsorted(self.time, told.end[j])
+            out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
         return out
 
 

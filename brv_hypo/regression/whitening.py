@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import solve_toeplitz
 
 from brv_hypo.arrays import ComplexArray, FloatArray
@@ -33,17 +34,24 @@ class NoiseModel:
 
     def whiten(self, rows: ComplexArray) -> ComplexArray:
         """Filter one segment's rows (m, columns); unit weight on the innovation of the full order."""
-        out = np.empty_like(rows)
-        order = min(self.order, rows.shape[0])
-        for k in range(order):
-            out[k] = self.filters[k][::-1] @ rows[: k + 1]
-        if rows.shape[0] > order:
-            count = rows.shape[0] - order
-            out[order:] = sum(
-                weight * rows[order - lag : order - lag + count]
-                for lag, weight in enumerate(self.filters[order])
-            )
-        return out
+        return applied(self.operator(rows.shape[0]), rows)
+
+    def operator(self, samples: int) -> sparse.csr_array:
+        """The filter of a segment of so many samples, banded (samples, samples)."""
+        order = min(self.order, samples - 1)
+        band = [
+            np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])
+        ]
+        for k in range(min(self.order, samples)):
+            for lag, weight in enumerate(self.filters[k]):
+                band[lag][k - lag] = weight
+        return sparse.diags_array(band, offsets=[-lag for lag in range(order + 1)], format="csr")
+
+
+def applied(operator: sparse.csr_array, rows: ComplexArray) -> ComplexArray:
+    """A real operator times complex rows (m, columns), which costs half as much in real arithmetic."""
+    parts = np.ascontiguousarray(rows, dtype=complex).view(float)
+    return np.asarray(np.ascontiguousarray(operator @ parts).view(complex))
 
 
 def white(sigma: float = 1.0) -> NoiseModel:

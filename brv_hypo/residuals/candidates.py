@@ -18,6 +18,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
+from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
@@ -110,14 +111,7 @@ def _refined(problem: Problem, fit: HypothesisFit, mechanism: Mechanism) -> Hypo
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
     nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, problem.knots)
     fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
-    found = refine(
-        fit.columns,
-        nonlinear,
-        fresh,
-        lambda columns: problem.design(frame, columns),
-        problem.response,
-        problem.samples,
-    )
+    found = refine(fit.columns, nonlinear, fresh, Reduced(problem, frame))
     return replace(
         fit,
         frame=frame,

@@ -12,7 +12,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
 from brv_hypo.mechanisms.registry import find, find_installed
-from brv_hypo.model.columns import Column
+from brv_hypo.model.columns import Column, delay_name
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.residuals.linearisation import Applied, Model, start_model
 from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
@@ -42,9 +42,10 @@ def restored(content: SavedModel, flight: Flight) -> Model:
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
     applied = tuple(_applied(error, flight) for error in content.record)
+    known = {**baseline, **{mechanism.name: mechanism for mechanism in own}}
     return Model(
-        mechanisms={**baseline, **{mechanism.name: mechanism for mechanism in own}},
-        columns=tuple(_column(column) for column in content.columns),
+        mechanisms=known,
+        columns=tuple(_column(column, known[column.mechanism]) for column in content.columns),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
     )
@@ -64,7 +65,7 @@ def _saved_column(column: Column) -> SavedColumn:
     )
 
 
-def _column(column: SavedColumn) -> Column:
+def _column(column: SavedColumn, mechanism: Mechanism) -> Column:
     start = -math.inf if column.start is None else column.start
     stop = math.inf if column.stop is None else column.stop
     return Column(
@@ -74,6 +75,7 @@ def _column(column: SavedColumn) -> Column:
         TimeFunction(column.kind, start, stop),
         column.units,
         column.tied,
+        delay_name(mechanism),
     )
 
 

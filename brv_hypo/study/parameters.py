@@ -40,16 +40,17 @@ def _thetas(
     entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None
 ) -> Iterator[Estimate]:
     """The delay of the term with the greatest F; another parameter's first value."""
+    declared = {parameter.name: parameter for parameter in find(entry.mechanism, entry.options).parameters()}
     for name, truth in entry.theta.items():
         found = [item for item in fitted.derived if item.name == f"{entry.mechanism} {name}"]
-        if name == "delay" and leading is not None and leading.delay_s is not None:
+        if declared[name].is_delay and leading is not None and leading.delay_s is not None:
             delay = leading.delay_s
             found.sort(key=lambda item: abs(item.value - delay))
         item = found[0] if found else None
         yield Estimate(
             name=name,
             kind="theta",
-            units="s",
+            units=declared[name].units,
             truth=truth,
             value=None if item is None else item.value,
             std_error=None if item is None else item.std_error,

@@ -142,7 +142,7 @@ def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):
         )
         for segment in work.frame.segments
     )
-    frame = replace(work.frame, segments=short, _shapes={})
+    frame = replace(work.frame, segments=short)
     found = identify(frame, work.columns, work.values)
     assert found.status == "failed"
     assert "widen the window" in found.message

@@ -34,7 +34,8 @@ SEGMENT = WeakSegment(TIME, np.zeros(401, complex), np.ones(401, complex), 0, sl
 def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float, length: float) -> None:
     """The knot need not be a sample, nor lie inside the segment."""
     course = TimeFunction("constant") if kind == "constant" else TimeFunction(kind, start, start + length)  # type: ignore[arg-type]
-    column = SEGMENT.column(SEGMENT.integrate(np.array([moment(t) for t in TIME])), course)
+    integrals = SEGMENT.integrate(np.array([[moment(t)] for t in TIME]))
+    column = SEGMENT.columns(integrals, np.array([0]), [course])[:, 0]
     corners = [t for t in (start, start + length) if 2.0 < t < 6.0]
     for index in (57, 230, 400):
         inside = [t for t in corners if t < TIME[index]] or None
@@ -59,7 +60,7 @@ def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
     flight = simulate(config, seed=77)
     (segment,) = weak_segments(flight.flight, 0)
     truth = np.asarray(flight.truth.C_m) + 1j * np.asarray(flight.truth.C_n)
-    predicted = segment.column(segment.integrate(truth), TimeFunction("constant"))
+    predicted = segment.integrate(truth[:, np.newaxis]).plain.at_samples[:, 0]
     residual = segment.observed - predicted
     residual -= residual.mean()
     noise = np.sqrt(np.mean(np.abs(residual) ** 2) / 2.0)

@@ -1,0 +1,159 @@
+"""The least-squares problem of one hypothesis with nuisances and baseline projected out.
+
+A column is kept as its own rows and its coordinates in what is projected out; Gram matrices of many columns come
+from both without a row of the projection itself. The baseline's coefficients follow in the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.model.columns import Column
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import lengths, solve_normal
+from brv_hypo.regression.problem import Problem
+
+# Singular values of the baseline's unit columns that count, of the largest.
+_CUTOFF = 1e-12
+# Share of its length below which what is left of a column is rounding.
+_SPENT = 1e-10
+# Rows that are reduced to a triangular factor at once.
+_BLOCK = 20_000
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Whitened columns: the rows that they have (m, columns), and coordinates in what is projected out.
+
+    `nuisance` (unknowns, columns) and `baseline` (baseline columns, columns).
+    """
+
+    rows: FloatArray
+    nuisance: FloatArray
+    baseline: FloatArray
+
+    def of(self, chosen: Sequence[int] | IntArray | slice) -> Batch:
+        """Some of the columns."""
+        return Batch(self.rows[:, chosen], self.nuisance[:, chosen], self.baseline[:, chosen])
+
+    def with_columns(self, places: Sequence[int], others: Batch) -> Batch:
+        """The batch with other columns in these places."""
+        own = (self.rows.copy(), self.nuisance.copy(), self.baseline.copy())
+        for mine, theirs in zip(own, (others.rows, others.nuisance, others.baseline), strict=True):
+            mine[: theirs.shape[0], places] = theirs
+        return Batch(*own)
+
+    def products(self, others: Batch) -> FloatArray:
+        """Scalar products with the columns of another batch, both projected (columns, columns)."""
+        m = min(self.rows.shape[0], others.rows.shape[0])
+        whole = self.rows[:m].T @ others.rows[:m]
+        inside = self.nuisance.T @ others.nuisance + self.baseline.T @ others.baseline
+        return np.asarray(whole - inside, dtype=float)
+
+    @cached_property
+    def squares(self) -> FloatArray:
+        """Squared length of each column before the projection (columns,)."""
+        return np.asarray(np.einsum("ij,ij->j", self.rows, self.rows), dtype=float)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Normal equations of a batch, its coefficients (columns,) and the residual sum of squares."""
+
+    products: FloatArray
+    right: FloatArray
+    values: FloatArray
+    rss: float
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A problem as the columns of one frame see it."""
+
+    problem: Problem
+    frame: RateFrame
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """What the baseline leaves of the response (rows,)."""
+        basis, _ = self._baseline
+        return np.asarray(self.problem.response - basis @ (basis.T @ self.problem.response), dtype=float)
+
+    @cached_property
+    def rss(self) -> float:
+        """Residual sum of squares of the baseline alone."""
+        return float(self.left @ self.left)
+
+    @cached_property
+    def _baseline(self) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal basis of the baseline (rows, rank), and coefficients from coordinates in it (columns, rank)."""
+        design = self.problem.design(self.frame, self.problem.baseline)
+        if not self.problem.baseline:
+            return design, np.zeros((0, 0))
+        scale = lengths(design)
+        basis, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+        kept = singular > _CUTOFF * singular[0]
+        return basis[:, kept], (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+
+    def batch(self, columns: Sequence[Column]) -> Batch:
+        """Columns, whitened."""
+        return self._batch(self.problem.own_rows(self.frame, columns))
+
+    def batch_of_rates(self, rates: ComplexArray) -> Batch:
+        """Rate histories (frame rows, columns), whitened."""
+        return self._batch(self.problem.rows.white_moments(rates))
+
+    def _batch(self, rows: FloatArray) -> Batch:
+        m = rows.shape[0]
+        return Batch(rows, self.problem.rows.basis[:m].T @ rows, self._baseline[0][:m].T @ rows)
+
+    def right(self, batch: Batch) -> FloatArray:
+        """Scalar products of the columns with the response (columns,)."""
+        return np.asarray(batch.rows.T @ self.left[: batch.rows.shape[0]], dtype=float)
+
+    def fit(self, batch: Batch) -> Fitted:
+        """Least squares."""
+        products, right = batch.products(batch), self.right(batch)
+        values = solve_normal(products, right, batch.squares)
+        return Fitted(products, right, values, self.rss - float(right @ values))
+
+    def projected(self, batch: Batch, first: int, last: int) -> FloatArray:
+        """Rows [first, last) of the columns with nuisances and baseline projected out (rows, columns)."""
+        inside = slice(first, last)
+        out = -(self.problem.rows.basis[inside] @ batch.nuisance + self._baseline[0][inside] @ batch.baseline)
+        own = batch.rows[inside]
+        out[: own.shape[0]] += own
+        return np.asarray(out, dtype=float)
+
+    def triangle(self, batch: Batch) -> FloatArray:
+        """Triangular factor of the projected columns and the response after them, a block of rows at a time."""
+        factor = np.zeros((0, batch.rows.shape[1] + 1))
+        for first in range(0, self.left.size, _BLOCK):
+            last = min(first + _BLOCK, self.left.size)
+            block = np.column_stack([self.projected(batch, first, last), self.left[first:last]])
+            factor = np.asarray(np.linalg.qr(np.concatenate([factor, block]), mode="r"), dtype=float)
+        return np.asarray(factor, dtype=float)
+
+    def spent(self, batch: Batch, triangle: FloatArray) -> IntArray:
+        """Columns that baseline and nuisances leave nothing of, by their lengths in the triangular factor."""
+        return np.flatnonzero(np.linalg.norm(triangle[:, :-1], axis=0) <= _SPENT * np.sqrt(batch.squares))
+
+    def residual(self, batch: Batch, values: FloatArray) -> FloatArray:
+        """Whitened residual (rows,)."""
+        return self.left - self.projected(_sum(batch, values), 0, self.left.size)[:, 0]
+
+    def with_baseline(self, batch: Batch, values: FloatArray) -> FloatArray:
+        """The baseline's coefficients that go with those of the columns, and these after them."""
+        basis, coefficients = self._baseline
+        own = coefficients @ (basis.T @ self.problem.response - batch.baseline @ values)
+        return np.concatenate([own, values])
+
+
+def _sum(batch: Batch, values: FloatArray) -> Batch:
+    weights = values[:, np.newaxis]
+    return Batch(batch.rows @ weights, batch.nuisance @ weights, batch.baseline @ weights)
