@@ -12,22 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.blocks import BlockRows, Coupling
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.interpolation import Stencil
 from brv_hypo.likelihood.segment import Grid, History, LookBack
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-_MANY = 6
-"""Filled places along the width from which a sparse matrix is faster than one product for each."""
-
 
 @dataclass(frozen=True)
 class Model:
@@ -41,53 +33,6 @@ class Model:
     method: Method = "complex"
     scale: Mapping[str, float] | None = None
     affine: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class BlockRows:
-    """A sparse matrix of block rows: row k acts on the states of samples k + offset, k + offset + 1, ...
-
-    `blocks` is (n_rows, width, m, n_states); blocks that would stand outside the samples are zero.
-    """
-
-    offset: int
-    blocks: FloatArray
-
-    @cached_property
-    def filled(self) -> tuple[int, ...]:
-        """Where along the width any block is not zero: a delay looks at few of the samples that it spans."""
-        return tuple(np.flatnonzero(self._nonzero.any(axis=0)).tolist())
-
-    @cached_property
-    def _nonzero(self) -> BoolArray:
-        """Which blocks are not zero, (n_rows, width)."""
-        return np.asarray(self.blocks.reshape(*self.blocks.shape[:2], -1).any(axis=2))
-
-    def dot(self, x: FloatArray) -> FloatArray:
-        """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
-        n = x.shape[0]
-        columns = x.reshape(n, x.shape[1], -1)
-        if len(self.filled) > _MANY:
-            flat = self.matrix(n) @ columns.reshape(n * x.shape[1], -1)
-            return np.asarray(flat).reshape(*self.blocks.shape[::2], *x.shape[2:])
-        product = np.zeros((*self.blocks.shape[::2], columns.shape[2]))
-        for w in self.filled:
-            column = np.clip(np.arange(self.blocks.shape[0]) + self.offset + w, 0, n - 1)
-            product += self.blocks[:, w] @ columns[column]
-        return product.reshape(*self.blocks.shape[::2], *x.shape[2:])
-
-    def matrix(self, n: int) -> csr_array[np.float64]:
-        """The whole, (n_rows m, n n_states), without its zeros."""
-        from scipy.sparse import csr_array  # here, for a cheap import of the package
-
-        count, _, m, n_states = self.blocks.shape
-        k, w = np.nonzero(self._nonzero)
-        rows = (k * m)[:, None, None] + np.arange(m)[:, None]
-        columns = ((k + self.offset + w) * n_states)[:, None, None] + np.arange(n_states)
-        rows, columns = np.broadcast_arrays(rows, columns)
-        return csr_array(
-            (self.blocks[k, w].ravel(), (rows.ravel(), columns.ravel())), shape=(count * m, n * n_states)
-        )
 
 
 @dataclass(frozen=True)
@@ -140,8 +85,6 @@ def linearise_segment(
         defect_by_parameter=by_parameter,
         output=output.value.T,
         output_by_state=_with_delays(
-            n,
-            0,
             output.by_state[:, None],
             [(back[d].stencil, slice(0, n), b) for d, b in output.by_delayed.items()],
         ),
@@ -227,24 +170,19 @@ def _defect_derivatives(
             (stencil, slice(1, n), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
             (stencil, slice(n, 2 * n - 1), -2 * h / 3 * d_mid),
         ]
-    return _with_delays(n, 0, local, coupling), by_parameter
+    return _with_delays(local, coupling), by_parameter
 
 
 def _with_delays(
-    n: int, offset: int, local: FloatArray, coupling: list[tuple[Stencil, slice, FloatArray]]
+    local: FloatArray, coupling: list[tuple[Stencil, slice, FloatArray]]
 ) -> BlockRows:
-    """The local blocks, (rows, width, m, n_states), plus blocks spread over interpolation weights."""
-    coupling = [entry for entry in coupling if np.any(entry[2])]
-    if not coupling:
-        return BlockRows(offset, local)
-    rows = np.arange(local.shape[0])
-    reach = [s.index[part] - rows[:, None] for s, part, _ in coupling]
-    first = min(offset, *(int(r.min()) for r in reach))
-    last = max(offset + local.shape[1] - 1, *(int(r.max()) for r in reach))
-    blocks = np.zeros((rows.size, last - first + 1, *local.shape[2:]))
-    blocks[:, offset - first : offset - first + local.shape[1]] = local
-    for (stencil, part, by_delayed), distance in zip(coupling, reach, strict=True):
-        weights = stencil.value[part]
-        for j in range(weights.shape[1]):
-            blocks[rows, distance[:, j] - first] += weights[:, j, None, None] * by_delayed
-    return BlockRows(first, blocks)
+    """The local blocks, (rows, width, m, n_states), plus those that act on delayed states."""
+    return BlockRows(
+        0,
+        local,
+        tuple(
+            Coupling(stencil.index[part], stencil.value[part], by_delayed)
+            for stencil, part, by_delayed in coupling
+            if np.any(by_delayed)
+        ),
+    )

@@ -5,7 +5,7 @@ determinant. For linear dynamics, and to the order of Laplace's approximation ot
 
     NLLF = objective + 1/2 log|det K(Q)| - 1/2 log|det K(0)| + 1/2 sum log det R
 
-with K the matrix of `elimination` and the initial state held. The last determinant is that of the dynamics
+with K the matrix of `band` and the initial state held. The last determinant is that of the dynamics
 alone: the square of that of D, which without delays is block triangular. At Q = 0 the two cancel and output
 error remains. Derivatives of the determinants are also the smoothed covariances that the estimates of R and Q
 need: no smoother has to be run.
@@ -20,7 +20,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import log_determinant
+from brv_hypo.likelihood.band import log_determinant
 from brv_hypo.likelihood.noise import Shape, whitening
 from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
@@ -157,8 +157,8 @@ def _displaced(
     theta[parameter] += step
     states = []
     for x, segment, index in zip(iterate.x, segments, problem.parameters.segment_index, strict=True):
-        local = np.flatnonzero(index == parameter)
-        follow = segment.eliminated.x[:, :, 1 + local].sum(axis=2).T * problem.size[:, None]
+        direction = np.concatenate([[0.0], (index == parameter).astype(float)])
+        follow = segment.eliminated.states(direction).T * problem.size[:, None]
         states.append(x + step * follow)
     return replace(iterate, theta=theta, x=tuple(states))
 

@@ -37,11 +37,17 @@ class Stencil:
 
     def apply(self, signal: FloatArray) -> FloatArray:
         """The signal, (m, n_samples), at the query times, (m, n)."""
-        return np.asarray(np.einsum("mnw,nw->mn", signal[:, self.index], self.value))
+        return self._apply(signal, self.value)
 
     def apply_rate(self, signal: FloatArray) -> FloatArray:
         """The time derivative of the signal, (m, n_samples), at the query times, (m, n)."""
-        return np.asarray(np.einsum("mnw,nw->mn", signal[:, self.index], self.rate))
+        return self._apply(signal, self.rate)
+
+    def _apply(self, signal: FloatArray, weights: FloatArray) -> FloatArray:
+        found = np.zeros((signal.shape[0], self.index.shape[0]), dtype=signal.dtype)
+        for index, weight in zip(self.index.T, weights.T, strict=True):
+            found += signal[:, index] * weight
+        return found
 
 
 class Interpolator:

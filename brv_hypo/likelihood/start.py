@@ -88,9 +88,8 @@ def states_from_outputs(
             continue
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
         linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), ())
-        here = -linear.output_by_state.offset
         difference = _without_gaps(grid) - linear.output.T
-        pseudo_inverse = np.linalg.pinv(linear.output_by_state.blocks[:, here], rcond=1e-6)
+        pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(), rcond=1e-6)
         histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, difference))
     return tuple(histories)
 

@@ -7,19 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import (
-    BlockRows,
-    Linearisation,
-    Model,
-    evaluate_segment,
-    linearise_segment,
-)
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.triangle import upper_triangle
 
 _RANK_TOLERANCE = 1e-10
 """Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
@@ -60,15 +55,23 @@ class Iterate:
 class Sensitivity:
     """One segment at its linearisation point, states eliminated.
 
-    `residual` (n, n_outputs, 1 + p) holds the whitened residual that a step of the states alone would leave,
-    and its derivative by the p parameters of the segment with the states following; `disturbance` (n,
-    n_states, 1 + p) likewise the whitened process noise.
+    `triangle` (1 + p, 1 + p) is that of the whitened residuals and process noise that a step of the p parameters
+    of the segment leaves, the states following; its last column a step of the states alone. `void` (p,) marks the
+    parameters that the states can follow entirely.
     """
 
-    linearisation: Linearisation
+    quadratic: Quadratic
     eliminated: Eliminated
-    residual: FloatArray
-    disturbance: FloatArray
+    triangle: FloatArray
+    void: BoolArray
+
+    def residual(self) -> FloatArray:
+        """The whitened residual that a step of the states alone would leave, and its derivative by the parameters
+        with the states following, (n, n_outputs, 1 + p).
+        """
+        found, _ = self.eliminated.rows()
+        found[:, :, 1:][:, :, self.void] = 0.0
+        return found
 
 
 @dataclass(frozen=True)
@@ -117,14 +120,7 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
         eliminated = eliminate(quadratic)
         if eliminated is None:
             raise SingularStatesError(s)
-        residual = eliminated.residual
-        if residual is None:
-            direct = np.concatenate([quadratic.residual[:, :, None], quadratic.by_parameter], axis=2)
-            residual = direct + quadratic.by_state.dot(eliminated.x)
-        variance = np.where(np.isfinite(quadratic.variance), quadratic.variance, 0.0)
-        disturbance = np.sqrt(variance)[:, :, None] * eliminated.multiplier
-        _drop_rounding(residual, disturbance, quadratic.by_parameter)
-        found.append(Sensitivity(linearisation, eliminated, residual, disturbance))
+        found.append(_sensitivity(quadratic, eliminated))
     return tuple(found)
 
 
@@ -137,15 +133,11 @@ def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> Flo
     p = len(parameters.names)
     rows = [np.zeros((0, p + 1))]
     for index, segment in zip(parameters.segment_index, segments, strict=True):
-        parts = [_flat(segment.residual)]
-        if np.any(segment.disturbance):
-            parts.append(_flat(segment.disturbance))
-        local = _triangle(np.concatenate(parts))
-        spread = np.zeros((local.shape[0], p + 1))
-        spread[:, index] = local[:, :-1]
-        spread[:, -1] = local[:, -1]
+        spread = np.zeros((segment.triangle.shape[0], p + 1))
+        spread[:, index] = segment.triangle[:, :-1]
+        spread[:, -1] = segment.triangle[:, -1]
         rows.append(spread)
-    return _triangle(np.concatenate(rows))
+    return upper_triangle(np.concatenate(rows))
 
 
 def gauss_newton_step(
@@ -173,13 +165,12 @@ def gauss_newton_step(
     if gradient is not None:
         tilted[:p, p] += np.linalg.lstsq(data[:p, :p].T, slope, rcond=None)[0]
     change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
+    weights = [np.concatenate([[1.0], change[index]]) for index in parameters.segment_index]
     x = tuple(
-        (e.x[:, :, 0] + e.x[:, :, 1:] @ change[index]).T * problem.size[:, None]
-        for e, index in ((s.eliminated, i) for s, i in zip(segments, parameters.segment_index, strict=True))
+        s.eliminated.states(w).T * problem.size[:, None] for s, w in zip(segments, weights, strict=True)
     )
     multiplier = max(
-        float(np.abs(s.eliminated.multiplier[:, :, 0] + s.eliminated.multiplier[:, :, 1:] @ change[i]).max())
-        for s, i in zip(segments, parameters.segment_index, strict=True)
+        float(np.abs(s.eliminated.multipliers(w)).max()) for s, w in zip(segments, weights, strict=True)
     )
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
@@ -232,21 +223,22 @@ def quadratic_of(
     first = np.zeros((1, *linearisation.defect_by_parameter.shape[1:]))
     return Quadratic(
         residual=whiten(whitener, grid, linearisation.output),
-        by_state=BlockRows(outputs.offset, whitener[:, None] @ outputs.blocks * size),
+        by_state=outputs.turned(whitener, size),
         by_parameter=whitener @ linearisation.output_by_parameter,
         defect=np.concatenate([_start_defect(problem, grid, x), linearisation.defect / size]),
-        defect_by_state=BlockRows(dynamics.offset, dynamics.blocks * size / size[:, None]),
+        defect_by_state=dynamics.turned(np.diag(1.0 / size), size),
         defect_by_parameter=np.concatenate([first, linearisation.defect_by_parameter / size[:, None]]),
         variance=_variance(problem, grid),
     )
 
 
-def _drop_rounding(residual: FloatArray, disturbance: FloatArray, direct: FloatArray) -> None:
-    """Zero the columns of parameters that the states can follow entirely: what is left is rounding."""
-    left = np.sum(residual[:, :, 1:] ** 2, axis=(0, 1)) + np.sum(disturbance[:, :, 1:] ** 2, axis=(0, 1))
-    void = left <= _ROUNDING**2 * np.sum(direct**2, axis=(0, 1))
-    residual[:, :, 1:][:, :, void] = 0.0
-    disturbance[:, :, 1:][:, :, void] = 0.0
+def _sensitivity(quadratic: Quadratic, eliminated: Eliminated) -> Sensitivity:
+    """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
+    triangle = eliminated.triangle()
+    left = np.sum(triangle[:, :-1] ** 2, axis=0)
+    void = left <= _ROUNDING**2 * np.einsum("nap,nap->p", quadratic.by_parameter, quadratic.by_parameter)
+    triangle[:, :-1][:, void] = 0.0
+    return Sensitivity(quadratic, eliminated, triangle, void)
 
 
 def _anchor(quadratic: Quadratic) -> Quadratic:
@@ -264,27 +256,6 @@ def _variance(problem: Problem, grid: Grid) -> FloatArray:
     """Diagonal of Q in scaled states, (n, n_states); row 0 is the initial state's."""
     noise = problem.process_noise**2 * grid.step[:, None]
     return np.concatenate([grid.start_std[None] ** 2, noise]) / problem.size**2
-
-
-def _flat(columns: FloatArray) -> FloatArray:
-    """(n, m, 1 + p) with the residual first, as rows (n m, p + 1) with the residual last."""
-    rows = columns.reshape(-1, columns.shape[2])
-    return np.concatenate([rows[:, 1:], rows[:, :1]], axis=1)
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
-    """Upper triangle R of a tall matrix, (columns, columns): QR of slabs, then of their triangles (TSQR).
-
-    Small slabs stay in cache and below the size at which a threaded BLAS would start its threads.
-    """
-    columns = rows.shape[1]
-    slab = 8 * columns
-    while rows.shape[0] > slab:
-        spare = -rows.shape[0] % slab
-        padded = np.concatenate([rows, np.zeros((spare, columns))])
-        rows = np.asarray(np.linalg.qr(padded.reshape(-1, slab, columns), mode="r")).reshape(-1, columns)
-    padded = np.concatenate([rows, np.zeros((columns, columns))])
-    return np.asarray(np.linalg.qr(padded, mode="r"))
 
 
 def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArray) -> FloatArray:
