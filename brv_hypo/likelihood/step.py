@@ -115,6 +115,8 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
         quadratic = quadratic_of(
             problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured)
         )
+        if not quadratic.exact:
+            quadratic = _memoryless(quadratic)
         if anchored:
             quadratic = _anchor(quadratic)
         eliminated = eliminate(quadratic)
@@ -239,6 +241,15 @@ def _sensitivity(quadratic: Quadratic, eliminated: Eliminated) -> Sensitivity:
     void = left <= _ROUNDING**2 * np.einsum("nap,nap->p", quadratic.by_parameter, quadratic.by_parameter)
     triangle[:, :-1][:, void] = 0.0
     return Sensitivity(quadratic, eliminated, triangle, void)
+
+
+def _memoryless(quadratic: Quadratic) -> Quadratic:
+    """Delayed states held where they are. Delays meet noise on the way to a start only, whose states are near."""
+    return replace(
+        quadratic,
+        by_state=quadratic.by_state.without_couplings(),
+        defect_by_state=quadratic.defect_by_state.without_couplings(),
+    )
 
 
 def _anchor(quadratic: Quadratic) -> Quadratic:
