@@ -39,9 +39,9 @@ class BandSolution:
         """See `Eliminated`."""
         return np.asarray(self.x @ weights)
 
-    def multipliers(self, weights: FloatArray) -> FloatArray:
+    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Eliminated`."""
-        return np.asarray(self.multiplier @ weights)
+        return np.asarray(self.x @ weights), np.asarray(self.multiplier @ weights)
 
     def at_start(self) -> FloatArray:
         """See `Eliminated`."""

@@ -6,7 +6,7 @@ few weights a row, so that memory does not grow with the distance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -46,6 +46,19 @@ class BlockRows:
     offset: int
     blocks: FloatArray
     couplings: tuple[Coupling, ...] = ()
+
+    @staticmethod
+    def joined(parts: Sequence[BlockRows]) -> BlockRows:
+        """Rows of several parts, one after the other; couplings that act on nothing are dropped."""
+        couplings = [
+            Coupling(*(np.concatenate([getattr(c, name) for c in each]) for name in ("index", "weight", "blocks")))
+            for each in zip(*(part.couplings for part in parts), strict=True)
+        ]
+        return BlockRows(
+            parts[0].offset,
+            np.concatenate([part.blocks for part in parts]),
+            tuple(c for c in couplings if np.any(c.blocks)),
+        )
 
     @cached_property
     def filled(self) -> tuple[int, ...]:
@@ -137,12 +150,15 @@ class BlockRows:
                 row = np.flatnonzero(weight)
                 yield row, index[row], weight[row, None, None] * here.blocks[row]
 
-    def own(self) -> FloatArray:
-        """How each row acts on the sample of its own number, (n_rows, m, n_states)."""
+    def own(self, first: int = 0) -> FloatArray:
+        """How each row acts on the sample of its own number, (n_rows, m, n_states); `first` is that of row 0."""
         found = np.zeros((self.blocks.shape[0], *self.blocks.shape[2:]))
-        for row, sample, block in self._entries(slice(None)):
-            here = row == sample
-            found[row[here]] += block[here]
+        if 0 <= -self.offset < self.blocks.shape[1]:
+            found += self.blocks[:, -self.offset]
+        rows = np.arange(first, first + self.blocks.shape[0])
+        for coupling in self.couplings:
+            for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
+                found += np.where(index == rows, weight, 0.0)[:, None, None] * coupling.blocks
         return found
 
     def widened(self, n: int) -> BlockRows:

@@ -12,14 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.blocks import BlockRows, Coupling
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.interpolation import Stencil
 from brv_hypo.likelihood.segment import Grid, History, LookBack
+
+_AT_ONCE = 8192
+"""Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
+
 
 @dataclass(frozen=True)
 class Model:
@@ -52,44 +57,84 @@ class Linearisation:
     output_by_parameter: FloatArray
 
 
+def parts_of(n: int) -> list[slice]:
+    """n samples in parts to be worked on at a time."""
+    return [slice(first, min(first + _AT_ONCE, n)) for first in range(0, n, _AT_ONCE)]
+
+
 def evaluate_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
     back = _look_back(model.delays, grid, theta)
-    at_samples = _points(grid, x, back, grid.samples)
-    f = evaluate(model.dynamics, at_samples, theta)
-    middle = slice(grid.n, None)
-    f_mid = evaluate(model.dynamics, _points(grid, x, back, middle, _midpoints(grid, x, f)), theta)
-    output = evaluate(model.outputs, at_samples, theta)
-    return _defect(grid, x, f, f_mid).T, output.T
+    defects, outputs = [], []
+    for part in parts_of(grid.n):
+        place = _Place.of(grid, part)
+        at_samples = _points(grid, x, back, place.samples)
+        f = evaluate(model.dynamics, at_samples, theta)
+        x_mid = _midpoints(place.step, x[:, place.samples], f)
+        f_mid = evaluate(model.dynamics, _points(grid, x, back, place.middles, x_mid), theta)
+        defects.append(_defect(place.step, x[:, place.samples], f, f_mid).T)
+        outputs.append(evaluate(model.outputs, at_samples, theta)[:, : place.own].T)
+    return np.concatenate(defects), np.concatenate(outputs)
 
 
 def linearise_segment(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
+    model: Model,
+    grid: Grid,
+    x: FloatArray,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    part: slice = slice(None),
 ) -> Linearisation:
-    """Defects, outputs and their derivatives by states and by the named parameters."""
+    """Defects, outputs and their derivatives by states and by the named parameters: those of all samples and
+    intervals, or of the samples of a part and of the intervals that begin there.
+    """
     back = _look_back(model.delays, grid, theta)
-    at_samples = _points(grid, x, back, grid.samples)
+    place = _Place.of(grid, part)
+    here = x[:, place.samples]
+    at_samples = _points(grid, x, back, place.samples)
     f = evaluate(model.dynamics, at_samples, theta)
-    everywhere = _points(grid, x, back, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
+    at = np.concatenate([here, _midpoints(place.step, here, f)], axis=1)
+    everywhere = _points(grid, x, back, place.everywhere, at)
     slope, output = (
         _jacobian(model, function, points, theta, names, grid.ignores)
         for function, points in ((model.dynamics, everywhere), (model.outputs, at_samples))
     )
-    by_state, by_parameter = _defect_derivatives(grid, slope, back)
-    n = grid.n
+    by_state, by_parameter = _defect_derivatives(place, slope, back)
+    count, own = here.shape[1], slice(0, place.own)
     return Linearisation(
-        defect=_defect(grid, x, slope.value[:, :n], slope.value[:, n:]).T,
+        defect=_defect(place.step, here, slope.value[:, :count], slope.value[:, count:]).T,
         defect_by_state=by_state,
         defect_by_parameter=by_parameter,
-        output=output.value.T,
+        output=output.value.T[own],
         output_by_state=_with_delays(
-            output.by_state[:, None],
-            [(back[d].stencil, slice(0, n), b) for d, b in output.by_delayed.items()],
+            output.by_state[own, None],
+            [(back[d].stencil.part(place.samples).part(own), b[own]) for d, b in output.by_delayed.items()],
         ),
-        output_by_parameter=output.by_parameter,
+        output_by_parameter=output.by_parameter[own],
     )
+
+
+class _Place(NamedTuple):
+    """A part of a grid: its samples and one more, where there is one, for the last interval; the points halfway;
+    both; the steps (s); how many samples are its own.
+    """
+
+    samples: IntArray
+    middles: IntArray
+    everywhere: IntArray
+    step: FloatArray
+    own: int
+
+    @classmethod
+    def of(cls, grid: Grid, part: slice) -> _Place:
+        first, last, _ = part.indices(grid.n)
+        samples = np.arange(first, min(last + 1, grid.n))
+        middles = grid.n + samples[:-1]
+        return cls(
+            samples, middles, np.concatenate([samples, middles]), grid.step[samples[:-1]], last - first
+        )
 
 
 def _jacobian(
@@ -112,9 +157,10 @@ def _jacobian(
 
 
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:
-    """The samples, with the states as the segment's start gives them."""
+    """The samples, or some thousand of them, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
-    return _points(grid, x, _look_back(delays, grid, theta), grid.samples)
+    seen = np.unique(np.linspace(0, grid.n - 1, min(grid.n, _AT_ONCE)).astype(np.int64))
+    return _points(grid, x, _look_back(delays, grid, theta), seen)
 
 
 def _look_back(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, LookBack]:
@@ -122,37 +168,37 @@ def _look_back(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) 
 
 
 def _points(
-    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], part: slice, at: FloatArray | None = None
+    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], where: IntArray, at: FloatArray | None = None
 ) -> Points:
-    """The samples, midpoints or both, and what the delays see there; `at` gives states other than samples."""
+    """Some of the samples and midpoints, and what the delays see there; `at` gives states other than samples."""
     delayed: dict[str, Delayed] = {}
     rates: dict[str, Delayed] = {}
     u = grid.u[:, : grid.n]
     for name, whole in back.items():
-        stencil = whole.stencil.part(part)
-        delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, part)
-        rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, part)
-    courses = tuple(course.part(part) for course in grid.courses)
-    return Points(x if at is None else at, grid.u[:, part], grid.t[part], delayed, rates, courses)
+        stencil = whole.stencil.part(where)
+        delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, where)
+        rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, where)
+    courses = tuple(course.part(where) for course in grid.courses)
+    return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, courses)
 
 
-def _with_history(x: FloatArray, u: FloatArray, before: History | None, part: slice) -> Delayed:
-    return Delayed(x, u) if before is None else Delayed(x + before.x[:, part], u + before.u[:, part])
+def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: IntArray) -> Delayed:
+    return Delayed(x, u) if before is None else Delayed(x + before.x[:, where], u + before.u[:, where])
 
 
-def _midpoints(grid: Grid, x: FloatArray, f: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + grid.step / 8 * (f[:, :-1] - f[:, 1:]))
+def _midpoints(step: FloatArray, x: FloatArray, f: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + step / 8 * (f[:, :-1] - f[:, 1:]))
 
 
-def _defect(grid: Grid, x: FloatArray, f: FloatArray, f_mid: FloatArray) -> FloatArray:
-    return np.asarray(np.diff(x, axis=1) - grid.step / 6 * (f[:, :-1] + 4 * f_mid + f[:, 1:]))
+def _defect(step: FloatArray, x: FloatArray, f: FloatArray, f_mid: FloatArray) -> FloatArray:
+    return np.asarray(np.diff(x, axis=1) - step / 6 * (f[:, :-1] + 4 * f_mid + f[:, 1:]))
 
 
 def _defect_derivatives(
-    grid: Grid, slope: Jacobian, back: Mapping[str, LookBack]
+    place: _Place, slope: Jacobian, back: Mapping[str, LookBack]
 ) -> tuple[BlockRows, FloatArray]:
-    n, n_states = grid.n, slope.by_state.shape[1]
-    h = grid.step[:, None, None]
+    n, n_states = place.samples.size, slope.by_state.shape[1]
+    h = place.step[:, None, None]
     a, a_mid = slope.by_state[:n], slope.by_state[n:]
     b, b_mid = slope.by_parameter[:n], slope.by_parameter[n:]
     by_parameter = -h / 6 * (b[:-1] + 4 * b_mid + b[1:]) - h**2 / 12 * (a_mid @ (b[:-1] - b[1:]))
@@ -166,23 +212,15 @@ def _defect_derivatives(
         d, d_mid = by_delayed[:n], by_delayed[n:]
         stencil = back[name].stencil
         coupling += [
-            (stencil, slice(0, n - 1), -h / 6 * d[:-1] - h / 4 * (through_mid @ d[:-1])),
-            (stencil, slice(1, n), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
-            (stencil, slice(n, 2 * n - 1), -2 * h / 3 * d_mid),
+            (stencil.part(place.samples[:-1]), -h / 6 * d[:-1] - h / 4 * (through_mid @ d[:-1])),
+            (stencil.part(place.samples[1:]), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
+            (stencil.part(place.middles), -2 * h / 3 * d_mid),
         ]
     return _with_delays(local, coupling), by_parameter
 
 
-def _with_delays(
-    local: FloatArray, coupling: list[tuple[Stencil, slice, FloatArray]]
-) -> BlockRows:
+def _with_delays(local: FloatArray, coupling: list[tuple[Stencil, FloatArray]]) -> BlockRows:
     """The local blocks, (rows, width, m, n_states), plus those that act on delayed states."""
     return BlockRows(
-        0,
-        local,
-        tuple(
-            Coupling(stencil.index[part], stencil.value[part], by_delayed)
-            for stencil, part, by_delayed in coupling
-            if np.any(by_delayed)
-        ),
+        0, local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in coupling)
     )

@@ -49,14 +49,19 @@ class Condensed:
         """See `Eliminated`."""
         return np.concatenate([own[:, :, 0] for own in self._own(weights[:, None])])
 
-    def multipliers(self, weights: FloatArray) -> FloatArray:
-        """See `Eliminated`. Backward through the spans, D' l = -J' (r + J dx + J_p dp)."""
+    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Eliminated`. Multipliers backward through the spans, D' l = -J' (r + J dx + J_p dp)."""
+        x = self.states(weights)
+        problem = self.problem
+        residual = problem.residual * weights[0] + problem.by_parameter @ weights[1:] + problem.by_state.dot(x)
+        return x, self._multipliers(residual, self.starts.multiplier @ weights)
+
+    def _multipliers(self, residual: FloatArray, ties: FloatArray) -> FloatArray:
         problem, recursion = self.problem, self.recursion
         n, m = problem.defect.shape
-        residual = problem.direct() @ weights + problem.by_state.dot(self.states(weights))
         pull = np.zeros(n * m)
         found = np.zeros((n, m))
-        tied = iter((self.starts.multiplier @ weights)[::-1])
+        tied = iter(ties[::-1])
         for span in reversed(self.spans):
             piece = recursion.piece(span)
             here, own = slice(piece.low * m, span.last * m), slice(span.first * m, span.last * m)

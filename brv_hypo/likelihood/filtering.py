@@ -21,7 +21,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.band import log_determinant
-from brv_hypo.likelihood.noise import Shape, whitening
+from brv_hypo.likelihood.noise import Shape
 from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
 
@@ -141,8 +141,7 @@ def _held(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -
     """The quadratic problem of every segment, its initial state held."""
     found = []
     for grid, x, linearisation in zip(problem.grids, iterate.x, linear, strict=True):
-        whitener = whitening(iterate.covariance, grid.measured)
-        quadratic = quadratic_of(problem, grid, x, linearisation, whitener)
+        quadratic = quadratic_of(problem, grid, x, [(slice(None), linearisation)], iterate.covariance)
         variance = quadratic.variance.copy()
         variance[0] = 0.0
         found.append(replace(quadratic, variance=variance))

@@ -31,7 +31,7 @@ class Stencil:
     value: FloatArray
     rate: FloatArray
 
-    def part(self, where: slice) -> Stencil:
+    def part(self, where: slice | IntArray) -> Stencil:
         """The stencil of some of the query times."""
         return Stencil(self.index[where], self.value[where], self.rate[where])
 

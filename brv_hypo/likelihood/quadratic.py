@@ -56,8 +56,8 @@ class Eliminated(Protocol):
     def states(self, weights: FloatArray) -> FloatArray:
         """dx, (n, n_states)."""
 
-    def multipliers(self, weights: FloatArray) -> FloatArray:
-        """Of the dynamics, (n, n_states); row 0 of the initial state."""
+    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """dx and the multipliers of the dynamics, (n, n_states) each; row 0 of these is the initial state's."""
 
     def at_start(self) -> FloatArray:
         """dx of the first sample, (n_states, 1 + p)."""

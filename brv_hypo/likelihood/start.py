@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Model, linearise_segment
+from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.segment import Grid
@@ -87,10 +87,14 @@ def states_from_outputs(
             histories.append(grid.start.copy())
             continue
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
-        linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), ())
-        difference = _without_gaps(grid) - linear.output.T
-        pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(), rcond=1e-6)
-        histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, difference))
+        measured = _without_gaps(grid)
+        moved = np.empty_like(x)
+        for part in parts_of(grid.n):
+            linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), (), part)
+            pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(part.start), rcond=1e-6)
+            difference = measured[:, part] - linear.output.T
+            moved[:, part] = x[:, part] + np.einsum("nij,jn->in", pseudo_inverse, difference)
+        histories.append(moved)
     return tuple(histories)
 
 

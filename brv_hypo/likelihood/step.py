@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.blocks import BlockRows
+from brv_hypo.likelihood.collocation import (
+    Linearisation,
+    Model,
+    evaluate_segment,
+    linearise_segment,
+    parts_of,
+)
 from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
@@ -111,10 +118,11 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     found = []
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
-        linearisation = linearise_segment(problem.model, grid, x, theta, problem.parameters.base)
-        quadratic = quadratic_of(
-            problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured)
+        linear = (
+            (part, linearise_segment(problem.model, grid, x, theta, problem.parameters.base, part))
+            for part in parts_of(grid.n)
         )
+        quadratic = quadratic_of(problem, grid, x, linear, iterate.covariance)
         if not quadratic.exact:
             quadratic = _memoryless(quadratic)
         if anchored:
@@ -167,17 +175,16 @@ def gauss_newton_step(
     if gradient is not None:
         tilted[:p, p] += np.linalg.lstsq(data[:p, :p].T, slope, rcond=None)[0]
     change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
-    weights = [np.concatenate([[1.0], change[index]]) for index in parameters.segment_index]
-    x = tuple(
-        s.eliminated.states(w).T * problem.size[:, None] for s, w in zip(segments, weights, strict=True)
-    )
-    multiplier = max(
-        float(np.abs(s.eliminated.multipliers(w)).max()) for s, w in zip(segments, weights, strict=True)
-    )
+    x = []
+    multiplier = 0.0
+    for segment, index in zip(segments, parameters.segment_index, strict=True):
+        states, multipliers = segment.eliminated.step(np.concatenate([[1.0], change[index]]))
+        x.append(states.T * problem.size[:, None])
+        multiplier = max(multiplier, float(np.abs(multipliers).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     decrease = promised - objective(problem, iterate)[0]
-    return Step(change, x, data[:p, :p], length, multiplier, decrease)
+    return Step(change, tuple(x), data[:p, :p], length, multiplier, decrease)
 
 
 def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
@@ -190,7 +197,7 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
         theta = problem.parameters.of_segment(s, iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
         whitener = whitening(iterate.covariance, grid.measured)
-        residual = whiten(whitener, grid, output)
+        residual = _whitened(whitener, grid, output, slice(None))
         scaled = np.concatenate([_start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
         tight = variance == 0
@@ -210,28 +217,44 @@ def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> It
     )
 
 
-def whiten(whitener: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
-    """Whitened predicted minus measured output, (n, n_outputs), zero in gaps; `output` is (n, n_outputs)."""
-    difference = np.where(grid.measured.T, output - grid.y.T, 0.0)
-    return (whitener @ difference[:, :, None])[:, :, 0]
-
-
 def quadratic_of(
-    problem: Problem, grid: Grid, x: FloatArray, linearisation: Linearisation, whitener: FloatArray
+    problem: Problem,
+    grid: Grid,
+    x: FloatArray,
+    linear: Iterable[tuple[slice, Linearisation]],
+    covariance: FloatArray,
 ) -> Quadratic:
-    """One segment's linearisation with outputs whitened and states divided by their size."""
+    """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
-    outputs, dynamics = linearisation.output_by_state, linearisation.defect_by_state
-    first = np.zeros((1, *linearisation.defect_by_parameter.shape[1:]))
+    p = 0
+    rows: dict[str, list[FloatArray]] = {name: [] for name in ("residual", "by_parameter", "defect", "defect_by")}
+    outputs, dynamics = [], []
+    for part, each in linear:
+        whitener = whitening(covariance, grid.measured[:, part])
+        p = each.output_by_parameter.shape[2]
+        rows["residual"].append(_whitened(whitener, grid, each.output, part))
+        rows["by_parameter"].append(whitener @ each.output_by_parameter)
+        rows["defect"].append(each.defect / size)
+        rows["defect_by"].append(each.defect_by_parameter / size[:, None])
+        outputs.append(each.output_by_state.turned(whitener, size))
+        dynamics.append(each.defect_by_state.turned(np.diag(1.0 / size), size))
+    rows["defect"].insert(0, _start_defect(problem, grid, x))
+    rows["defect_by"].insert(0, np.zeros((1, size.size, p)))
     return Quadratic(
-        residual=whiten(whitener, grid, linearisation.output),
-        by_state=outputs.turned(whitener, size),
-        by_parameter=whitener @ linearisation.output_by_parameter,
-        defect=np.concatenate([_start_defect(problem, grid, x), linearisation.defect / size]),
-        defect_by_state=dynamics.turned(np.diag(1.0 / size), size),
-        defect_by_parameter=np.concatenate([first, linearisation.defect_by_parameter / size[:, None]]),
+        residual=np.concatenate(rows.pop("residual")),
+        by_state=BlockRows.joined(outputs),
+        by_parameter=np.concatenate(rows.pop("by_parameter")),
+        defect=np.concatenate(rows.pop("defect")),
+        defect_by_state=BlockRows.joined(dynamics),
+        defect_by_parameter=np.concatenate(rows.pop("defect_by")),
         variance=_variance(problem, grid),
     )
+
+
+def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
+    """Whitened predicted minus measured output of a part, (samples, n_outputs), zero in gaps."""
+    difference = np.where(grid.measured.T[part], output - grid.y.T[part], 0.0)
+    return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
 
 
 def _sensitivity(quadratic: Quadratic, eliminated: Eliminated) -> Sensitivity:

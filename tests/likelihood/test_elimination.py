@@ -34,7 +34,7 @@ def every(found: Eliminated, columns: int = 4) -> tuple[FloatArray, FloatArray]:
     units = np.eye(columns)
     return (
         np.stack([found.states(unit) for unit in units], axis=2),
-        np.stack([found.multipliers(unit) for unit in units], axis=2),
+        np.stack([found.step(unit)[1] for unit in units], axis=2),
     )
 
 
