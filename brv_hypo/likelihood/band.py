@@ -55,7 +55,9 @@ class BandSolution:
 
     def triangle(self) -> FloatArray:
         """See `Eliminated`."""
-        return upper_triangle(np.concatenate([residual_last(part) for part in self.rows() if part is not None]))
+        return upper_triangle(
+            np.concatenate([residual_last(part) for part in self.rows() if part is not None])
+        )
 
 
 def eliminate_by_band(problem: Quadratic) -> BandSolution | None:

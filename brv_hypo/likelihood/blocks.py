@@ -50,8 +50,12 @@ class BlockRows:
     @staticmethod
     def joined(parts: Sequence[BlockRows]) -> BlockRows:
         """Rows of several parts, one after the other; couplings that act on nothing are dropped."""
+        if len(parts) == 1 and all(np.any(c.blocks) for c in parts[0].couplings):
+            return parts[0]
         couplings = [
-            Coupling(*(np.concatenate([getattr(c, name) for c in each]) for name in ("index", "weight", "blocks")))
+            Coupling(
+                *(np.concatenate([getattr(c, name) for c in each]) for name in ("index", "weight", "blocks"))
+            )
             for each in zip(*(part.couplings for part in parts), strict=True)
         ]
         return BlockRows(

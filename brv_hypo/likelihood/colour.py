@@ -23,8 +23,8 @@ from brv_hypo.arrays import FloatArray
 _HIGHEST_ORDER = 20
 _LEAST_SAMPLES_PER_ORDER = 10
 _LEAST_POLYNOMIAL = 1e-6
-_LARGEST_TRANSFORM = 1 << 24
-"""Numbers transformed at a time."""
+_BLOCK = 32768
+"""Samples transformed at a time. What is correlated across the edges of blocks this long is left out."""
 _LARGEST_REFLECTION = 0.999
 """Keeps an autoregression stable where gaps make its autocorrelations inconsistent."""
 
@@ -48,28 +48,21 @@ def coloured_covariance(
     models = [autoregression(correlation[:, a, a], samples) for a in range(correlation.shape[1])]
     middle = np.diag(prior_information)
     for s in sensitivity:
-        middle = middle + _weighted_products(s, models, correlation[0])
+        for first in range(0, len(s), _BLOCK):
+            middle = middle + _weighted_products(s[first : first + _BLOCK], models, correlation[0])
     return np.asarray(white @ middle @ white)
 
 
 def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatArray) -> FloatArray:
-    """Sum over i and j of S_i' R(i - j) S_j, (p, p), S (n, n_outputs, p): a few columns at a time."""
-    p = s.shape[2]
+    """Sum over i and j of S_i' R(i - j) S_j, (p, p), S (n, n_outputs, p)."""
     length = 1 << (2 * len(s) - 1).bit_length()
-    gain = np.stack([_gain(model, length) for model in models], axis=1)[:, :, None]
-    gain[1:-1] *= np.sqrt(2.0)  # frequencies of both signs
-    few = max(1, _LARGEST_TRANSFORM // (length * s.shape[1]))
-    found = np.zeros((p, p))
-    blocks = [slice(a, min(a + few, p)) for a in range(0, p, few)]
-    for first, here in enumerate(blocks):
-        shaped = np.fft.rfft(s[:, :, here], length, axis=0) * gain
-        turned = turn @ shaped
-        for there in blocks[first:]:
-            other = shaped if there == here else np.fft.rfft(s[:, :, there], length, axis=0) * gain
-            product = np.einsum("fap,faq->pq", other.conj(), turned, optimize=True).real / length
-            found[there, here] = product
-            found[here, there] = product.T
-    return found
+    gain = np.stack([_gain(model, length) for model in models], axis=1)
+    shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
+    turned = turn @ shaped
+    both_sides = np.full(len(gain), 2.0)
+    both_sides[[0, -1]] = 1.0
+    product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turned, optimize=True).real
+    return np.asarray(product / length)
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:

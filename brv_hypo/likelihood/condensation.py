@@ -53,7 +53,9 @@ class Condensed:
         """See `Eliminated`. Multipliers backward through the spans, D' l = -J' (r + J dx + J_p dp)."""
         x = self.states(weights)
         problem = self.problem
-        residual = problem.residual * weights[0] + problem.by_parameter @ weights[1:] + problem.by_state.dot(x)
+        residual = (
+            problem.residual * weights[0] + problem.by_parameter @ weights[1:] + problem.by_state.dot(x)
+        )
         return x, self._multipliers(residual, self.starts.multiplier @ weights)
 
     def _multipliers(self, residual: FloatArray, ties: FloatArray) -> FloatArray:
@@ -69,7 +71,7 @@ class Condensed:
             tie = next(tied) if span.reset else None
             if piece.tie is not None:
                 pull[here] -= piece.tie.T @ tie
-            multiplier = piece.factor.solve(pull[own], trans="T")
+            multiplier = piece.solved_backward(pull[own])
             pull[piece.low * m : span.first * m] -= piece.before.T @ multiplier
             found[span.first : span.last] = multiplier.reshape(-1, m)
             if piece.tie is not None:
@@ -86,8 +88,8 @@ class Condensed:
         every = np.eye(self.problem.by_parameter.shape[2] + 1)
         found = self.problem.direct()
         for piece, paths in self._run(every):
-            flat = piece.outputs @ paths.reshape(-1, paths.shape[2])
-            found[piece.seen] += flat.reshape(-1, *found.shape[1:])
+            seen = np.asarray(piece.outputs @ paths.reshape(-1, paths.shape[2]))
+            found[piece.seen] += seen.reshape(-1, *found.shape[1:])
         known = _known_start(self.problem)
         if not known.any():
             return found, None
@@ -107,7 +109,9 @@ class Condensed:
 
     def _run(self, weights: FloatArray) -> Iterator[tuple[Piece, FloatArray]]:
         starts = self.starts.x @ weights
-        return self.recursion.run(self.spans, lambda part: -self.problem.defects(part) @ weights, list(starts))
+        return self.recursion.run(
+            self.spans, lambda part: -self.problem.defects(part) @ weights, list(starts)
+        )
 
 
 def condense(problem: Quadratic) -> Condensed | None:
@@ -132,7 +136,9 @@ def _chained(recursion: Recursion, spans: tuple[Span, ...]) -> Starts | None:
             ties.append(_tie(piece, paths, m))
     triangles = np.array(rows)
     tied = np.array(ties).reshape(-1, m, 2 * m + columns)
-    defect = np.concatenate([problem.defects(slice(0, 1)), _tie_defects(problem, spans) + tied[:, :, 2 * m :]])
+    defect = np.concatenate(
+        [problem.defects(slice(0, 1)), _tie_defects(problem, spans) + tied[:, :, 2 * m :]]
+    )
     chain = Quadratic(
         residual=triangles[:, :, -1],
         by_state=BlockRows(0, triangles[:, None, :, :m]),
@@ -155,11 +161,9 @@ def _together(recursion: Recursion, spans: tuple[Span, ...]) -> Starts | None:
     triangle = np.zeros((0, free + columns))
     ties = []
     for piece, paths in _observed(recursion, spans, free, units):
-        triangle = upper_triangle(
-            np.concatenate([triangle, _seen_triangle(problem, piece, paths, columns)])
-        )
+        triangle = upper_triangle(np.concatenate([triangle, _seen_triangle(problem, piece, paths, columns)]))
         if piece.tie is not None:
-            ties.append((piece.tie @ paths.reshape(-1, paths.shape[2])).reshape(m, -1))
+            ties.append(np.asarray(piece.tie @ paths.reshape(-1, paths.shape[2])).reshape(m, -1))
     tied = np.array(ties).reshape(-1, m, columns + free)
     tied[:, :, :columns] += _tie_defects(problem, spans)
     first = problem.defects(slice(0, 1))[0]
@@ -247,7 +251,7 @@ def _unit(m: int, columns: int, free: int, at: int) -> FloatArray:
 
 def _known_start(problem: Quadratic) -> BoolArray:
     """Which initial states have a Gaussian prior, (n_states,)."""
-    return np.isfinite(problem.variance[0]) & (problem.variance[0] > 0.0)
+    return np.asarray(np.isfinite(problem.variance[0]) & (problem.variance[0] > 0.0))
 
 
 def _strayed(problem: Quadratic, start: FloatArray) -> FloatArray:

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.band import log_determinant
+from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.noise import Shape
 from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of

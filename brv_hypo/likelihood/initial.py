@@ -106,10 +106,8 @@ def _variance_given_theta(
     return np.where(known > 0.0, np.diag(given), 0.0) * size**2
 
 
-def _by_initial_state(
-    problem: Problem, segment: Sensitivity
-) -> tuple[FloatArray, FloatArray] | None:
-    free = segment.quadratic
+def _by_initial_state(problem: Problem, segment: Sensitivity) -> tuple[FloatArray, FloatArray] | None:
+    free = segment.eliminated.problem
     size = problem.size.size
     by_start = np.zeros((*free.defect.shape, size))
     by_start[0] = -np.eye(size)

@@ -53,6 +53,10 @@ class Eliminated(Protocol):
     `weights` (1 + p,) are 1 and dp, or a derivative's 0 and direction.
     """
 
+    @property
+    def problem(self) -> Quadratic:
+        """What was eliminated from."""
+
     def states(self, weights: FloatArray) -> FloatArray:
         """dx, (n, n_states)."""
 

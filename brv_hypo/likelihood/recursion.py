@@ -51,6 +51,11 @@ class Piece(NamedTuple):
     outputs: csr_array[np.float64]
     seen: slice
 
+    def solved_backward(self, right: FloatArray) -> FloatArray:
+        """The solution of the transposed rows of the span's own states."""
+        solved = self.factor.solve(right, trans="T")  # type: ignore[call-overload]  # the stubs lack it
+        return np.asarray(solved, dtype=float)
+
 
 class Recursion:
     """The dynamics of a problem, cut into spans."""

@@ -132,6 +132,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             if unseen is not None:
                 return ended("undetermined", _undetermined(unseen))
             return replace(ended("converged", _NEGLIGIBLE), segments=segments)
+        del segments, step  # not kept beside the next
     return ended("iteration limit", _LIMIT.format(options.max_iterations))
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +28,8 @@ _RANK_TOLERANCE = 1e-10
 """Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
 _ROUNDING = 1e-7
 """A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+_MANY = 32768
+"""Samples, of all segments, from which eliminated states with process noise are not kept."""
 _ANCHOR = 10.0
 """Standard deviation, in sizes of the state, by which an anchored initial state may move in one step."""
 
@@ -67,7 +70,6 @@ class Sensitivity:
     parameters that the states can follow entirely.
     """
 
-    quadratic: Quadratic
     eliminated: Eliminated
     triangle: FloatArray
     void: BoolArray
@@ -115,23 +117,68 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
+    noisy = sum(grid.n for grid in problem.grids) > _MANY and bool(np.any(problem.process_noise))
     found = []
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        theta = problem.parameters.of_segment(s, iterate.theta)
-        linear = (
-            (part, linearise_segment(problem.model, grid, x, theta, problem.parameters.base, part))
-            for part in parts_of(grid.n)
-        )
-        quadratic = quadratic_of(problem, grid, x, linear, iterate.covariance)
-        if not quadratic.exact:
-            quadratic = _memoryless(quadratic)
-        if anchored:
-            quadratic = _anchor(quadratic)
-        eliminated = eliminate(quadratic)
-        if eliminated is None:
-            raise SingularStatesError(s)
-        found.append(_sensitivity(quadratic, eliminated))
+    for s in range(len(problem.grids)):
+        again = partial(_eliminated, problem, iterate, s, anchored)
+        eliminated = again()
+        sensitivity = _sensitivity(eliminated)
+        found.append(replace(sensitivity, eliminated=Recalled(again)) if noisy else sensitivity)
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class Recalled:
+    """States eliminated again whenever they are asked for: many samples with process noise take much memory.
+
+    See `Eliminated`.
+    """
+
+    again: Callable[[], Eliminated]
+
+    @property
+    def problem(self) -> Quadratic:
+        """See `Eliminated`."""
+        return self.again().problem
+
+    def states(self, weights: FloatArray) -> FloatArray:
+        """See `Eliminated`."""
+        return self.again().states(weights)
+
+    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Eliminated`."""
+        return self.again().step(weights)
+
+    def at_start(self) -> FloatArray:
+        """See `Eliminated`."""
+        return self.again().at_start()
+
+    def rows(self) -> tuple[FloatArray, FloatArray | None]:
+        """See `Eliminated`."""
+        return self.again().rows()
+
+    def triangle(self) -> FloatArray:
+        """See `Eliminated`."""
+        return self.again().triangle()
+
+
+def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool) -> Eliminated:
+    """Segment s linearised and its states eliminated."""
+    grid, x = problem.grids[s], iterate.x[s]
+    theta = problem.parameters.of_segment(s, iterate.theta)
+    linear = (
+        (part, linearise_segment(problem.model, grid, x, theta, problem.parameters.base, part))
+        for part in parts_of(grid.n)
+    )
+    quadratic = quadratic_of(problem, grid, x, linear, iterate.covariance)
+    if not quadratic.exact:
+        quadratic = _memoryless(quadratic)
+    if anchored:
+        quadratic = _anchor(quadratic)
+    eliminated = eliminate(quadratic)
+    if eliminated is None:
+        raise SingularStatesError(s)
+    return eliminated
 
 
 def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> FloatArray:
@@ -226,29 +273,38 @@ def quadratic_of(
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
-    p = 0
-    rows: dict[str, list[FloatArray]] = {name: [] for name in ("residual", "by_parameter", "defect", "defect_by")}
+    rows = _Rows(grid.n)
     outputs, dynamics = [], []
     for part, each in linear:
+        first = part.indices(grid.n)[0]
         whitener = whitening(covariance, grid.measured[:, part])
-        p = each.output_by_parameter.shape[2]
-        rows["residual"].append(_whitened(whitener, grid, each.output, part))
-        rows["by_parameter"].append(whitener @ each.output_by_parameter)
-        rows["defect"].append(each.defect / size)
-        rows["defect_by"].append(each.defect_by_parameter / size[:, None])
+        rows.put("residual", first, _whitened(whitener, grid, each.output, part))
+        rows.put("by_parameter", first, whitener @ each.output_by_parameter)
+        rows.put("defect", first + 1, each.defect / size)
+        rows.put("defect_by_parameter", first + 1, each.defect_by_parameter / size[:, None])
         outputs.append(each.output_by_state.turned(whitener, size))
         dynamics.append(each.defect_by_state.turned(np.diag(1.0 / size), size))
-    rows["defect"].insert(0, _start_defect(problem, grid, x))
-    rows["defect_by"].insert(0, np.zeros((1, size.size, p)))
+    rows.put("defect", 0, _start_defect(problem, grid, x))
     return Quadratic(
-        residual=np.concatenate(rows.pop("residual")),
         by_state=BlockRows.joined(outputs),
-        by_parameter=np.concatenate(rows.pop("by_parameter")),
-        defect=np.concatenate(rows.pop("defect")),
         defect_by_state=BlockRows.joined(dynamics),
-        defect_by_parameter=np.concatenate(rows.pop("defect_by")),
         variance=_variance(problem, grid),
+        **rows.filled,
     )
+
+
+class _Rows:
+    """Arrays of n rows, filled a part at a time: no second copy is ever needed."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self.filled: dict[str, FloatArray] = {}
+
+    def put(self, name: str, first: int, values: FloatArray) -> None:
+        """The values from row `first` on; zero where nothing is put."""
+        if name not in self.filled:
+            self.filled[name] = np.zeros((self._n, *values.shape[1:]))
+        self.filled[name][first : first + len(values)] = values
 
 
 def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
@@ -257,13 +313,14 @@ def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice)
     return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
 
 
-def _sensitivity(quadratic: Quadratic, eliminated: Eliminated) -> Sensitivity:
+def _sensitivity(eliminated: Eliminated) -> Sensitivity:
     """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
     triangle = eliminated.triangle()
     left = np.sum(triangle[:, :-1] ** 2, axis=0)
-    void = left <= _ROUNDING**2 * np.einsum("nap,nap->p", quadratic.by_parameter, quadratic.by_parameter)
+    direct = eliminated.problem.by_parameter
+    void = left <= _ROUNDING**2 * np.einsum("nap,nap->p", direct, direct)
     triangle[:, :-1][:, void] = 0.0
-    return Sensitivity(quadratic, eliminated, triangle, void)
+    return Sensitivity(eliminated, triangle, void)
 
 
 def _memoryless(quadratic: Quadratic) -> Quadratic:

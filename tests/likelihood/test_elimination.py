@@ -166,7 +166,9 @@ def assert_same(found: Eliminated | None, expected: Eliminated | None) -> None:
         (triangle.T @ triangle, triangle_expected.T @ triangle_expected, 1e-9),
     ):
         np.testing.assert_allclose(one, other, rtol=100 * digits, atol=digits * np.abs(other).max())
-    np.testing.assert_allclose(found.at_start(), every(found)[0][0], atol=1e-12 * np.abs(found.at_start()).max())
+    np.testing.assert_allclose(
+        found.at_start(), every(found)[0][0], atol=1e-12 * np.abs(found.at_start()).max()
+    )
 
 
 def started(problem: Quadratic, start: float) -> Quadratic:
@@ -194,7 +196,9 @@ def test_far_looking_dynamics_are_eliminated_alike_by_recursion_and_by_the_band(
     assert_same(condense(problem), eliminate_by_band(problem))
 
 
-@pytest.mark.parametrize(("start", "growth"), [(np.inf, 1.0), (0.0, 1.0), (0.4, 1.0), (np.inf, 1.6), (0.4, 1.6)])
+@pytest.mark.parametrize(
+    ("start", "growth"), [(np.inf, 1.0), (0.0, 1.0), (0.4, 1.0), (np.inf, 1.6), (0.4, 1.6)]
+)
 @pytest.mark.parametrize("length", [40, 4096])
 def test_a_delay_is_eliminated_alike_in_one_span_in_several_and_by_the_band(
     start: float, growth: float, length: int, monkeypatch: pytest.MonkeyPatch
