@@ -130,13 +130,13 @@ class _Band:
 def band_size(problem: Quadratic) -> int:
     """Numbers that the band holds."""
     n, n_states = problem.defect.shape
-    return (3 * _half_width(problem.defect_by_state, problem.by_state, n) + 1) * 2 * n_states * n
+    return int((3 * _half_width(problem.defect_by_state, problem.by_state, n) + 1) * 2 * n_states * n)
 
 
 def _half_width(dynamics: BlockRows, outputs: BlockRows, n: int) -> int:
     """Diagonals on either side of the middle."""
     (back, ahead), (first, last) = dynamics.span(n), outputs.span(n)
-    return dynamics.blocks.shape[3] * max(2 * (1 - back), 2 * ahead, 2 * (last - first) + 1) - 1
+    return int(dynamics.blocks.shape[3]) * max(2 * (1 - back), 2 * ahead, 2 * (last - first) + 1) - 1
 
 
 def _assemble(problem: Quadratic, weight: float) -> tuple[FloatArray, int]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -59,7 +60,8 @@ class Linearisation:
 
 def parts_of(n: int) -> list[slice]:
     """n samples in parts to be worked on at a time."""
-    return [slice(first, min(first + _AT_ONCE, n)) for first in range(0, n, _AT_ONCE)]
+    edges = np.linspace(0, n, -(-n // _AT_ONCE) + 1).astype(np.int64).tolist()
+    return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def evaluate_segment(
@@ -70,11 +72,12 @@ def evaluate_segment(
     defects, outputs = [], []
     for part in parts_of(grid.n):
         place = _Place.of(grid, part)
+        here = x[:, place.samples]
         at_samples = _points(grid, x, back, place.samples)
-        f = evaluate(model.dynamics, at_samples, theta)
-        x_mid = _midpoints(place.step, x[:, place.samples], f)
+        f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
+        x_mid = _midpoints(place.step, here, *f)
         f_mid = evaluate(model.dynamics, _points(grid, x, back, place.middles, x_mid), theta)
-        defects.append(_defect(place.step, x[:, place.samples], f, f_mid).T)
+        defects.append(_defect(place.step, here, f[0], f_mid, f[1]).T)
         outputs.append(evaluate(model.outputs, at_samples, theta)[:, : place.own].T)
     return np.concatenate(defects), np.concatenate(outputs)
 
@@ -94,17 +97,19 @@ def linearise_segment(
     place = _Place.of(grid, part)
     here = x[:, place.samples]
     at_samples = _points(grid, x, back, place.samples)
-    f = evaluate(model.dynamics, at_samples, theta)
-    at = np.concatenate([here, _midpoints(place.step, here, f)], axis=1)
+    f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
+    starts, middles, ends = place.of_intervals
+    jumped = here[:, 1:] if grid.jumps else here[:, :0]
+    at = np.concatenate([here, jumped, _midpoints(place.step, here, *f)], axis=1)
     everywhere = _points(grid, x, back, place.everywhere, at)
     slope, output = (
         _jacobian(model, function, points, theta, names, grid.ignores)
         for function, points in ((model.dynamics, everywhere), (model.outputs, at_samples))
     )
     by_state, by_parameter = _defect_derivatives(place, slope, back)
-    count, own = here.shape[1], slice(0, place.own)
+    own = slice(0, place.own)
     return Linearisation(
-        defect=_defect(place.step, here, slope.value[:, :count], slope.value[:, count:]).T,
+        defect=_defect(place.step, here, *(slope.value[:, where] for where in (starts, middles, ends))).T,
         defect_by_state=by_state,
         defect_by_parameter=by_parameter,
         output=output.value.T[own],
@@ -118,12 +123,12 @@ def linearise_segment(
 
 class _Place(NamedTuple):
     """A part of a grid: its samples and one more, where there is one, for the last interval; the points halfway;
-    both; the steps (s); how many samples are its own.
+    the intervals' ends where inputs jump there; the steps (s); how many samples are its own.
     """
 
     samples: IntArray
     middles: IntArray
-    everywhere: IntArray
+    ends: IntArray
     step: FloatArray
     own: int
 
@@ -132,9 +137,37 @@ class _Place(NamedTuple):
         first, last, _ = part.indices(grid.n)
         samples = np.arange(first, min(last + 1, grid.n))
         middles = grid.n + samples[:-1]
-        return cls(
-            samples, middles, np.concatenate([samples, middles]), grid.step[samples[:-1]], last - first
-        )
+        ends = middles + grid.n - 1 if grid.jumps else middles[:0]
+        return cls(samples, middles, ends, grid.step[samples[:-1]], last - first)
+
+    @property
+    def everywhere(self) -> IntArray:
+        """Samples, ends, midpoints."""
+        return np.concatenate([self.samples, self.ends, self.middles])
+
+    @property
+    def of_intervals(self) -> tuple[slice, slice, slice]:
+        """Where `everywhere` has the intervals' starts, midpoints and ends; without jumps these are samples."""
+        count = self.middles.size
+        end = self.samples.size if self.ends.size else 1
+        middle = self.samples.size + self.ends.size
+        return slice(0, count), slice(middle, middle + count), slice(end, end + count)
+
+
+def _at_ends(
+    model: Model,
+    grid: Grid,
+    x: FloatArray,
+    back: Mapping[str, LookBack],
+    place: _Place,
+    f: FloatArray,
+    theta: Mapping[str, float],
+) -> tuple[FloatArray, FloatArray]:
+    """The dynamics at the starts and at the ends of the intervals, from those at the samples."""
+    if not place.ends.size:
+        return f[:, :-1], f[:, 1:]
+    points = _points(grid, x, back, place.ends, x[:, place.samples[1:]])
+    return f[:, :-1], evaluate(model.dynamics, points, theta)
 
 
 def _jacobian(
@@ -186,34 +219,36 @@ def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: I
     return Delayed(x, u) if before is None else Delayed(x + before.x[:, where], u + before.u[:, where])
 
 
-def _midpoints(step: FloatArray, x: FloatArray, f: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + step / 8 * (f[:, :-1] - f[:, 1:]))
+def _midpoints(step: FloatArray, x: FloatArray, f: FloatArray, f_end: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + step / 8 * (f - f_end))
 
 
-def _defect(step: FloatArray, x: FloatArray, f: FloatArray, f_mid: FloatArray) -> FloatArray:
-    return np.asarray(np.diff(x, axis=1) - step / 6 * (f[:, :-1] + 4 * f_mid + f[:, 1:]))
+def _defect(
+    step: FloatArray, x: FloatArray, f: FloatArray, f_mid: FloatArray, f_end: FloatArray
+) -> FloatArray:
+    return np.asarray(np.diff(x, axis=1) - step / 6 * (f + 4 * f_mid + f_end))
 
 
 def _defect_derivatives(
     place: _Place, slope: Jacobian, back: Mapping[str, LookBack]
 ) -> tuple[BlockRows, FloatArray]:
-    n, n_states = place.samples.size, slope.by_state.shape[1]
     h = place.step[:, None, None]
-    a, a_mid = slope.by_state[:n], slope.by_state[n:]
-    b, b_mid = slope.by_parameter[:n], slope.by_parameter[n:]
-    by_parameter = -h / 6 * (b[:-1] + 4 * b_mid + b[1:]) - h**2 / 12 * (a_mid @ (b[:-1] - b[1:]))
+    parts = place.of_intervals
+    a, a_mid, a_end = (slope.by_state[where] for where in parts)
+    b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
+    by_parameter = -h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end))
     through_mid = h / 3 * a_mid
-    here = -through_mid - h / 6 * a[:-1] - h / 4 * (through_mid @ a[:-1])
-    after = -through_mid - h / 6 * a[1:] + h / 4 * (through_mid @ a[1:])
-    unit = np.eye(n_states)
+    here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
+    after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
+    unit = np.eye(a.shape[1])
     local = np.stack([here - unit, after + unit], axis=1)
     coupling = []
     for name, by_delayed in slope.by_delayed.items():
-        d, d_mid = by_delayed[:n], by_delayed[n:]
+        d, d_mid, d_end = (by_delayed[where] for where in parts)
         stencil = back[name].stencil
         coupling += [
-            (stencil.part(place.samples[:-1]), -h / 6 * d[:-1] - h / 4 * (through_mid @ d[:-1])),
-            (stencil.part(place.samples[1:]), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
+            (stencil.part(place.samples[:-1]), -h / 6 * d - h / 4 * (through_mid @ d)),
+            (stencil.part(place.samples[1:]), -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
             (stencil.part(place.middles), -2 * h / 3 * d_mid),
         ]
     return _with_delays(local, coupling), by_parameter

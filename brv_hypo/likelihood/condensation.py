@@ -68,7 +68,7 @@ class Condensed:
             piece = recursion.piece(span)
             here, own = slice(piece.low * m, span.last * m), slice(span.first * m, span.last * m)
             pull[here] -= piece.outputs.T @ residual[piece.seen].ravel()
-            tie = next(tied) if span.reset else None
+            tie = next(tied) if span.reset else np.zeros(m)
             if piece.tie is not None:
                 pull[here] -= piece.tie.T @ tie
             multiplier = piece.solved_backward(pull[own])

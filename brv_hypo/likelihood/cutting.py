@@ -49,7 +49,9 @@ def _edges(n: int) -> list[int]:
 
 
 def _piece(grid: Grid, x: FloatArray, first: int, last: int, delayed: bool) -> Grid:
-    where = np.concatenate([np.arange(first, last), grid.n + np.arange(first, last - 1)])
+    intervals = np.arange(first, last - 1)
+    ends = 2 * grid.n - 1 + intervals if grid.jumps else intervals[:0]
+    where = np.concatenate([np.arange(first, last), grid.n + intervals, ends])
     history = grid.history
     if delayed and first >= WIDTH:
         before = slice(0, first + 1)
@@ -67,4 +69,5 @@ def _piece(grid: Grid, x: FloatArray, first: int, last: int, delayed: bool) -> G
         history=history,
         courses=tuple(course.part(where) for course in grid.courses),
         ignores=grid.ignores,
+        jumps=grid.jumps,
     )

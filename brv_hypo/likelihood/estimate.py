@@ -15,7 +15,7 @@ from brv_hypo.likelihood.noise import Shape, least_variance, noise_from_differen
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
-from brv_hypo.likelihood.segment import Grid, Segment, build_grid
+from brv_hypo.likelihood.segment import Grid, Segment, build_grid, check_alike
 from brv_hypo.likelihood.start import begin, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem
 
@@ -89,6 +89,7 @@ def fit(
     grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
     if not grids:
         raise UsageError("no segments were given; expected at least one")
+    check_alike(grids)
     limits = _delay_bounds(delays, grids) | dict(bounds or {})
     parameters = build_parameters(theta0, len(grids), limits, priors or {}, fixed, per_segment)
     model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives, frozenset(affine))
@@ -105,7 +106,7 @@ def fit(
     )
     y = np.concatenate([g.y for g in grids], axis=1)
     covariance = (
-        noise_from_differences(y) if noise_covariance is None else np.asarray(noise_covariance, float)
+        noise_from_differences(y) if noise_covariance is None else _known_covariance(noise_covariance, len(y))
     )
     options = Options(
         max_iterations=max_iterations,
@@ -118,6 +119,21 @@ def fit(
     )
     iterate = Iterate(histories, parameters.start, covariance)
     return assess(search(*begin(problem, iterate, near_start), options), options)
+
+
+def _known_covariance(given: FloatArray, n_outputs: int) -> FloatArray:
+    """B as given, (n_outputs, n_outputs)."""
+    found = np.asarray(given, dtype=float)
+    square = (
+        found.shape == (n_outputs, n_outputs) and np.all(np.isfinite(found)) and np.allclose(found, found.T)
+    )
+    if not square or np.linalg.eigvalsh(found)[0] <= 0.0:
+        raise UsageError(
+            f"noise_covariance is {found.tolist()}; expected a symmetric positive-definite matrix of shape "
+            f"{(n_outputs, n_outputs)}: variances of the outputs' noise on the diagonal. Noise-free outputs get a small "
+            "variance, such as that of rounding"
+        )
+    return found
 
 
 def _refuse_late_process_noise(delays: Sequence[str], driving: FloatArray) -> None:
