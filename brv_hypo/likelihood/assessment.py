@@ -21,6 +21,7 @@ from brv_hypo.likelihood.step import (
     sensitivities,
 )
 from brv_hypo.likelihood.uncertainty import (
+    Whiteness,
     covariance_from_information,
     identifiability,
     whiteness,
@@ -28,6 +29,8 @@ from brv_hypo.likelihood.uncertainty import (
 
 _LAGS = 20
 """Lags of the whiteness test."""
+_NOISE_FREE = 1e-4
+"""Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
 
 
 def assess(outcome: Outcome, options: Options) -> FitResult:
@@ -54,6 +57,8 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
+    tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
+    measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
         status=outcome.status,
         message=outcome.message,
@@ -72,7 +77,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
-        whiteness=whiteness(innovations, min(_LAGS, together.shape[1] // 4)),
+        whiteness=tests,
         states=iterate.x,
         initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
         innovations=innovations,
@@ -80,6 +85,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         derivatives=problem.model.method,
         samples=samples,
         linear=linearised(problem, iterate, starts, rows, estimated),
+        remarks=_remarks(together, measured, tests, options),
     )
 
 
@@ -114,6 +120,23 @@ def _covariances(
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured
+
+
+def _remarks(
+    together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options
+) -> tuple[str, ...]:
+    """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
+    if not options.estimate_noise:
+        return ()
+    left, size = (np.sqrt(np.nanmean(rows**2, axis=1)) for rows in (together, y))
+    quiet = [i for i, test in enumerate(tests) if left[i] < _NOISE_FREE * size[i] and not test.white]
+    if not quiet:
+        return ()
+    return (
+        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal "
+        "and not white, so that they are the model's and the discretisation's errors. Standard errors say nothing of "
+        "these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+    )
 
 
 def _unknowns(problem: Problem, estimated: IntArray) -> int:

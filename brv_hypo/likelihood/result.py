@@ -61,6 +61,7 @@ class FitResult:
         linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
             the samples; None with process noise.
         beginnings: the searches that were compared, the first of them first; this is the best of them.
+        remarks: what makes the errors mean something else than they say, though the search converged.
     """
 
     status: Status
@@ -87,6 +88,7 @@ class FitResult:
     samples: int
     linear: Linearised | None
     beginnings: tuple[Beginning, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def theta_without(self, left_out: Sequence[BoolArray]) -> dict[str, float]:
         """Estimate by name where the marked samples, (n,) a segment, take no part, to first order.

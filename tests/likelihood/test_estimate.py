@@ -272,12 +272,17 @@ def test_a_state_that_no_output_sees_is_a_status() -> None:
     assert "x0_std" in result.message
 
 
-def test_noise_free_data_give_back_the_truth() -> None:
+SHORT_FIT = fit(SHORT.dynamics, SHORT.outputs, [SHORT.simulate(300, 0)], scaled(SHORT, 1.0))
+
+
+def test_noise_free_data_give_back_the_truth_and_say_that_they_hold_no_noise() -> None:
     quiet = replace(SHORT, noise=np.zeros(2), rate=100.0)
     result = fit(quiet.dynamics, quiet.outputs, [quiet.simulate(800, 0)], scaled(quiet, 0.5))
     assert result.converged
     for name, value in quiet.truth.items():
         assert result.theta[name] == pytest.approx(value, rel=1e-4)
+    assert "outputs [0, 1] hold next to no noise" in result.remarks[0]
+    assert SHORT_FIT.remarks == ()
 
 
 def test_progress_is_reported_and_the_cost_history_kept() -> None:
