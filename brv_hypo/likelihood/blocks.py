@@ -75,12 +75,16 @@ class BlockRows:
         return np.asarray(self.blocks.reshape(*self.blocks.shape[:2], -1).any(axis=2))
 
     def turned(self, left: FloatArray, right: FloatArray) -> BlockRows:
-        """The rows with every block B as left B diag(right); left (m', m) or one a row, (n_rows, m', m)."""
-        one_a_row = left if left.ndim == 3 else left[None]
+        """Every block B as left B diag(right); left (m,) is a diagonal, (n_rows, m', m) one matrix a row."""
+
+        def turn(blocks: FloatArray, one_a_row: FloatArray) -> FloatArray:
+            turned = one_a_row @ blocks if left.ndim == 3 else left[:, None] * blocks
+            return np.asarray(turned * right)
+
         return replace(
             self,
-            blocks=one_a_row[:, None] @ self.blocks * right,
-            couplings=tuple(replace(c, blocks=one_a_row @ c.blocks * right) for c in self.couplings),
+            blocks=turn(self.blocks, left[:, None]),
+            couplings=tuple(replace(c, blocks=turn(c.blocks, left)) for c in self.couplings),
         )
 
     def without_couplings(self) -> BlockRows:
@@ -119,6 +123,8 @@ class BlockRows:
 
     def span(self, n: int) -> tuple[int, int]:
         """Distance from a row's own number to the first and to the last of n samples that any row acts on."""
+        if not self.couplings:
+            return self.offset, self.offset + self.blocks.shape[1] - 1
         rows = np.arange(self.blocks.shape[0])
         lowest, highest = self.extent(n)
         acts = highest >= 0

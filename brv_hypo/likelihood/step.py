@@ -283,7 +283,7 @@ def quadratic_of(
         rows.put("defect", first + 1, each.defect / size)
         rows.put("defect_by_parameter", first + 1, each.defect_by_parameter / size[:, None])
         outputs.append(each.output_by_state.turned(whitener, size))
-        dynamics.append(each.defect_by_state.turned(np.diag(1.0 / size), size))
+        dynamics.append(each.defect_by_state.turned(1.0 / size, size))
     rows.put("defect", 0, _start_defect(problem, grid, x))
     return Quadratic(
         by_state=BlockRows.joined(outputs),

@@ -243,4 +243,4 @@ def test_a_block_row_with_couplings_is_its_matrix() -> None:
     expected = (rows.matrix(40) @ x.reshape(120, 2)).reshape(39, 3, 2)
     np.testing.assert_allclose(rows.dot(x), expected, atol=1e-12)
     np.testing.assert_allclose(rows.widened(40).dot(x), expected, atol=1e-12)
-    np.testing.assert_allclose(rows.turned(2.0 * np.eye(3), np.ones(3)).dot(x), 2.0 * expected, atol=1e-12)
+    np.testing.assert_allclose(rows.turned(np.full(3, 2.0), np.ones(3)).dot(x), 2.0 * expected, atol=1e-12)
