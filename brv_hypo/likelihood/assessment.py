@@ -16,12 +16,12 @@ from brv_hypo.likelihood.search import Options, Outcome, residuals
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
-    Sensitivity,
     SingularStatesError,
     information_factor,
     sensitivities,
 )
 from brv_hypo.likelihood.uncertainty import (
+    Whiteness,
     covariance_from_information,
     identifiability,
     whiteness,
@@ -29,6 +29,8 @@ from brv_hypo.likelihood.uncertainty import (
 
 _LAGS = 20
 """Lags of the whiteness test."""
+_NOISE_FREE = 1e-4
+"""Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
 
 
 def assess(outcome: Outcome, options: Options) -> FitResult:
@@ -49,11 +51,14 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         segments = outcome.segments or sensitivities(problem, iterate)
     except SingularStatesError:
         segments = ()
+    rows = () if np.any(problem.process_noise) else tuple(segment.residual() for segment in segments)
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
-        white, coloured = _covariances(problem, segments, triangle, samples, estimated, options)
-    starts = by_initial_states(problem, iterate, segments)
+        white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
+    starts = by_initial_states(problem, segments)
     taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
+    tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
+    measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
         status=outcome.status,
         message=outcome.message,
@@ -72,20 +77,21 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
-        whiteness=whiteness(innovations, min(_LAGS, together.shape[1] // 4)),
+        whiteness=tests,
         states=iterate.x,
         initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=linearised(problem, iterate, starts, segments, estimated),
+        linear=linearised(problem, iterate, starts, rows, estimated),
+        remarks=_remarks(together, measured, tests, options),
     )
 
 
 def _covariances(
     problem: Problem,
-    segments: Sequence[Sensitivity],
+    rows: Sequence[FloatArray],
     triangle: FloatArray,
     samples: int,
     estimated: IntArray,
@@ -101,17 +107,36 @@ def _covariances(
     unknowns = _unknowns(problem, estimated)
     white = raw * (_taken_out(samples, unknowns) if options.estimate_noise else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
-    if np.any(problem.process_noise) or not known.size:
+    if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
-    sensitivity, residual = _whitened(problem, segments)
     prior = 1.0 / parameters.prior_std[known] ** 2
-    corrected = coloured_covariance(raw[block], prior, [s[:, :, known] for s in sensitivity], residual)
+    sensitivity = [
+        _columns(s[:, :, 1:], index, known) for s, index in zip(rows, parameters.segment_index, strict=True)
+    ]
+    corrected = coloured_covariance(raw[block], prior, sensitivity, [s[:, :, 0] for s in rows])
     if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured
+
+
+def _remarks(
+    together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options
+) -> tuple[str, ...]:
+    """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
+    if not options.estimate_noise:
+        return ()
+    left, size = (np.sqrt(np.nanmean(rows**2, axis=1)) for rows in (together, y))
+    quiet = [i for i, test in enumerate(tests) if left[i] < _NOISE_FREE * size[i] and not test.white]
+    if not quiet:
+        return ()
+    return (
+        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal "
+        "and not white, so that they are the model's and the discretisation's errors. Standard errors say nothing of "
+        "these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+    )
 
 
 def _unknowns(problem: Problem, estimated: IntArray) -> int:
@@ -137,16 +162,16 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
     return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
 
 
-def _whitened(problem: Problem, segments: Sequence[Sensitivity]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Whitened sensitivities (n, n_outputs, p) and residuals (n, n_outputs) by segment."""
-    p = len(problem.parameters.names)
-    spread, residual = [], []
-    for segment, index in zip(segments, problem.parameters.segment_index, strict=True):
-        columns = np.zeros((*segment.residual.shape[:2], p))
-        columns[:, :, index] = segment.residual[:, :, 1:]
-        spread.append(columns)
-        residual.append(segment.residual[:, :, 0])
-    return spread, residual
+def _columns(by_parameter: FloatArray, index: IntArray, known: IntArray) -> FloatArray:
+    """Derivatives by the known parameters (n, n_outputs, known) from those by a segment's own, `index`."""
+    if np.array_equal(index, known):
+        return by_parameter
+    place = {parameter: column for column, parameter in enumerate(index.tolist())}
+    found = np.zeros((*by_parameter.shape[:2], known.size))
+    for column, parameter in enumerate(known.tolist()):
+        if parameter in place:
+            found[:, :, column] = by_parameter[:, :, place[parameter]]
+    return found
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:

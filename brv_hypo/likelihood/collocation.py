@@ -12,21 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.likelihood.blocks import BlockRows, Coupling
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.interpolation import Stencil
 from brv_hypo.likelihood.segment import Grid, History, LookBack
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-_MANY = 6
-"""Filled places along the width from which a sparse matrix is faster than one product for each."""
+_AT_ONCE = 8192
+"""Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
 
 
 @dataclass(frozen=True)
@@ -41,53 +39,6 @@ class Model:
     method: Method = "complex"
     scale: Mapping[str, float] | None = None
     affine: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
-class BlockRows:
-    """A sparse matrix of block rows: row k acts on the states of samples k + offset, k + offset + 1, ...
-
-    `blocks` is (n_rows, width, m, n_states); blocks that would stand outside the samples are zero.
-    """
-
-    offset: int
-    blocks: FloatArray
-
-    @cached_property
-    def filled(self) -> tuple[int, ...]:
-        """Where along the width any block is not zero: a delay looks at few of the samples that it spans."""
-        return tuple(np.flatnonzero(self._nonzero.any(axis=0)).tolist())
-
-    @cached_property
-    def _nonzero(self) -> BoolArray:
-        """Which blocks are not zero, (n_rows, width)."""
-        return np.asarray(self.blocks.reshape(*self.blocks.shape[:2], -1).any(axis=2))
-
-    def dot(self, x: FloatArray) -> FloatArray:
-        """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
-        n = x.shape[0]
-        columns = x.reshape(n, x.shape[1], -1)
-        if len(self.filled) > _MANY:
-            flat = self.matrix(n) @ columns.reshape(n * x.shape[1], -1)
-            return np.asarray(flat).reshape(*self.blocks.shape[::2], *x.shape[2:])
-        product = np.zeros((*self.blocks.shape[::2], columns.shape[2]))
-        for w in self.filled:
-            column = np.clip(np.arange(self.blocks.shape[0]) + self.offset + w, 0, n - 1)
-            product += self.blocks[:, w] @ columns[column]
-        return product.reshape(*self.blocks.shape[::2], *x.shape[2:])
-
-    def matrix(self, n: int) -> csr_array[np.float64]:
-        """The whole, (n_rows m, n n_states), without its zeros."""
-        from scipy.sparse import csr_array  # here, for a cheap import of the package
-
-        count, _, m, n_states = self.blocks.shape
-        k, w = np.nonzero(self._nonzero)
-        rows = (k * m)[:, None, None] + np.arange(m)[:, None]
-        columns = ((k + self.offset + w) * n_states)[:, None, None] + np.arange(n_states)
-        rows, columns = np.broadcast_arrays(rows, columns)
-        return csr_array(
-            (self.blocks[k, w].ravel(), (rows.ravel(), columns.ravel())), shape=(count * m, n * n_states)
-        )
 
 
 @dataclass(frozen=True)
@@ -107,46 +58,116 @@ class Linearisation:
     output_by_parameter: FloatArray
 
 
+def parts_of(n: int) -> list[slice]:
+    """n samples in parts to be worked on at a time."""
+    edges = np.linspace(0, n, -(-n // _AT_ONCE) + 1).astype(np.int64).tolist()
+    return [slice(first, last) for first, last in pairwise(edges)]
+
+
 def evaluate_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
     back = _look_back(model.delays, grid, theta)
-    at_samples = _points(grid, x, back, grid.samples)
-    f = evaluate(model.dynamics, at_samples, theta)
-    middle = slice(grid.n, None)
-    f_mid = evaluate(model.dynamics, _points(grid, x, back, middle, _midpoints(grid, x, f)), theta)
-    output = evaluate(model.outputs, at_samples, theta)
-    return _defect(grid, x, f, f_mid).T, output.T
+    defects, outputs = [], []
+    for part in parts_of(grid.n):
+        place = _Place.of(grid, part)
+        here = x[:, place.samples]
+        at_samples = _points(grid, x, back, place.samples)
+        f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
+        x_mid = _midpoints(place.step, here, *f)
+        f_mid = evaluate(model.dynamics, _points(grid, x, back, place.middles, x_mid), theta)
+        defects.append(_defect(place.step, here, f[0], f_mid, f[1]).T)
+        outputs.append(evaluate(model.outputs, at_samples, theta)[:, : place.own].T)
+    return np.concatenate(defects), np.concatenate(outputs)
 
 
 def linearise_segment(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
+    model: Model,
+    grid: Grid,
+    x: FloatArray,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    part: slice = slice(None),
 ) -> Linearisation:
-    """Defects, outputs and their derivatives by states and by the named parameters."""
+    """Defects, outputs and their derivatives by states and by the named parameters: those of all samples and
+    intervals, or of the samples of a part and of the intervals that begin there.
+    """
     back = _look_back(model.delays, grid, theta)
-    at_samples = _points(grid, x, back, grid.samples)
-    f = evaluate(model.dynamics, at_samples, theta)
-    everywhere = _points(grid, x, back, slice(None), np.concatenate([x, _midpoints(grid, x, f)], axis=1))
+    place = _Place.of(grid, part)
+    here = x[:, place.samples]
+    at_samples = _points(grid, x, back, place.samples)
+    f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
+    starts, middles, ends = place.of_intervals
+    jumped = here[:, 1:] if grid.jumps else here[:, :0]
+    at = np.concatenate([here, jumped, _midpoints(place.step, here, *f)], axis=1)
+    everywhere = _points(grid, x, back, place.everywhere, at)
     slope, output = (
         _jacobian(model, function, points, theta, names, grid.ignores)
         for function, points in ((model.dynamics, everywhere), (model.outputs, at_samples))
     )
-    by_state, by_parameter = _defect_derivatives(grid, slope, back)
-    n = grid.n
+    by_state, by_parameter = _defect_derivatives(place, slope, back)
+    own = slice(0, place.own)
     return Linearisation(
-        defect=_defect(grid, x, slope.value[:, :n], slope.value[:, n:]).T,
+        defect=_defect(place.step, here, *(slope.value[:, where] for where in (starts, middles, ends))).T,
         defect_by_state=by_state,
         defect_by_parameter=by_parameter,
-        output=output.value.T,
+        output=output.value.T[own],
         output_by_state=_with_delays(
-            n,
-            0,
-            output.by_state[:, None],
-            [(back[d].stencil, slice(0, n), b) for d, b in output.by_delayed.items()],
+            output.by_state[own, None],
+            [(back[d].stencil.part(place.samples).part(own), b[own]) for d, b in output.by_delayed.items()],
         ),
-        output_by_parameter=output.by_parameter,
+        output_by_parameter=output.by_parameter[own],
     )
+
+
+class _Place(NamedTuple):
+    """A part of a grid: its samples and one more, where there is one, for the last interval; the points halfway;
+    the intervals' ends where inputs jump there; the steps (s); how many samples are its own.
+    """
+
+    samples: IntArray
+    middles: IntArray
+    ends: IntArray
+    step: FloatArray
+    own: int
+
+    @classmethod
+    def of(cls, grid: Grid, part: slice) -> _Place:
+        first, last, _ = part.indices(grid.n)
+        samples = np.arange(first, min(last + 1, grid.n))
+        middles = grid.n + samples[:-1]
+        ends = middles + grid.n - 1 if grid.jumps else middles[:0]
+        return cls(samples, middles, ends, grid.step[samples[:-1]], last - first)
+
+    @property
+    def everywhere(self) -> IntArray:
+        """Samples, ends, midpoints."""
+        return np.concatenate([self.samples, self.ends, self.middles])
+
+    @property
+    def of_intervals(self) -> tuple[slice, slice, slice]:
+        """Where `everywhere` has the intervals' starts, midpoints and ends; without jumps these are samples."""
+        count = self.middles.size
+        end = self.samples.size if self.ends.size else 1
+        middle = self.samples.size + self.ends.size
+        return slice(0, count), slice(middle, middle + count), slice(end, end + count)
+
+
+def _at_ends(
+    model: Model,
+    grid: Grid,
+    x: FloatArray,
+    back: Mapping[str, LookBack],
+    place: _Place,
+    f: FloatArray,
+    theta: Mapping[str, float],
+) -> tuple[FloatArray, FloatArray]:
+    """The dynamics at the starts and at the ends of the intervals, from those at the samples."""
+    if not place.ends.size:
+        return f[:, :-1], f[:, 1:]
+    points = _points(grid, x, back, place.ends, x[:, place.samples[1:]])
+    return f[:, :-1], evaluate(model.dynamics, points, theta)
 
 
 def _jacobian(
@@ -169,9 +190,10 @@ def _jacobian(
 
 
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:
-    """The samples, with the states as the segment's start gives them."""
+    """The samples, or some thousand of them, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
-    return _points(grid, x, _look_back(delays, grid, theta), grid.samples)
+    seen = np.unique(np.linspace(0, grid.n - 1, min(grid.n, _AT_ONCE)).astype(np.int64))
+    return _points(grid, x, _look_back(delays, grid, theta), seen)
 
 
 def _look_back(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, LookBack]:
@@ -179,72 +201,61 @@ def _look_back(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) 
 
 
 def _points(
-    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], part: slice, at: FloatArray | None = None
+    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], where: IntArray, at: FloatArray | None = None
 ) -> Points:
-    """The samples, midpoints or both, and what the delays see there; `at` gives states other than samples."""
+    """Some of the samples and midpoints, and what the delays see there; `at` gives states other than samples."""
     delayed: dict[str, Delayed] = {}
     rates: dict[str, Delayed] = {}
     u = grid.u[:, : grid.n]
     for name, whole in back.items():
-        stencil = whole.stencil.part(part)
-        delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, part)
-        rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, part)
-    courses = tuple(course.part(part) for course in grid.courses)
-    return Points(x if at is None else at, grid.u[:, part], grid.t[part], delayed, rates, courses)
+        stencil = whole.stencil.part(where)
+        delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, where)
+        rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, where)
+    courses = tuple(course.part(where) for course in grid.courses)
+    return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, courses)
 
 
-def _with_history(x: FloatArray, u: FloatArray, before: History | None, part: slice) -> Delayed:
-    return Delayed(x, u) if before is None else Delayed(x + before.x[:, part], u + before.u[:, part])
+def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: IntArray) -> Delayed:
+    return Delayed(x, u) if before is None else Delayed(x + before.x[:, where], u + before.u[:, where])
 
 
-def _midpoints(grid: Grid, x: FloatArray, f: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + grid.step / 8 * (f[:, :-1] - f[:, 1:]))
+def _midpoints(step: FloatArray, x: FloatArray, f: FloatArray, f_end: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + step / 8 * (f - f_end))
 
 
-def _defect(grid: Grid, x: FloatArray, f: FloatArray, f_mid: FloatArray) -> FloatArray:
-    return np.asarray(np.diff(x, axis=1) - grid.step / 6 * (f[:, :-1] + 4 * f_mid + f[:, 1:]))
+def _defect(
+    step: FloatArray, x: FloatArray, f: FloatArray, f_mid: FloatArray, f_end: FloatArray
+) -> FloatArray:
+    return np.asarray(np.diff(x, axis=1) - step / 6 * (f + 4 * f_mid + f_end))
 
 
 def _defect_derivatives(
-    grid: Grid, slope: Jacobian, back: Mapping[str, LookBack]
+    place: _Place, slope: Jacobian, back: Mapping[str, LookBack]
 ) -> tuple[BlockRows, FloatArray]:
-    n, n_states = grid.n, slope.by_state.shape[1]
-    h = grid.step[:, None, None]
-    a, a_mid = slope.by_state[:n], slope.by_state[n:]
-    b, b_mid = slope.by_parameter[:n], slope.by_parameter[n:]
-    by_parameter = -h / 6 * (b[:-1] + 4 * b_mid + b[1:]) - h**2 / 12 * (a_mid @ (b[:-1] - b[1:]))
+    h = place.step[:, None, None]
+    parts = place.of_intervals
+    a, a_mid, a_end = (slope.by_state[where] for where in parts)
+    b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
+    by_parameter = -h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end))
     through_mid = h / 3 * a_mid
-    here = -through_mid - h / 6 * a[:-1] - h / 4 * (through_mid @ a[:-1])
-    after = -through_mid - h / 6 * a[1:] + h / 4 * (through_mid @ a[1:])
-    unit = np.eye(n_states)
+    here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
+    after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
+    unit = np.eye(a.shape[1])
     local = np.stack([here - unit, after + unit], axis=1)
     coupling = []
     for name, by_delayed in slope.by_delayed.items():
-        d, d_mid = by_delayed[:n], by_delayed[n:]
+        d, d_mid, d_end = (by_delayed[where] for where in parts)
         stencil = back[name].stencil
         coupling += [
-            (stencil, slice(0, n - 1), -h / 6 * d[:-1] - h / 4 * (through_mid @ d[:-1])),
-            (stencil, slice(1, n), -h / 6 * d[1:] + h / 4 * (through_mid @ d[1:])),
-            (stencil, slice(n, 2 * n - 1), -2 * h / 3 * d_mid),
+            (stencil.part(place.samples[:-1]), -h / 6 * d - h / 4 * (through_mid @ d)),
+            (stencil.part(place.samples[1:]), -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
+            (stencil.part(place.middles), -2 * h / 3 * d_mid),
         ]
-    return _with_delays(n, 0, local, coupling), by_parameter
+    return _with_delays(local, coupling), by_parameter
 
 
-def _with_delays(
-    n: int, offset: int, local: FloatArray, coupling: list[tuple[Stencil, slice, FloatArray]]
-) -> BlockRows:
-    """The local blocks, (rows, width, m, n_states), plus blocks spread over interpolation weights."""
-    coupling = [entry for entry in coupling if np.any(entry[2])]
-    if not coupling:
-        return BlockRows(offset, local)
-    rows = np.arange(local.shape[0])
-    reach = [s.index[part] - rows[:, None] for s, part, _ in coupling]
-    first = min(offset, *(int(r.min()) for r in reach))
-    last = max(offset + local.shape[1] - 1, *(int(r.max()) for r in reach))
-    blocks = np.zeros((rows.size, last - first + 1, *local.shape[2:]))
-    blocks[:, offset - first : offset - first + local.shape[1]] = local
-    for (stencil, part, by_delayed), distance in zip(coupling, reach, strict=True):
-        weights = stencil.value[part]
-        for j in range(weights.shape[1]):
-            blocks[rows, distance[:, j] - first] += weights[:, j, None, None] * by_delayed
-    return BlockRows(first, blocks)
+def _with_delays(local: FloatArray, coupling: list[tuple[Stencil, FloatArray]]) -> BlockRows:
+    """The local blocks, (rows, width, m, n_states), plus those that act on delayed states."""
+    return BlockRows(
+        0, local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in coupling)
+    )

@@ -23,6 +23,8 @@ from brv_hypo.arrays import FloatArray
 _HIGHEST_ORDER = 20
 _LEAST_SAMPLES_PER_ORDER = 10
 _LEAST_POLYNOMIAL = 1e-6
+_BLOCK = 32768
+"""Samples transformed at a time. What is correlated across the edges of blocks this long is left out."""
 _LARGEST_REFLECTION = 0.999
 """Keeps an autoregression stable where gaps make its autocorrelations inconsistent."""
 
@@ -46,17 +48,21 @@ def coloured_covariance(
     models = [autoregression(correlation[:, a, a], samples) for a in range(correlation.shape[1])]
     middle = np.diag(prior_information)
     for s in sensitivity:
-        length = 1 << (2 * len(s) - 1).bit_length()
-        gain = np.stack([_gain(model, length) for model in models], axis=1)
-        shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
-        turned = correlation[0] @ shaped
-        both_sides = np.full(len(gain), 2.0)
-        both_sides[[0, -1]] = 1.0
-        middle = (
-            middle
-            + np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turned, optimize=True).real / length
-        )
+        for first in range(0, len(s), _BLOCK):
+            middle = middle + _weighted_products(s[first : first + _BLOCK], models, correlation[0])
     return np.asarray(white @ middle @ white)
+
+
+def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatArray) -> FloatArray:
+    """Sum over i and j of S_i' R(i - j) S_j, (p, p), S (n, n_outputs, p)."""
+    length = 1 << (2 * len(s) - 1).bit_length()
+    gain = np.stack([_gain(model, length) for model in models], axis=1)
+    shaped = np.fft.rfft(s, length, axis=0) * gain[:, :, None]
+    turned = turn @ shaped
+    both_sides = np.full(len(gain), 2.0)
+    both_sides[[0, -1]] = 1.0
+    product = np.einsum("f,fap,faq->pq", both_sides, shaped.conj(), turned, optimize=True).real
+    return np.asarray(product / length)
 
 
 def inflation(white: FloatArray, corrected: FloatArray, unknowns: int, samples: int) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
 
 
@@ -43,7 +43,7 @@ class SampledCourse:
         """Its value (n,)."""
         return np.array([theta[weight] for weight in self.weights]) @ self.shapes
 
-    def part(self, where: slice) -> SampledCourse:
+    def part(self, where: slice | IntArray) -> SampledCourse:
         """Some of the instants."""
         return SampledCourse(self.name, self.weights, self.shapes[:, where])
 

@@ -1,138 +1,31 @@
-"""Eliminates the states of one segment from a Gauss-Newton step: one banded solve, linear in the samples.
+"""Eliminates the states of one segment from a Gauss-Newton step, at a cost linear in the samples.
 
-The step minimises 1/2 |r + J dx + J_p dp|^2 + 1/2 w' Q^-1 w subject to c + D dx + C dp = w, for every dp at
-once. With multipliers l = Q^-1 w its stationary point solves
-
-    [ J'J   D' ] [dx]     [J'r]   [J'J_p]
-    [ D    -Q  ] [ l] = - [ c ] - [ C   ] dp
-
-Output error is Q = 0, a constraint; filter error Q > 0. Ordered sample by sample the matrix is banded, and
-pivoting keeps the elimination stable however fast the motion grows or decays, which forward recursion of
-sensitivities does not. Stage k holds the multipliers of the constraint that ends at sample k (k = 0: the
-initial state) and then the states of sample k.
+Two ways to the same answer: the band (`band`), which any motion and process noise may have, for rows that reach
+their neighbours only; and condensation (`condensation`) for exact dynamics that look far back, where the band
+would be as wide as a delay, and for long segments, of which it keeps far less.
 """
 
 from __future__ import annotations
 
-import numpy as np
-
-from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import BlockRows
+from brv_hypo.likelihood.band import band_size, eliminate_by_band
 from brv_hypo.likelihood.condensation import condense
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
+from brv_hypo.likelihood.recursion import LENGTH
 
-_SINGULAR = 1e13
-"""Condition, from the growth of a random right-hand side, at which states count as undetermined."""
 _FAR = 3
-"""Samples that exact dynamics look back from which the sparse recursion is cheaper than the band."""
+"""Samples that exact dynamics look back from which condensation is cheaper than the band."""
+_LONG = 2 * LENGTH
+"""Samples from which a segment without delays is condensed."""
+_LARGEST_BAND = 1 << 27
+"""Numbers that a band may hold (1 GB) where condensation finds no way."""
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:
-    """The states and multipliers as affine functions of the parameter step.
-
-    None where the outputs leave a state undetermined.
-    """
-    n, n_states = problem.defect.shape
-    if problem.defect_by_state.offset < -_FAR and not np.any(problem.variance[1:]):
+    """The states as affine functions of the parameter step; None where the outputs leave one undetermined."""
+    n = problem.defect.shape[0]
+    reach = max(-problem.defect_by_state.span(n)[0], *map(abs, problem.by_state.span(n)))
+    if problem.exact and (reach > _FAR or n > _LONG):
         condensed = condense(problem)
-        if condensed is not None:
+        if condensed is not None or band_size(problem) > _LARGEST_BAND:
             return condensed
-    weight = _balance(problem.by_state)
-    band, width = _assemble(problem, weight)
-    right = _right_hand_side(problem, weight)
-    norm = float(np.abs(band).sum(axis=0).max())
-    from scipy.linalg import lapack  # here, for a cheap import of the package
-
-    lu, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    if info != 0:
-        return None
-    probe = np.random.default_rng(0).standard_normal((right.shape[0], 1))
-    solution, _ = lapack.dgbtrs(lu, width, width, np.append(right, probe, axis=1), pivots, overwrite_b=1)
-    growth = float(np.linalg.norm(solution[:, -1]) / np.linalg.norm(probe))
-    if not growth * norm < _SINGULAR or not np.all(np.isfinite(solution)):
-        return None
-    stages = solution[:, :-1].reshape(n, 2, n_states, -1)
-    return Eliminated(stages[:, 1], stages[:, 0] * weight)
-
-
-def log_determinant(problem: Quadratic) -> float:
-    """log |det| of the matrix alone; nan where it is singular."""
-    from scipy.linalg import lapack
-
-    band, width = _assemble(problem, _balance(problem.by_state))
-    lu, _, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    return float("nan") if info != 0 else float(np.sum(np.log(np.abs(lu[2 * width]))))
-
-
-def _balance(by_state: BlockRows) -> float:
-    """Divides the objective, so that the blocks of the matrix are of one size."""
-    blocks = by_state.blocks
-    size = float(np.sum(blocks**2)) / (blocks.shape[0] * blocks.shape[3])
-    return size if size > 0 else 1.0
-
-
-class _Band:
-    """LAPACK band storage of a matrix of stages, each of two parts (multipliers, states) of m rows."""
-
-    def __init__(self, n: int, m: int, width: int) -> None:
-        self.n, self.m, self.width = n, m, width
-        self.storage = np.zeros((3 * width + 1, 2 * m * n), order="F")
-
-    def add(self, row: tuple[int, int], column: tuple[int, int], blocks: FloatArray) -> None:
-        """Add blocks (count, m, m) along the diagonal.
-
-        The first stands at (stage, part) `row` and `column`, each next one a stage further.
-        """
-        first = max(0, -row[0], -column[0])
-        last = min(blocks.shape[0], self.n - row[0], self.n - column[0])
-        if last <= first:
-            return
-        m = self.m
-        below = 2 * m * (row[0] - column[0]) + m * (row[1] - column[1])
-        start = 2 * m * (column[0] + first) + m * column[1]
-        stop = start + 2 * m * (last - first)
-        for i in range(m):
-            for j in range(m):
-                line = self.storage[2 * self.width + below + i - j]
-                line[start + j : stop : 2 * m] += blocks[first:last, i, j]
-
-
-def _assemble(problem: Quadratic, weight: float) -> tuple[FloatArray, int]:
-    """Band storage of LAPACK for the matrix, the objective divided by `weight`, and the half bandwidth."""
-    n, n_states = problem.defect.shape
-    dynamics, outputs = problem.defect_by_state, problem.by_state
-    span = outputs.blocks.shape[1] - 1
-    reach = dynamics.offset + dynamics.blocks.shape[1]
-    width = n_states * max(2 * (1 - dynamics.offset), 2 * (reach - 1), 2 * span + 1) - 1
-    band = _Band(n, n_states, width)
-    free = np.isinf(problem.variance)
-    diagonal = np.where(free, 1.0, -problem.variance * weight)
-    unit = np.where(free[:1], 0.0, 1.0)[:, :, None] * np.eye(n_states)
-    band.add((0, 0), (0, 0), diagonal[:, :, None] * np.eye(n_states))
-    band.add((0, 0), (0, 1), unit)
-    band.add((0, 1), (0, 0), unit)
-    for w in dynamics.filled:
-        block = dynamics.blocks[:, w]
-        band.add((1, 0), (dynamics.offset + w, 1), block)
-        band.add((dynamics.offset + w, 1), (1, 0), block.transpose(0, 2, 1))
-    for v in outputs.filled:
-        for w in outputs.filled:
-            product = outputs.blocks[:, v].transpose(0, 2, 1) @ outputs.blocks[:, w]
-            band.add((outputs.offset + v, 1), (outputs.offset + w, 1), product / weight)
-    return band.storage, width
-
-
-def _right_hand_side(problem: Quadratic, weight: float) -> FloatArray:
-    n, n_states = problem.defect.shape
-    outputs = problem.by_state
-    columns = np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2)
-    right = np.zeros((n, 2, n_states, columns.shape[2]))
-    right[:, 0, :, 0] = -problem.defect
-    right[:, 0, :, 1:] = -problem.defect_by_parameter
-    right[:, 0][np.isinf(problem.variance)] = 0.0
-    for w in outputs.filled:
-        at = np.arange(n) + outputs.offset + w
-        inside = (at >= 0) & (at < n)
-        gradient = outputs.blocks[:, w].transpose(0, 2, 1) @ columns
-        right[at[inside], 1] -= gradient[inside] / weight
-    return np.asfortranarray(right.reshape(2 * n_states * n, -1))
+    return eliminate_by_band(problem)

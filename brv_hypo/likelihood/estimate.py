@@ -9,13 +9,14 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.assessment import assess
+from brv_hypo.likelihood.beginnings import best_of, first_noises
 from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
-from brv_hypo.likelihood.noise import Shape, least_variance, noise_from_differences
+from brv_hypo.likelihood.noise import Shape, least_variance
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
-from brv_hypo.likelihood.segment import Grid, Segment, build_grid
+from brv_hypo.likelihood.segment import Grid, Segment, build_grid, check_alike
 from brv_hypo.likelihood.start import begin, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem
 
@@ -70,7 +71,9 @@ def fit(
         reach: largest change in one step by name, for parameters whose effect is linear over a short way only.
         affine: names in which both functions are affine, all else held: one evaluation gives their derivative.
         noise: shape of B, "diagonal" or "full".
-        noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11.
+        noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11. Where the
+            residuals are then not white, the search begins again from other first guesses of it, and the best
+            likelihood wins (`beginnings`).
         estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
         derivatives: "auto", "complex" or "central".
         max_iterations: limit of Gauss-Newton steps.
@@ -89,6 +92,7 @@ def fit(
     grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
     if not grids:
         raise UsageError("no segments were given; expected at least one")
+    check_alike(grids)
     limits = _delay_bounds(delays, grids) | dict(bounds or {})
     parameters = build_parameters(theta0, len(grids), limits, priors or {}, fixed, per_segment)
     model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives, frozenset(affine))
@@ -104,9 +108,6 @@ def fit(
         model, grids, parameters, state_sizes(histories), driving, parameters.spread(reach or {}, np.inf)
     )
     y = np.concatenate([g.y for g in grids], axis=1)
-    covariance = (
-        noise_from_differences(y) if noise_covariance is None else np.asarray(noise_covariance, float)
-    )
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
@@ -116,8 +117,30 @@ def fit(
         floor=least_variance(y),
         progress=progress,
     )
-    iterate = Iterate(histories, parameters.start, covariance)
-    return assess(search(*begin(problem, iterate, near_start), options), options)
+
+    def run(covariance: FloatArray) -> FitResult:
+        iterate = Iterate(histories, parameters.start, covariance)
+        return assess(search(*begin(problem, iterate, near_start), options), options)
+
+    if noise_covariance is not None:
+        return run(_known_covariance(noise_covariance, len(y)))
+    noises = first_noises(y)
+    return best_of(noises[:1] if near_start else noises, run, y.shape[1])
+
+
+def _known_covariance(given: FloatArray, n_outputs: int) -> FloatArray:
+    """B as given, (n_outputs, n_outputs)."""
+    found = np.asarray(given, dtype=float)
+    square = (
+        found.shape == (n_outputs, n_outputs) and np.all(np.isfinite(found)) and np.allclose(found, found.T)
+    )
+    if not square or np.linalg.eigvalsh(found)[0] <= 0.0:
+        raise UsageError(
+            f"noise_covariance is {found.tolist()}; expected a symmetric positive-definite matrix of shape "
+            f"{(n_outputs, n_outputs)}: variances of the outputs' noise on the diagonal. Noise-free outputs get a "
+            "small variance, such as that of rounding"
+        )
+    return found
 
 
 def _refuse_late_process_noise(delays: Sequence[str], driving: FloatArray) -> None:

@@ -5,7 +5,7 @@ determinant. For linear dynamics, and to the order of Laplace's approximation ot
 
     NLLF = objective + 1/2 log|det K(Q)| - 1/2 log|det K(0)| + 1/2 sum log det R
 
-with K the matrix of `elimination` and the initial state held. The last determinant is that of the dynamics
+with K the matrix of `band` and the initial state held. The last determinant is that of the dynamics
 alone: the square of that of D, which without delays is block triangular. At Q = 0 the two cancel and output
 error remains. Derivatives of the determinants are also the smoothed covariances that the estimates of R and Q
 need: no smoother has to be run.
@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.band import log_determinant
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import log_determinant
-from brv_hypo.likelihood.noise import Shape, whitening
+from brv_hypo.likelihood.noise import Shape
 from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
 
@@ -141,8 +141,7 @@ def _held(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -
     """The quadratic problem of every segment, its initial state held."""
     found = []
     for grid, x, linearisation in zip(problem.grids, iterate.x, linear, strict=True):
-        whitener = whitening(iterate.covariance, grid.measured)
-        quadratic = quadratic_of(problem, grid, x, linearisation, whitener)
+        quadratic = quadratic_of(problem, grid, x, [(slice(None), linearisation)], iterate.covariance)
         variance = quadratic.variance.copy()
         variance[0] = 0.0
         found.append(replace(quadratic, variance=variance))
@@ -157,8 +156,8 @@ def _displaced(
     theta[parameter] += step
     states = []
     for x, segment, index in zip(iterate.x, segments, problem.parameters.segment_index, strict=True):
-        local = np.flatnonzero(index == parameter)
-        follow = segment.eliminated.x[:, :, 1 + local].sum(axis=2).T * problem.size[:, None]
+        direction = np.concatenate([[0.0], (index == parameter).astype(float)])
+        follow = segment.eliminated.states(direction).T * problem.size[:, None]
         states.append(x + step * follow)
     return replace(iterate, theta=theta, x=tuple(states))
 

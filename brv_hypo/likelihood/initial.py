@@ -16,8 +16,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.leave_out import Linearised, LinearRows
-from brv_hypo.likelihood.noise import whitening
-from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, quadratic_of
+from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity
 from brv_hypo.likelihood.uncertainty import covariance_from_information
 
 Starts = tuple[tuple[FloatArray, FloatArray] | None, ...]
@@ -25,9 +24,9 @@ Starts = tuple[tuple[FloatArray, FloatArray] | None, ...]
 n_states) by the scaled initial state, the other states following; None where they are not determined."""
 
 
-def by_initial_states(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> Starts:
+def by_initial_states(problem: Problem, segments: Sequence[Sensitivity]) -> Starts:
     """What the initial states do, theta held."""
-    return tuple(_by_initial_state(problem, iterate, segment, s) for s, segment in enumerate(segments))
+    return tuple(_by_initial_state(problem, segment) for segment in segments)
 
 
 def initial_state_errors(
@@ -47,7 +46,7 @@ def initial_state_errors(
     found = []
     for s, index in enumerate(problem.parameters.segment_index):
         given_theta = taken_out * _variance_given_theta(problem, starts[s], s)
-        follow = segments[s].eliminated.x[0, :, 1:] * problem.size[:, None]
+        follow = segments[s].eliminated.at_start()[:, 1:] * problem.size[:, None]
         moved = np.isfinite(np.diag(covariance)[index])
         block = covariance[np.ix_(index[moved], index[moved])]
         by_theta = np.einsum("ip,pq,iq->i", follow[:, moved], block, follow[:, moved])
@@ -59,14 +58,16 @@ def linearised(
     problem: Problem,
     iterate: Iterate,
     starts: Starts,
-    segments: Sequence[Sensitivity],
+    residual: Sequence[FloatArray],
     estimated: IntArray,
 ) -> Linearised | None:
-    """The linear model at the solution; None with process noise, which couples what is left out to the rest."""
-    if not segments or np.any(problem.process_noise):
+    """The linear model at the solution from each segment's `Sensitivity.residual`, none where the states are not
+    determined; None also with process noise, which couples what is left out to the rest.
+    """
+    if not residual or np.any(problem.process_noise):
         return None
     rows = []
-    for s, (grid, segment) in enumerate(zip(problem.grids, segments, strict=True)):
+    for s, grid in enumerate(problem.grids):
         by_start = starts[s]
         if by_start is None:
             return None
@@ -74,8 +75,8 @@ def linearised(
         start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
         rows.append(
             LinearRows(
-                residual=segment.residual[:, :, 0],
-                by_parameter=segment.residual[:, :, 1:],
+                residual=residual[s][:, :, 0],
+                by_parameter=residual[s][:, :, 1:],
                 by_start=by_start[0][:, :, free],
                 index=problem.parameters.segment_index[s],
                 known=problem.size[free] / grid.start_std[free],
@@ -105,29 +106,22 @@ def _variance_given_theta(
     return np.where(known > 0.0, np.diag(given), 0.0) * size**2
 
 
-def _by_initial_state(
-    problem: Problem, iterate: Iterate, segment: Sensitivity, number: int
-) -> tuple[FloatArray, FloatArray] | None:
-    grid, x, size = problem.grids[number], iterate.x[number], problem.size
-    known = segment.eliminated.by_start
-    if known is not None:
-        outputs = np.zeros((*known.shape[:2], size.size))
-        outputs[:, :, grid.start_std > 0.0] = known
-        return outputs, np.zeros((x.shape[1], size.size, size.size))
-    whitener = whitening(iterate.covariance, grid.measured)
-    free = quadratic_of(problem, grid, x, segment.linearisation, whitener)
-    by_start = np.zeros((*free.defect.shape, size.size))
-    by_start[0] = -np.eye(size.size)
+def _by_initial_state(problem: Problem, segment: Sensitivity) -> tuple[FloatArray, FloatArray] | None:
+    free = segment.eliminated.problem
+    size = problem.size.size
+    by_start = np.zeros((*free.defect.shape, size))
+    by_start[0] = -np.eye(size)
     variance = free.variance.copy()
     variance[0] = 0.0
     held = replace(
         free,
-        by_parameter=np.zeros((*free.residual.shape, size.size)),
+        by_parameter=np.zeros((*free.residual.shape, size)),
         defect_by_parameter=by_start,
         variance=variance,
     )
     eliminated = eliminate(held)
     if eliminated is None:
         return None
-    outputs = held.by_state.dot(eliminated.x)[:, :, 1:]
-    return outputs, np.sqrt(variance)[:, :, None] * eliminated.multiplier[:, :, 1:]
+    outputs, noise = eliminated.rows()
+    disturbance = np.zeros((*free.defect.shape, size)) if noise is None else noise[:, :, 1:]
+    return outputs[:, :, 1:], disturbance

@@ -31,17 +31,23 @@ class Stencil:
     value: FloatArray
     rate: FloatArray
 
-    def part(self, where: slice) -> Stencil:
+    def part(self, where: slice | IntArray) -> Stencil:
         """The stencil of some of the query times."""
         return Stencil(self.index[where], self.value[where], self.rate[where])
 
     def apply(self, signal: FloatArray) -> FloatArray:
         """The signal, (m, n_samples), at the query times, (m, n)."""
-        return np.asarray(np.einsum("mnw,nw->mn", signal[:, self.index], self.value))
+        return self._apply(signal, self.value)
 
     def apply_rate(self, signal: FloatArray) -> FloatArray:
         """The time derivative of the signal, (m, n_samples), at the query times, (m, n)."""
-        return np.asarray(np.einsum("mnw,nw->mn", signal[:, self.index], self.rate))
+        return self._apply(signal, self.rate)
+
+    def _apply(self, signal: FloatArray, weights: FloatArray) -> FloatArray:
+        found = np.zeros((signal.shape[0], self.index.shape[0]), dtype=signal.dtype)
+        for index, weight in zip(self.index.T, weights.T, strict=True):
+            found += signal[:, index] * weight
+        return found
 
 
 class Interpolator:
@@ -53,6 +59,10 @@ class Interpolator:
         nodes = np.arange(n)
         self._slope_start = np.clip(nodes - _SLOPE_WIDTH // 2, 0, n - _SLOPE_WIDTH)
         self._slope = _slope_weights(t, nodes, self._slope_start)
+
+    def part(self, first: int, last: int) -> Interpolator:
+        """The interpolator of some of the samples."""
+        return Interpolator(self.t[first:last])
 
     def stencil(self, query: FloatArray) -> Stencil:
         """Weights at the query times, (n,), s."""

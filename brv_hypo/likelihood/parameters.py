@@ -82,6 +82,8 @@ def build_parameters(
         unknown = sorted(set(given) - set(theta0))
         if unknown:
             raise UsageError(f"{what} names {unknown}, which theta0 does not have; it has {sorted(theta0)}")
+    if not theta0:
+        raise UsageError("theta0 is empty: there is nothing to estimate; expected start values by name")
     base = tuple(name for name in theta0 if name not in fixed)
     if not base:
         raise UsageError(

@@ -9,8 +9,18 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
 from brv_hypo.likelihood.leave_out import Linearised
-from brv_hypo.likelihood.search import Progress, Status
+from brv_hypo.likelihood.search import Progress
+from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """One search: where its first noise came from, how it ended, and at which log-likelihood."""
+
+    source: str
+    status: Status
+    log_likelihood: float
 
 
 @dataclass(frozen=True)
@@ -18,8 +28,8 @@ class FitResult:
     """A maximum-likelihood fit; p free parameters in the order of `names`.
 
     Attributes:
-        status: "converged", "iteration limit", "stalled", "undetermined" (a state that no output sees) or
-            "diverged".
+        status: a `Status`, which equals its text: "converged", "iteration limit", "stalled", "undetermined" (a
+            state that no output sees) or "diverged"; `status.remedy` says what to try.
         message: cause and remedy where it did not converge.
         names: the free parameters; a per-segment parameter b is b[0], b[1], ...
         theta: estimate by name, those held fixed included.
@@ -50,6 +60,8 @@ class FitResult:
         samples: number of measured values, all outputs and segments.
         linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
             the samples; None with process noise.
+        beginnings: the searches that were compared, the first of them first; this is the best of them.
+        remarks: what makes the errors mean something else than they say, though the search converged.
     """
 
     status: Status
@@ -75,6 +87,8 @@ class FitResult:
     derivatives: Method
     samples: int
     linear: Linearised | None
+    beginnings: tuple[Beginning, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def theta_without(self, left_out: Sequence[BoolArray]) -> dict[str, float]:
         """Estimate by name where the marked samples, (n,) a segment, take no part, to first order.

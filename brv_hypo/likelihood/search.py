@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from brv_hypo.likelihood.filtering import (
 )
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
@@ -33,8 +33,6 @@ from brv_hypo.likelihood.step import (
     objective,
     sensitivities,
 )
-
-Status = Literal["converged", "iteration limit", "stalled", "undetermined", "diverged"]
 
 _FEASIBLE = 1e-7
 """Largest mean scaled defect of a converged trajectory."""
@@ -97,28 +95,29 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
 
-    def ended(status: Status, message: str) -> Outcome:
+    def ended(status: Status, detail: str = "") -> Outcome:
+        message = f"{detail}: {status.message}" if detail else status.message
         return Outcome(problem, iterate, status, message, tuple(history))
 
     for iteration in range(1, options.max_iterations + 1):
         try:
             segments, unseen = _sensitivities(problem, iterate)
         except SingularStatesError as error:
-            return ended("undetermined", _undetermined(error))
+            return ended(Status.UNDETERMINED, str(error))
         step = _step(problem, iterate, segments)
         if not np.isfinite(step.length):
-            return ended("diverged", _DIVERGED)
+            return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
         term = partial(determinant_term, problem) if np.any(problem.process_noise) else None
         following, fraction = line_search(problem, iterate, step, penalty, term)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
-                return ended("stalled", _STALLED)
+                return ended(Status.STALLED)
             blind -= 1
             following, fraction = moved(problem, iterate, step, 1.0), 1.0
         creeping = creeping + 1 if fraction < _CREEP and step.length < 1.0 else 0
         if creeping == _CREEPING_STEPS:
-            return ended("stalled", _STALLED)
+            return ended(Status.STALLED)
         problem, iterate, noise_settled = _update_noise(problem, following, options)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
@@ -130,9 +129,10 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             options.progress(history[-1])
         if step.length < options.tolerance and noise_settled and violation < _FEASIBLE:
             if unseen is not None:
-                return ended("undetermined", _undetermined(unseen))
-            return replace(ended("converged", _NEGLIGIBLE), segments=segments)
-    return ended("iteration limit", _LIMIT.format(options.max_iterations))
+                return ended(Status.UNDETERMINED, str(unseen))
+            return replace(ended(Status.CONVERGED), segments=segments)
+        del segments, step  # not kept beside the next
+    return ended(Status.ITERATION_LIMIT, f"{options.max_iterations} iterations")
 
 
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
@@ -185,25 +185,3 @@ def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple
         iterate = replace(iterate, covariance=new)
         settled = settled and float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0))) < _SETTLED_CHANGE
     return problem, iterate, settled
-
-
-def _undetermined(error: SingularStatesError) -> str:
-    return (
-        f"{error}: a state neither shows in an output nor drives one that does. "
-        "Measure it, leave it out of the states, or give x0_std so that its start is known"
-    )
-
-
-_NEGLIGIBLE = "the step is negligible against the standard errors"
-_DIVERGED = (
-    "the step is not finite: the functions overflowed or returned nan. "
-    "Start nearer to the solution, set bounds, or check the dynamics for divisions by zero"
-)
-_STALLED = (
-    "no fraction of the step improves the fit: the derivatives are wrong (a function that is not smooth, "
-    "or not vectorised over samples) or the start is too far away. Check the functions, or start nearer"
-)
-_LIMIT = (
-    "{} iterations were not enough. Look at the near-null directions in identifiability: parameters that "
-    "the data do not separate; fix or bound some, or raise max_iterations"
-)

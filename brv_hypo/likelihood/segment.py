@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -10,6 +12,9 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.course import Course, SampledCourse, sampled
 from brv_hypo.likelihood.interpolation import WIDTH, Interpolator, Stencil
+
+Hold = Literal["zero", "linear", "cubic"]
+"""An input between samples: as at the last one, on a straight line, on a cubic."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,9 @@ class Segment:
         x0: guess of the initial state, (n_states,), or of the whole history, (n_states, n).
         x0_std: how well the initial state is known: infinity leaves it free (the default), 0 holds it at
             x0, anything between is a Gaussian prior; scalar or (n_states,).
-        u_mid: inputs halfway between samples, (n_inputs, n - 1); interpolated by a cubic when left out.
+        u_mid: inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out.
+        hold: each input between samples, or one word for all: "zero" keeps the value of the last sample and jumps
+            at the next, as a digital controller does; "linear"; "cubic". Delayed inputs are interpolated by a cubic.
         history: states and inputs before the start, which delayed quantities need; without it the first
             sample is held backwards.
         courses: quantities that vary along the segment as known shapes, whose weights are in theta0.
@@ -52,6 +59,7 @@ class Segment:
     history: History | None = None
     courses: tuple[Course, ...] = ()
     ignores: frozenset[str] = frozenset()
+    hold: Hold | Sequence[Hold] = "cubic"
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ class Grid:
     """A segment made ready: samples and midpoints, measured mask, interpolator.
 
     `t` and `u` hold the n samples first and then the n - 1 midpoints, (2 n - 1,) and (n_inputs, 2 n - 1); so do
-    the courses.
+    the courses. Where an input `jumps` at the samples, the n - 1 ends of the intervals follow, before the jump.
     """
 
     t: FloatArray
@@ -82,6 +90,7 @@ class Grid:
     history: History | None = None
     courses: tuple[SampledCourse, ...] = ()
     ignores: frozenset[str] = frozenset()
+    jumps: bool = False
 
     @property
     def n(self) -> int:
@@ -131,8 +140,9 @@ def build_grid(segment: Segment, number: int) -> Grid:
     _check(t, u, y, x0, number)
     interpolator = Interpolator(t)
     middle = 0.5 * (t[:-1] + t[1:])
+    hold = _holds(segment.hold, u.shape[0], number)
     u_mid = (
-        interpolator.stencil(middle).apply(u)
+        _halfway(u, hold, interpolator, middle)
         if segment.u_mid is None
         else np.asarray(segment.u_mid, dtype=float)
     )
@@ -141,20 +151,79 @@ def build_grid(segment: Segment, number: int) -> Grid:
             f"segment {number}: u_mid has shape {u_mid.shape}; expected {(u.shape[0], t.size - 1)}, "
             "one column per interval"
         )
-    n_states = x0.shape[0]
+    times, inputs = [t, middle], [u, u_mid]
+    if "zero" in hold:
+        kept = np.array([kind == "zero" for kind in hold])[:, None]
+        times.append(t[1:])
+        inputs.append(np.where(kept, u[:, :-1], u[:, 1:]))
+    at = np.concatenate(times)
     return Grid(
-        t=np.concatenate([t, middle]),
-        u=np.concatenate([u, u_mid], axis=1),
+        t=at,
+        u=np.concatenate(inputs, axis=1),
         y=y,
         measured=np.isfinite(y),
         step=np.diff(t),
         start=x0,
-        start_std=np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (n_states,)),
+        start_std=_start_std(segment.x0_std, x0.shape[0], number),
         interpolator=interpolator,
         history=segment.history,
-        courses=sampled(segment.courses, np.concatenate([t, middle]), number),
+        courses=sampled(segment.courses, at, number),
         ignores=frozenset(segment.ignores),
+        jumps="zero" in hold,
     )
+
+
+def _holds(hold: Hold | Sequence[Hold], count: int, number: int) -> tuple[str, ...]:
+    found = (hold,) * count if isinstance(hold, str) else tuple(hold)
+    if len(found) != count or not set(found) <= {"zero", "linear", "cubic"}:
+        raise UsageError(
+            f"segment {number}: hold is {hold!r}; expected 'zero', 'linear' or 'cubic', one word for all inputs or "
+            f"one for each of the {count}"
+        )
+    return found
+
+
+def _halfway(
+    u: FloatArray, hold: tuple[str, ...], interpolator: Interpolator, middle: FloatArray
+) -> FloatArray:
+    """Inputs at the midpoints (n_inputs, n - 1), each as it is held."""
+    ways = {
+        "zero": u[:, :-1],
+        "linear": 0.5 * (u[:, :-1] + u[:, 1:]),
+        "cubic": interpolator.stencil(middle).apply(u) if "cubic" in hold else u[:, :-1],
+    }
+    found = np.empty_like(ways["zero"])
+    for row, kind in enumerate(hold):
+        found[row] = ways[kind][row]
+    return found
+
+
+def _start_std(x0_std: float | FloatArray, n_states: int, number: int) -> FloatArray:
+    given = np.asarray(x0_std, dtype=float)
+    if given.shape not in ((), (n_states,)) or not np.all(given >= 0.0):
+        raise UsageError(
+            f"segment {number}: x0_std is {given.tolist()}; expected one number, or one for each of the {n_states} "
+            "states, none negative: 0 holds an initial state, infinity leaves it free"
+        )
+    return np.broadcast_to(given, (n_states,))
+
+
+def check_alike(grids: Sequence[Grid]) -> None:
+    """Refuse segments whose states, inputs or outputs differ in number.
+
+    Raises:
+        UsageError: with the numbers of each segment.
+    """
+    for what, counts in (
+        ("states (rows of x0)", [grid.start.shape[0] for grid in grids]),
+        ("inputs (rows of u)", [grid.u.shape[0] for grid in grids]),
+        ("outputs (rows of y)", [grid.y.shape[0] for grid in grids]),
+    ):
+        if len(set(counts)) > 1:
+            raise UsageError(
+                f"the segments have {counts} {what}; expected the same number in each, since one model describes them "
+                "all. An output that a segment lacks is a row of NaN"
+            )
 
 
 def _spread(where: BoolArray, signal: FloatArray) -> FloatArray:
@@ -180,9 +249,20 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
                 f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), "
                 "one column per sample"
             )
+    if not np.any(np.isfinite(y)):
+        raise UsageError(
+            f"segment {number}: y, of shape {y.shape}, holds no measured value; expected at least one row that is not "
+            "NaN throughout. Check the record, or leave the segment out"
+        )
     if not np.all(np.isfinite(u)):
         raise UsageError(
             f"segment {number}: u is not finite everywhere; only y may have gaps (NaN): interpolate u first"
+        )
+    if x0.ndim in (1, 2) and x0.shape[0] == 0:
+        raise UsageError(
+            f"segment {number}: x0 is empty, so that the model has no states; expected at least one. For a model "
+            "without dynamics use regression, or give it one state that stands still: dynamics of zeros, x0 = [0], "
+            "x0_std = 0"
         )
     if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
         raise UsageError(

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Model, linearise_segment
+from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
+from brv_hypo.likelihood.cutting import cut, joined
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.segment import Grid
@@ -87,11 +88,14 @@ def states_from_outputs(
             histories.append(grid.start.copy())
             continue
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
-        linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), ())
-        here = -linear.output_by_state.offset
-        difference = _without_gaps(grid) - linear.output.T
-        pseudo_inverse = np.linalg.pinv(linear.output_by_state.blocks[:, here], rcond=1e-6)
-        histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, difference))
+        measured = _without_gaps(grid)
+        moved = np.empty_like(x)
+        for part in parts_of(grid.n):
+            linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), (), part)
+            pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(part.start), rcond=1e-6)
+            difference = measured[:, part] - linear.output.T
+            moved[:, part] = x[:, part] + np.einsum("nij,jn->in", pseudo_inverse, difference)
+        histories.append(moved)
     return tuple(histories)
 
 
@@ -152,17 +156,20 @@ def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
 
 def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
     """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
-    grids = problem.grids
-    loose = looseness(grids, iterate.x, problem.size)
+    pieces, part = cut(problem, iterate)
+    loose = looseness(problem.grids, iterate.x, problem.size)
     try:
-        if any(g.start.ndim == 1 for g in grids):
-            iterate = smooth(problem, iterate, loose)
-        reach = delay_reach(problem.model.delays, problem.parameters, grids, iterate.x)
+        if any(g.start.ndim == 1 for g in problem.grids):
+            part = smooth(pieces, part, loose)
+        reach = delay_reach(problem.model.delays, pieces.parameters, pieces.grids, part.x)
         reach = np.minimum(problem.reach, reach)
-        problem = replace(problem, size=state_sizes(iterate.x), reach=reach)
-        return problem, iterate if near else approach(problem, iterate, loose)
+        pieces = replace(pieces, size=state_sizes(part.x), reach=reach)
+        if not near:
+            part = approach(pieces, part, loose)
     except SingularStatesError:
-        return problem, iterate  # the search says so if they stay undetermined
+        pass  # the search says so if they stay undetermined
+    found = replace(part, x=joined(problem, part.x))
+    return replace(problem, size=pieces.size, reach=pieces.reach), found
 
 
 def _mean_square(problem: Problem, iterate: Iterate) -> float:

@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood.blocks import BlockRows
 from brv_hypo.likelihood.collocation import (
-    BlockRows,
     Linearisation,
     Model,
     evaluate_segment,
     linearise_segment,
+    parts_of,
 )
 from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.triangle import upper_triangle
 
 _RANK_TOLERANCE = 1e-10
 """Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
 _ROUNDING = 1e-7
 """A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+_MANY = 32768
+"""Samples, of all segments, from which eliminated states with process noise are not kept."""
 _ANCHOR = 10.0
 """Standard deviation, in sizes of the state, by which an anchored initial state may move in one step."""
 
@@ -60,15 +65,22 @@ class Iterate:
 class Sensitivity:
     """One segment at its linearisation point, states eliminated.
 
-    `residual` (n, n_outputs, 1 + p) holds the whitened residual that a step of the states alone would leave,
-    and its derivative by the p parameters of the segment with the states following; `disturbance` (n,
-    n_states, 1 + p) likewise the whitened process noise.
+    `triangle` (1 + p, 1 + p) is that of the whitened residuals and process noise that a step of the p parameters
+    of the segment leaves, the states following; its last column a step of the states alone. `void` (p,) marks the
+    parameters that the states can follow entirely.
     """
 
-    linearisation: Linearisation
     eliminated: Eliminated
-    residual: FloatArray
-    disturbance: FloatArray
+    triangle: FloatArray
+    void: BoolArray
+
+    def residual(self) -> FloatArray:
+        """The whitened residual that a step of the states alone would leave, and its derivative by the parameters
+        with the states following, (n, n_outputs, 1 + p).
+        """
+        found, _ = self.eliminated.rows()
+        found[:, :, 1:][:, :, self.void] = 0.0
+        return found
 
 
 @dataclass(frozen=True)
@@ -105,27 +117,68 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
+    noisy = sum(grid.n for grid in problem.grids) > _MANY and bool(np.any(problem.process_noise))
     found = []
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        theta = problem.parameters.of_segment(s, iterate.theta)
-        linearisation = linearise_segment(problem.model, grid, x, theta, problem.parameters.base)
-        quadratic = quadratic_of(
-            problem, grid, x, linearisation, whitening(iterate.covariance, grid.measured)
-        )
-        if anchored:
-            quadratic = _anchor(quadratic)
-        eliminated = eliminate(quadratic)
-        if eliminated is None:
-            raise SingularStatesError(s)
-        residual = eliminated.residual
-        if residual is None:
-            direct = np.concatenate([quadratic.residual[:, :, None], quadratic.by_parameter], axis=2)
-            residual = direct + quadratic.by_state.dot(eliminated.x)
-        variance = np.where(np.isfinite(quadratic.variance), quadratic.variance, 0.0)
-        disturbance = np.sqrt(variance)[:, :, None] * eliminated.multiplier
-        _drop_rounding(residual, disturbance, quadratic.by_parameter)
-        found.append(Sensitivity(linearisation, eliminated, residual, disturbance))
+    for s in range(len(problem.grids)):
+        again = partial(_eliminated, problem, iterate, s, anchored)
+        eliminated = again()
+        sensitivity = _sensitivity(eliminated)
+        found.append(replace(sensitivity, eliminated=Recalled(again)) if noisy else sensitivity)
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class Recalled:
+    """States eliminated again whenever they are asked for: many samples with process noise take much memory.
+
+    See `Eliminated`.
+    """
+
+    again: Callable[[], Eliminated]
+
+    @property
+    def problem(self) -> Quadratic:
+        """See `Eliminated`."""
+        return self.again().problem
+
+    def states(self, weights: FloatArray) -> FloatArray:
+        """See `Eliminated`."""
+        return self.again().states(weights)
+
+    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Eliminated`."""
+        return self.again().step(weights)
+
+    def at_start(self) -> FloatArray:
+        """See `Eliminated`."""
+        return self.again().at_start()
+
+    def rows(self) -> tuple[FloatArray, FloatArray | None]:
+        """See `Eliminated`."""
+        return self.again().rows()
+
+    def triangle(self) -> FloatArray:
+        """See `Eliminated`."""
+        return self.again().triangle()
+
+
+def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool) -> Eliminated:
+    """Segment s linearised and its states eliminated."""
+    grid, x = problem.grids[s], iterate.x[s]
+    theta = problem.parameters.of_segment(s, iterate.theta)
+    linear = (
+        (part, linearise_segment(problem.model, grid, x, theta, problem.parameters.base, part))
+        for part in parts_of(grid.n)
+    )
+    quadratic = quadratic_of(problem, grid, x, linear, iterate.covariance)
+    if not quadratic.exact:
+        quadratic = _memoryless(quadratic)
+    if anchored:
+        quadratic = _anchor(quadratic)
+    eliminated = eliminate(quadratic)
+    if eliminated is None:
+        raise SingularStatesError(s)
+    return eliminated
 
 
 def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> FloatArray:
@@ -137,15 +190,11 @@ def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> Flo
     p = len(parameters.names)
     rows = [np.zeros((0, p + 1))]
     for index, segment in zip(parameters.segment_index, segments, strict=True):
-        parts = [_flat(segment.residual)]
-        if np.any(segment.disturbance):
-            parts.append(_flat(segment.disturbance))
-        local = _triangle(np.concatenate(parts))
-        spread = np.zeros((local.shape[0], p + 1))
-        spread[:, index] = local[:, :-1]
-        spread[:, -1] = local[:, -1]
+        spread = np.zeros((segment.triangle.shape[0], p + 1))
+        spread[:, index] = segment.triangle[:, :-1]
+        spread[:, -1] = segment.triangle[:, -1]
         rows.append(spread)
-    return _triangle(np.concatenate(rows))
+    return upper_triangle(np.concatenate(rows))
 
 
 def gauss_newton_step(
@@ -173,18 +222,16 @@ def gauss_newton_step(
     if gradient is not None:
         tilted[:p, p] += np.linalg.lstsq(data[:p, :p].T, slope, rcond=None)[0]
     change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
-    x = tuple(
-        (e.x[:, :, 0] + e.x[:, :, 1:] @ change[index]).T * problem.size[:, None]
-        for e, index in ((s.eliminated, i) for s, i in zip(segments, parameters.segment_index, strict=True))
-    )
-    multiplier = max(
-        float(np.abs(s.eliminated.multiplier[:, :, 0] + s.eliminated.multiplier[:, :, 1:] @ change[i]).max())
-        for s, i in zip(segments, parameters.segment_index, strict=True)
-    )
+    x = []
+    multiplier = 0.0
+    for segment, index in zip(segments, parameters.segment_index, strict=True):
+        states, multipliers = segment.eliminated.step(np.concatenate([[1.0], change[index]]))
+        x.append(states.T * problem.size[:, None])
+        multiplier = max(multiplier, float(np.abs(multipliers).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     decrease = promised - objective(problem, iterate)[0]
-    return Step(change, x, data[:p, :p], length, multiplier, decrease)
+    return Step(change, tuple(x), data[:p, :p], length, multiplier, decrease)
 
 
 def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
@@ -197,7 +244,7 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
         theta = problem.parameters.of_segment(s, iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
         whitener = whitening(iterate.covariance, grid.measured)
-        residual = whiten(whitener, grid, output)
+        residual = _whitened(whitener, grid, output, slice(None))
         scaled = np.concatenate([_start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
         tight = variance == 0
@@ -217,36 +264,72 @@ def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> It
     )
 
 
-def whiten(whitener: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
-    """Whitened predicted minus measured output, (n, n_outputs), zero in gaps; `output` is (n, n_outputs)."""
-    difference = np.where(grid.measured.T, output - grid.y.T, 0.0)
-    return (whitener @ difference[:, :, None])[:, :, 0]
-
-
 def quadratic_of(
-    problem: Problem, grid: Grid, x: FloatArray, linearisation: Linearisation, whitener: FloatArray
+    problem: Problem,
+    grid: Grid,
+    x: FloatArray,
+    linear: Iterable[tuple[slice, Linearisation]],
+    covariance: FloatArray,
 ) -> Quadratic:
-    """One segment's linearisation with outputs whitened and states divided by their size."""
+    """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
-    outputs, dynamics = linearisation.output_by_state, linearisation.defect_by_state
-    first = np.zeros((1, *linearisation.defect_by_parameter.shape[1:]))
+    rows = _Rows(grid.n)
+    outputs, dynamics = [], []
+    for part, each in linear:
+        first = part.indices(grid.n)[0]
+        whitener = whitening(covariance, grid.measured[:, part])
+        rows.put("residual", first, _whitened(whitener, grid, each.output, part))
+        rows.put("by_parameter", first, whitener @ each.output_by_parameter)
+        rows.put("defect", first + 1, each.defect / size)
+        rows.put("defect_by_parameter", first + 1, each.defect_by_parameter / size[:, None])
+        outputs.append(each.output_by_state.turned(whitener, size))
+        dynamics.append(each.defect_by_state.turned(1.0 / size, size))
+    rows.put("defect", 0, _start_defect(problem, grid, x))
     return Quadratic(
-        residual=whiten(whitener, grid, linearisation.output),
-        by_state=BlockRows(outputs.offset, whitener[:, None] @ outputs.blocks * size),
-        by_parameter=whitener @ linearisation.output_by_parameter,
-        defect=np.concatenate([_start_defect(problem, grid, x), linearisation.defect / size]),
-        defect_by_state=BlockRows(dynamics.offset, dynamics.blocks * size / size[:, None]),
-        defect_by_parameter=np.concatenate([first, linearisation.defect_by_parameter / size[:, None]]),
+        by_state=BlockRows.joined(outputs),
+        defect_by_state=BlockRows.joined(dynamics),
         variance=_variance(problem, grid),
+        **rows.filled,
     )
 
 
-def _drop_rounding(residual: FloatArray, disturbance: FloatArray, direct: FloatArray) -> None:
-    """Zero the columns of parameters that the states can follow entirely: what is left is rounding."""
-    left = np.sum(residual[:, :, 1:] ** 2, axis=(0, 1)) + np.sum(disturbance[:, :, 1:] ** 2, axis=(0, 1))
-    void = left <= _ROUNDING**2 * np.sum(direct**2, axis=(0, 1))
-    residual[:, :, 1:][:, :, void] = 0.0
-    disturbance[:, :, 1:][:, :, void] = 0.0
+class _Rows:
+    """Arrays of n rows, filled a part at a time: no second copy is ever needed."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self.filled: dict[str, FloatArray] = {}
+
+    def put(self, name: str, first: int, values: FloatArray) -> None:
+        """The values from row `first` on; zero where nothing is put."""
+        if name not in self.filled:
+            self.filled[name] = np.zeros((self._n, *values.shape[1:]))
+        self.filled[name][first : first + len(values)] = values
+
+
+def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
+    """Whitened predicted minus measured output of a part, (samples, n_outputs), zero in gaps."""
+    difference = np.where(grid.measured.T[part], output - grid.y.T[part], 0.0)
+    return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
+
+
+def _sensitivity(eliminated: Eliminated) -> Sensitivity:
+    """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
+    triangle = eliminated.triangle()
+    left = np.sum(triangle[:, :-1] ** 2, axis=0)
+    direct = eliminated.problem.by_parameter
+    void = left <= _ROUNDING**2 * np.einsum("nap,nap->p", direct, direct)
+    triangle[:, :-1][:, void] = 0.0
+    return Sensitivity(eliminated, triangle, void)
+
+
+def _memoryless(quadratic: Quadratic) -> Quadratic:
+    """Delayed states held where they are. Delays meet noise on the way to a start only, whose states are near."""
+    return replace(
+        quadratic,
+        by_state=quadratic.by_state.without_couplings(),
+        defect_by_state=quadratic.defect_by_state.without_couplings(),
+    )
 
 
 def _anchor(quadratic: Quadratic) -> Quadratic:
@@ -264,27 +347,6 @@ def _variance(problem: Problem, grid: Grid) -> FloatArray:
     """Diagonal of Q in scaled states, (n, n_states); row 0 is the initial state's."""
     noise = problem.process_noise**2 * grid.step[:, None]
     return np.concatenate([grid.start_std[None] ** 2, noise]) / problem.size**2
-
-
-def _flat(columns: FloatArray) -> FloatArray:
-    """(n, m, 1 + p) with the residual first, as rows (n m, p + 1) with the residual last."""
-    rows = columns.reshape(-1, columns.shape[2])
-    return np.concatenate([rows[:, 1:], rows[:, :1]], axis=1)
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
-    """Upper triangle R of a tall matrix, (columns, columns): QR of slabs, then of their triangles (TSQR).
-
-    Small slabs stay in cache and below the size at which a threaded BLAS would start its threads.
-    """
-    columns = rows.shape[1]
-    slab = 8 * columns
-    while rows.shape[0] > slab:
-        spare = -rows.shape[0] % slab
-        padded = np.concatenate([rows, np.zeros((spare, columns))])
-        rows = np.asarray(np.linalg.qr(padded.reshape(-1, slab, columns), mode="r")).reshape(-1, columns)
-    padded = np.concatenate([rows, np.zeros((columns, columns))])
-    return np.asarray(np.linalg.qr(padded, mode="r"))
 
 
 def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArray) -> FloatArray:

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import BlockRows
+from brv_hypo.likelihood.band import eliminate_by_band, log_determinant
+from brv_hypo.likelihood.blocks import BlockRows, Coupling
 from brv_hypo.likelihood.condensation import condense
-from brv_hypo.likelihood.elimination import eliminate, log_determinant
-from brv_hypo.likelihood.quadratic import Quadratic
+from brv_hypo.likelihood.elimination import eliminate
+from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 
 
 def dense(rows: BlockRows, n: int) -> FloatArray:
@@ -26,6 +27,15 @@ def dense(rows: BlockRows, n: int) -> FloatArray:
             if 0 <= column < n:
                 matrix[k * m : (k + 1) * m, column * n_states : (column + 1) * n_states] = rows.blocks[k, w]
     return matrix
+
+
+def every(found: Eliminated, columns: int = 4) -> tuple[FloatArray, FloatArray]:
+    """States and multipliers by 1 and each parameter, (n, n_states, 1 + p)."""
+    units = np.eye(columns)
+    return (
+        np.stack([found.states(unit) for unit in units], axis=2),
+        np.stack([found.step(unit)[1] for unit in units], axis=2),
+    )
 
 
 def random_problem(seed: int, n: int, n_states: int, reach: int, variance: float) -> Quadratic:
@@ -85,11 +95,12 @@ def test_it_solves_the_same_system_as_dense_algebra(seed: int, n: int, n_states:
         expected = np.linalg.solve(matrix, right)
         found = eliminate(problem)
         assert found is not None
-        states = found.x.reshape(n * n_states, -1)
+        x, multiplier = every(found)
+        states = x.reshape(n * n_states, -1)
         np.testing.assert_allclose(
             states, expected[: n * n_states], rtol=1e-7, atol=1e-9 * np.abs(states).max()
         )
-        multipliers = found.multiplier[1:].reshape((n - 1) * n_states, -1)
+        multipliers = multiplier[1:].reshape((n - 1) * n_states, -1)
         size = np.abs(multipliers).max()
         np.testing.assert_allclose(multipliers, expected[n * n_states :], rtol=1e-6, atol=1e-8 * size)
 
@@ -125,7 +136,7 @@ def test_it_stays_accurate_where_the_motion_grows_or_decays_beyond_the_range_of_
     )
     found = eliminate(problem)
     assert found is not None
-    np.testing.assert_allclose(found.x[:, :, 0], truth, atol=1e-10)
+    np.testing.assert_allclose(found.states(np.ones(1)), truth, atol=1e-10)
 
 
 def test_a_state_that_no_output_sees_is_reported() -> None:
@@ -143,25 +154,93 @@ def test_a_state_that_no_output_sees_is_reported() -> None:
     assert eliminate(unseen) is None
 
 
-@pytest.mark.parametrize("start", [np.inf, 0.0, 0.4])
-def test_far_looking_dynamics_are_eliminated_alike_by_recursion_and_by_the_band(
-    start: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem = random_problem(11, 60, 3, 9, 0.0)
+def assert_same(found: Eliminated | None, expected: Eliminated | None) -> None:
+    assert found is not None
+    assert expected is not None
+    (x, multiplier), (x_expected, multiplier_expected) = every(found), every(expected)
+    triangle, triangle_expected = found.triangle(), expected.triangle()
+    for one, other, digits in (
+        (x, x_expected, 1e-9),
+        (multiplier, multiplier_expected, 1e-6),  # only their size matters
+        (found.rows()[0], expected.rows()[0], 1e-9),
+        (triangle.T @ triangle, triangle_expected.T @ triangle_expected, 1e-9),
+    ):
+        np.testing.assert_allclose(one, other, rtol=100 * digits, atol=digits * np.abs(other).max())
+    np.testing.assert_allclose(
+        found.at_start(), every(found)[0][0], atol=1e-12 * np.abs(found.at_start()).max()
+    )
+
+
+def started(problem: Quadratic, start: float) -> Quadratic:
     variance = problem.variance.copy()
     variance[0] = start
-    problem = replace(problem, variance=variance)
-    recursion = condense(problem)
-    monkeypatch.setattr("brv_hypo.likelihood.elimination.condense", lambda problem: None)
-    band = eliminate(problem)
-    assert recursion is not None
-    assert band is not None
-    for found, expected in ((recursion.x, band.x), (recursion.multiplier, band.multiplier)):
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
+    return replace(problem, variance=variance)
 
 
-def test_recursion_refuses_motion_that_grows_beyond_its_digits() -> None:
-    problem = random_problem(11, 60, 1, 5, 0.0)
+def delayed_problem(n: int, delay: float, growth: float = 1.0) -> Quadratic:
+    """Dynamics that look `delay` samples back through interpolation between six."""
+    problem = random_problem(3, n, 3, 0, 0.0)
+    rng = np.random.default_rng(4)
     blocks = problem.defect_by_state.blocks.copy()
-    blocks[:, -2] *= 2.0
-    assert condense(replace(problem, defect_by_state=BlockRows(-5, blocks))) is None
+    blocks[:, 0] -= (growth - 1.0) * np.eye(3)
+    at = np.arange(1, n) - delay
+    index = np.clip(np.floor(at).astype(int) - 2, 0, n - 6)[:, None] + np.arange(6)
+    weight = np.where(at[:, None] > 0, rng.standard_normal(6), 0.0)
+    coupling = Coupling(index, weight, 0.05 * rng.standard_normal((n - 1, 3, 3)))
+    return replace(problem, defect_by_state=BlockRows(0, blocks, (coupling,)))
+
+
+@pytest.mark.parametrize("start", [np.inf, 0.0, 0.4])
+def test_far_looking_dynamics_are_eliminated_alike_by_recursion_and_by_the_band(start: float) -> None:
+    problem = started(random_problem(11, 60, 3, 9, 0.0), start)
+    assert_same(condense(problem), eliminate_by_band(problem))
+
+
+@pytest.mark.parametrize(
+    ("start", "growth"), [(np.inf, 1.0), (0.0, 1.0), (0.4, 1.0), (np.inf, 1.6), (0.4, 1.6)]
+)
+@pytest.mark.parametrize("length", [40, 4096])
+def test_a_delay_is_eliminated_alike_in_one_span_in_several_and_by_the_band(
+    start: float, growth: float, length: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At a growth of 1.6 a sample recursion without resets would lose 1e20."""
+    monkeypatch.setattr("brv_hypo.likelihood.recursion.LENGTH", length)
+    problem = started(delayed_problem(100, 17.3, growth), start)
+    found = condense(problem)
+    assert_same(found, eliminate_by_band(problem))
+    assert found is not None
+    assert len(found.spans) > 1 or (length > 100 and growth == 1.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "growth"), [(np.inf, 0.2), (0.0, 0.2), (0.4, 1.0), (0.0, 1.0), (np.inf, 3.0), (0.4, 3.0)]
+)
+def test_a_long_segment_is_eliminated_alike_span_by_span_and_by_the_band(
+    start: float, growth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("brv_hypo.likelihood.recursion.LENGTH", 30)
+    problem = delayed_problem(100, 17.3, growth)
+    problem = started(replace(problem, defect_by_state=problem.defect_by_state.without_couplings()), start)
+    found = condense(problem)
+    assert_same(found, eliminate_by_band(problem))
+    assert found is not None
+    assert len(found.spans) >= 3
+
+
+def test_what_a_delay_needs_does_not_grow_with_its_length() -> None:
+    near, far = (delayed_problem(2000, delay) for delay in (20.0, 900.0))
+    sizes = []
+    for problem in (near, far):
+        found = condense(problem)
+        assert found is not None
+        sizes.append(sum(found.recursion.piece(span).factor.nnz for span in found.spans))
+    assert sizes[1] <= sizes[0]
+
+
+def test_a_block_row_with_couplings_is_its_matrix() -> None:
+    rows = delayed_problem(40, 5.5).defect_by_state
+    x = np.random.default_rng(0).standard_normal((40, 3, 2))
+    expected = (rows.matrix(40) @ x.reshape(120, 2)).reshape(39, 3, 2)
+    np.testing.assert_allclose(rows.dot(x), expected, atol=1e-12)
+    np.testing.assert_allclose(rows.widened(40).dot(x), expected, atol=1e-12)
+    np.testing.assert_allclose(rows.turned(np.full(3, 2.0), np.ones(3)).dot(x), 2.0 * expected, atol=1e-12)

@@ -278,12 +278,17 @@ def test_a_state_that_no_output_sees_is_a_status() -> None:
     assert "x0_std" in result.message
 
 
-def test_noise_free_data_give_back_the_truth() -> None:
+SHORT_FIT = fit(SHORT.dynamics, SHORT.outputs, [SHORT.simulate(300, 0)], scaled(SHORT, 1.0))
+
+
+def test_noise_free_data_give_back_the_truth_and_say_that_they_hold_no_noise() -> None:
     quiet = replace(SHORT, noise=np.zeros(2), rate=100.0)
     result = fit(quiet.dynamics, quiet.outputs, [quiet.simulate(800, 0)], scaled(quiet, 0.5))
     assert result.converged
     for name, value in quiet.truth.items():
         assert result.theta[name] == pytest.approx(value, rel=1e-4)
+    assert "outputs [0, 1] hold next to no noise" in result.remarks[0]
+    assert SHORT_FIT.remarks == ()
 
 
 def test_progress_is_reported_and_the_cost_history_kept() -> None:
@@ -308,6 +313,13 @@ GOOD = SHORT.simulate(50, seed=0)
         ({"segments": [replace(GOOD, u=GOOD.u * np.nan)]}, "u is not finite"),
         ({"segments": [replace(GOOD, x0=np.zeros((2, 7)))]}, "x0 has shape"),
         ({"segments": [Segment(GOOD.t[:4], GOOD.u[:, :4], GOOD.y[:, :4], GOOD.x0)]}, "at least 6 samples"),
+        ({"segments": [replace(GOOD, x0=np.zeros(0))]}, "no states"),
+        ({"segments": [replace(GOOD, y=GOOD.y * np.nan)]}, "no measured value"),
+        ({"segments": [replace(GOOD, x0_std=-1.0)]}, "none negative"),
+        ({"segments": [GOOD, replace(GOOD, y=GOOD.y[:1])]}, "the same number in each"),
+        ({"theta0": {}}, "theta0 is empty"),
+        ({"noise_covariance": np.zeros((2, 2))}, "positive-definite"),
+        ({"noise_covariance": np.eye(3)}, r"shape \(2, 2\)"),
         ({"bounds": {"M_x": (0.0, 1.0)}}, "M_x"),
         ({"bounds": {"M_q": (1.0, 0.0)}}, "expected lower < upper"),
         ({"bounds": {"M_q": (5.0, 9.0)}}, "outside its bounds"),

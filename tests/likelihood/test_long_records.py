@@ -1,0 +1,58 @@
+"""Long records: worked on a part at a time, with the same result."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood import FitResult, fit
+from brv_hypo.likelihood.problems import ModelProblem, lagging_body, short_period
+
+MODULE = "brv_hypo.likelihood"
+
+
+def fitted(problem: ModelProblem, samples: int) -> FitResult:
+    start = {name: 0.8 * value for name, value in problem.truth.items()}
+    segment = problem.simulate(samples, seed=2)
+    return fit(problem.dynamics, problem.outputs, [segment], start, delays=problem.delays, tolerance=1e-7)
+
+
+@pytest.mark.parametrize("problem", [short_period(), lagging_body()], ids=["no delay", "a delay"])
+def test_in_parts_a_record_gives_the_same_result(
+    problem: ModelProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = fitted(problem, 600)
+    for name, value in (
+        ("collocation._AT_ONCE", 100),
+        ("recursion.LENGTH", 100),
+        ("elimination._LONG", 200),
+        ("cutting.PIECE", 200),
+        ("step._MANY", 200),
+    ):
+        monkeypatch.setattr(f"{MODULE}.{name}", value)
+    parts = fitted(problem, 600)
+    assert (whole.status, parts.status) == ("converged", "converged")
+    for name, error in whole.std_error.items():
+        assert parts.theta[name] == pytest.approx(whole.theta[name], abs=1e-4 * error)
+        assert parts.std_error[name] == pytest.approx(error, rel=1e-5)
+        assert parts.std_error_coloured[name] == pytest.approx(whole.std_error_coloured[name], rel=1e-5)
+    np.testing.assert_allclose(parts.states[0], whole.states[0], atol=1e-6 * np.abs(whole.states[0]).max())
+    _same(parts.initial_state_std_error[0], whole.initial_state_std_error[0])
+    left_out = np.arange(600) < 100
+    without = [each.theta_without([left_out]) for each in (parts, whole)]
+    _same(np.array([*without[0].values()]), np.array([*without[1].values()]))
+
+
+def _same(found: FloatArray, expected: FloatArray) -> None:
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-8)
+
+
+def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = fitted(short_period(), 600)
+    monkeypatch.setattr(f"{MODULE}.colour._BLOCK", 300)
+    blocks = fitted(short_period(), 600)
+    for name, error in whole.std_error_coloured.items():
+        assert blocks.std_error_coloured[name] == pytest.approx(error, rel=0.02)
