@@ -258,9 +258,8 @@ def _of_moments(
     """Moments that have a tolerance, as they turn the vehicle on the fitted motion."""
     motion = frame.motions[number]
     acceleration = flight.dynamic_pressure * flight.vehicle.moment_scale
-    for mechanism in _installed_mechanisms():
-        sizes = mechanism.tolerance(frame.reconstructions[number].flight)
-        if sizes is None or mechanism.name in modelled:
+    for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight):
+        if mechanism.name in modelled:
             continue
         terms = checked_terms(mechanism, motion, theta_grid(mechanism)[0])
         for term, size in zip(terms, sizes, strict=True):
@@ -270,5 +269,8 @@ def _of_moments(
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
 
 
-def _installed_mechanisms() -> tuple[Mechanism, ...]:
-    return tuple(entry.item for entry in installed().values() if isinstance(entry.item, Mechanism))
+def tolerated_mechanisms(flight: Flight) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
+    """The installed mechanisms whose moments the flight's tolerances allow, with 1 sigma of each coefficient."""
+    items = (entry.item for entry in installed().values())
+    found = ((item, item.tolerance(flight)) for item in items if isinstance(item, Mechanism))
+    return tuple((item, sizes) for item, sizes in found if sizes is not None)
