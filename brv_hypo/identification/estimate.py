@@ -14,7 +14,9 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.moments import UnknownDelayError
+from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.problem import Problem, build_problem
+from brv_hypo.identification.record_errors import READ
 from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.identification.structure import of_flight, unique
 from brv_hypo.likelihood import FitResult
@@ -134,7 +136,7 @@ def _refreshed(problem: Problem, found: FitResult) -> Problem:
     """The problem started from a solution, the block means corrected by it."""
     columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
     frame = problem.frame.with_in_plane_moment(columns, values)
-    return problem.warm(found).refreshed(frame, columns, values)
+    return problem.warm(found).refreshed(found, frame, columns, values)
 
 
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
@@ -148,10 +150,18 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     block = min(record.context.block for record in old.records)
     sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
     change = sum(
-        float(np.nansum(((a.segment.y - b.segment.y) / sigma) ** 2))
+        float(np.nansum(((_without_errors(a, found) - _without_errors(b, found)) / sigma) ** 2))
         for a, b in zip(old.records, new.records, strict=True)
     )
     return moved > _KNOTS_MOVED * block or change > _STALE**2
+
+
+def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
+    """What the nodes measure less what errors of the instruments add by their histories, (4, nodes)."""
+    read = [of_flight(name, record.context.flight) for name in READ]
+    time = record.segment.t
+    errors = {course.name: course.at(time, found.theta) for course in record.segment.courses if course.name in read}
+    return record.segment.y - np.array([errors.get(name, np.zeros_like(time)) for name in read])
 
 
 def _summary(problem: Problem, found: FitResult) -> Identification:

@@ -9,7 +9,7 @@ out. Nodes in between measure nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,6 @@ from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import angle_of_attack, crossflow
 from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
 
@@ -77,8 +76,8 @@ class NodeRecord:
 
     `measured` and `expected` (2, samples) are omega and transverse specific force in de-rolled axes, as read
     and as the regression has them; `turn` (samples,) is exp(i Phi), `time` s; `middle` (nodes,) the samples
-    at the nodes, for nodes that measure nothing the next ones; `tolerated` are the flight's, whose parameters count
-    sigmas.
+    at the nodes, for nodes that measure nothing the next ones; `samples` are those of the flight; `tolerated` the
+    flight's values whose parameters count sigmas.
     """
 
     context: Context
@@ -88,21 +87,31 @@ class NodeRecord:
     measured: ComplexArray
     expected: ComplexArray
     middle: IntArray
+    samples: slice
     tolerated: tuple[Tolerated, ...]
 
-    def innovations(self, outputs: FloatArray) -> FloatArray:
-        """Measured minus predicted q, r, a_y, a_z at every sample, (4, samples), from the outputs (4, nodes).
+    def predicted(self, outputs: FloatArray) -> ComplexArray:
+        """Angular rate and force in de-rolled axes at every sample, (2, samples), from the outputs (4, nodes).
 
         Between nodes the prediction follows the regression's, plus the difference of the two.
         """
         seen = np.all(np.isfinite(outputs), axis=0)
         middle = self.middle[seen]
-        predicted = (outputs[::2] + 1j * outputs[1::2])[:, seen] * self.turn[middle]
+        at_nodes = (outputs[::2] + 1j * outputs[1::2])[:, seen] * self.turn[middle]
         nodes = self.time[middle]
-        correction = CubicSpline(nodes, predicted - self.expected[:, middle], axis=1)
+        correction = CubicSpline(nodes, at_nodes - self.expected[:, middle], axis=1)
         inside = np.clip(self.time, nodes[0], nodes[-1])
-        residual = (self.measured - self.expected - correction(inside)) * np.conj(self.turn)
-        return _pairs(list(residual))
+        return np.asarray(self.expected + correction(inside))
+
+    def innovations(self, outputs: FloatArray) -> FloatArray:
+        """Measured minus predicted q, r, a_y, a_z at every sample, (4, samples), from the outputs (4, nodes)."""
+        return _pairs(list((self.measured - self.predicted(outputs)) * np.conj(self.turn)))
+
+    def fitted(self, flight: Flight, outputs: FloatArray) -> Flight:
+        """The flight with the outputs (4, nodes) for readings of the segment."""
+        rate, force = _transverse(flight)
+        rate[self.samples], force[self.samples] = self.predicted(outputs) * np.conj(self.turn)
+        return replace(flight, q=rate.real, r=rate.imag, ay=force.real, az=force.imag)
 
 
 def node_records(
@@ -112,11 +121,16 @@ def node_records(
     inputs: Sequence[SmoothInputs],
     size: int,
     delays: tuple[float, ...],
+    fitted: Callable[[int, Flight], Flight] = lambda _, flight: flight,
 ) -> tuple[NodeRecord, ...]:
-    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed."""
+    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed.
+
+    `fitted` puts an earlier fit's readings into a noise-free flight: errors of the record are linearised on it.
+    """
     moments = frame.moments(columns) @ values
     noise_free = noise_free_flights(frame, frame.columns(columns) @ values, moments, inputs)
-    errors = record_errors(frame, noise_free, inputs, frozenset(column.mechanism for column in columns))
+    linearised_on = [fitted(number, flight) for number, flight in enumerate(noise_free)]
+    errors = record_errors(frame, linearised_on, inputs, frozenset(column.mechanism for column in columns))
     shapes = frame.moments(
         [replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)]
     )
@@ -189,7 +203,7 @@ def _node_record(
     courses = (*(error.course for error in inputs.errors), *errors.courses(time, samples, turn, local))
     segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, courses=courses)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
-    return NodeRecord(context, segment, time, turn, measured, expected, nearest, errors.values)
+    return NodeRecord(context, segment, time, turn, measured, expected, nearest, samples, errors.values)
 
 
 def _transverse(flight: Flight) -> ComplexArray:

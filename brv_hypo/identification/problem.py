@@ -11,6 +11,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.identification.model import RATE_ERRORS, VehicleModel
@@ -67,13 +68,22 @@ class Problem:
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
         return replace(self, theta=theta, states=found.states)
 
-    def refreshed(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> Problem:
-        """The problem with nodes and block means laid out by another model of the motion.
+    def refreshed(
+        self, found: FitResult, frame: RateFrame, columns: Sequence[Column], values: FloatArray
+    ) -> Problem:
+        """The problem with nodes and block means laid out by another model of the motion, as `found` has it.
 
         Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
+
+        def fitted(number: int, flight: Flight) -> Flight:
+            for record, left in zip(self.records, found.innovations, strict=True):
+                if record.context.flight == number:
+                    flight = record.fitted(flight, record.segment.y - left)
+            return flight
+
         block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
-        records = node_records(frame, columns, values, self.inputs, block, self.placed_delays)
+        records = node_records(frame, columns, values, self.inputs, block, self.placed_delays, fitted)
         model = replace(self.model, contexts=tuple(record.context for record in records))
         states = self.states if block == self.block else ()
         return replace(self, frame=frame, records=records, model=model, block=block, states=states)
@@ -197,7 +207,8 @@ def _nuisances(
         reconstruction = frame.reconstructions[index]
         size = gravity_magnitude(reconstruction.flight) or _UNKNOWN_GRAVITY
         for axis, value in zip("xyz", reconstruction.gravity_body.tolist(), strict=True):
-            found[of_flight(f"gravity {axis}", index)] = (value, value if axis == "x" else 0.0, size)
+            start = min(max(value, -size), size)
+            found[of_flight(f"gravity {axis}", index)] = (start, 0.0, size)
         found |= {weight: (0.0, 0.0, 1.0) for error in inputs[index].errors for weight in error.weights}
     return found
 
