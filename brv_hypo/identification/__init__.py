@@ -7,11 +7,11 @@
         inputs.py        measured inputs freed of noise
         nodes.py         flight records to block means, smooth inputs and start states
         structure.py     names: coefficients, delays, knots
-        moments.py       the columns at the estimated motion; courses.py: knots between nodes
+        moments.py       the columns at the estimated motion; knots.py: knots between nodes
         model.py         equations of motion and of measurement (Section 4.4)
-        instruments.py   instrument errors (Appendix B)
+        readings.py      what noise-free instruments would read of a fitted motion
+        record_errors.py errors of record, vehicle and air within their tolerances, linearised on it
         problem.py       start values, priors, bounds, and the call of the likelihood
-        selection.py     which instrument errors the evidence asks for
 
 Command: `python -m brv_hypo.identification.study` (coverage, comparison with the regression, speed).
 """
@@ -20,13 +20,12 @@ from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.estimate import identify
 from brv_hypo.identification.heldout import coefficients_without, predicted_moments
 from brv_hypo.identification.histories import CoefficientHistory, coefficient_histories
-from brv_hypo.identification.result import OUTPUTS, Estimate, Evidence, Identification
+from brv_hypo.identification.result import OUTPUTS, Estimate, Identification
 
 __all__ = [
     "OUTPUTS",
     "CoefficientHistory",
     "Estimate",
-    "Evidence",
     "Identification",
     "IdentificationConfig",
     "coefficient_histories",

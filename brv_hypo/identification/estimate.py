@@ -5,7 +5,7 @@ and 4.4).
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +13,12 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.instruments import of_flight
 from brv_hypo.identification.moments import UnknownDelayError
+from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.problem import Problem, build_problem
-from brv_hypo.identification.result import Estimate, Evidence, Identification
-from brv_hypo.identification.selection import wanted_instruments
-from brv_hypo.identification.structure import unique
+from brv_hypo.identification.record_errors import READ
+from brv_hypo.identification.result import Estimate, Identification
+from brv_hypo.identification.structure import of_flight, unique
 from brv_hypo.likelihood import FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.search import Progress
@@ -37,6 +37,8 @@ _POOR_START = 2.0
 minima."""
 _KNOTS_MOVED = 0.5
 """The same for the knots, in blocks."""
+_BEYOND_TOLERANCE = 3.0
+"""Estimate over tolerance from which the message names an error of the record."""
 
 
 def identify(
@@ -49,9 +51,9 @@ def identify(
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
-    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter;
-    instrument errors (Appendix B) join where the evidence asks for them. Flights of the frame share the
-    coefficients; each has its own initial states, gravity direction and instrument errors.
+    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; so are
+    the errors of instruments, vehicle and air (Appendix B), within the tolerances of the record. Flights of the
+    frame share the coefficients; each has its own initial states, gravity direction and errors.
 
     Args:
         frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
@@ -66,18 +68,16 @@ def identify(
     options = options or IdentificationConfig()
     try:
         problem = build_problem(frame, columns, values, options)
-        problem, found, iterations, evidence = _search(problem, progress)
+        problem, found, iterations = _search(problem, progress)
     except (UnanswerableError, UsageError, UnknownDelayError) as error:
         return _failed(frame, columns, values, str(error), clock.perf_counter() - begun)
-    return replace(
-        _summary(problem, found, evidence), iterations=iterations, seconds=clock.perf_counter() - begun
-    )
+    return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
 def _search(
     problem: Problem, progress: Callable[[Progress], None] | None
-) -> tuple[Problem, FitResult, int, tuple[Evidence, ...]]:
-    """The fit without instrument errors, what they would bring, and the fit with those that are wanted."""
+) -> tuple[Problem, FitResult, int]:
+    """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     iterations = 0
     if _misfit(problem) > _POOR_START:
         first = problem.solve(fixed=problem.structure.knots, progress=progress)
@@ -93,25 +93,19 @@ def _search(
         problem = _refreshed(problem, found)
         found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
-    evidence: tuple[Evidence, ...] = ()
     for _ in range(_ROUNDS):
         if not found.converged:
             break
         refreshed = _refreshed(problem, found)
         if not _stale(problem, refreshed, found):
             problem = refreshed
-            if evidence:
-                break
-            instruments, evidence = wanted_instruments(problem, found)
-            if not instruments:
-                break
-            refreshed = problem.with_instruments(instruments)
+            break
         problem = refreshed
         found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
     if held:
         found = replace(found, message=f"{found.message}; {_HELD.format(', '.join(held))}")
-    return problem.warm(found), found, iterations, evidence
+    return problem.warm(found), found, iterations
 
 
 def _near(found: FitResult) -> bool:
@@ -142,7 +136,7 @@ def _refreshed(problem: Problem, found: FitResult) -> Problem:
     """The problem started from a solution, the block means corrected by it."""
     columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
     frame = problem.frame.with_in_plane_moment(columns, values)
-    return problem.warm(found).refreshed(frame, columns, values)
+    return problem.warm(found).refreshed(found, frame, columns, values)
 
 
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
@@ -156,20 +150,28 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     block = min(record.context.block for record in old.records)
     sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
     change = sum(
-        float(np.nansum(((a.segment.y - b.segment.y) / sigma) ** 2))
+        float(np.nansum(((_without_errors(a, found) - _without_errors(b, found)) / sigma) ** 2))
         for a, b in zip(old.records, new.records, strict=True)
     )
     return moved > _KNOTS_MOVED * block or change > _STALE**2
 
 
-def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...]) -> Identification:
+def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
+    """What the nodes measure less what errors of the instruments add by their histories, (4, nodes)."""
+    read = [of_flight(name, record.context.flight) for name in READ]
+    time = record.segment.t
+    errors = {course.name: course.at(time, found.theta) for course in record.segment.courses if course.name in read}
+    return record.segment.y - np.array([errors.get(name, np.zeros_like(time)) for name in read])
+
+
+def _summary(problem: Problem, found: FitResult) -> Identification:
     structure, theta = problem.structure, found.theta
     white = all(test.white for test in found.whiteness)
 
-    def estimate(name: str, units: str, shown: str | None = None) -> Estimate:
-        plain, coloured = (e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
+    def estimate(name: str, units: str, shown: str | None = None, size: float = 1.0) -> Estimate:
+        plain, coloured = (size * e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
         reported = plain if white else max(plain, coloured)
-        return Estimate(shown or name, theta[name], reported, plain, coloured, units)
+        return Estimate(shown or name, size * theta[name], reported, plain, coloured, units)
 
     single = len(problem.flights) == 1
 
@@ -184,7 +186,7 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
     terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))
     return Identification(
         status=found.status,
-        message=found.message,
+        message="; ".join([found.message, *_beyond_tolerance(problem, theta)]),
         columns=columns,
         values=values,
         covariance=_covariance(found, terms),
@@ -197,8 +199,8 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
         ),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
         instruments=tuple(
-            estimate(of_flight(e.name, flight), e.units, shown(e.name, flight))
-            for e, flight in problem.instruments
+            estimate(of_flight(value.name, flight), value.units, shown(value.name, flight), value.size)
+            for value, flight in problem.tolerated
         ),
         environment=tuple(
             estimate(of_flight(f"gravity {axis}", flight), "m/s^2", shown(f"gravity {axis}", flight))
@@ -212,13 +214,27 @@ def _summary(problem: Problem, found: FitResult, evidence: tuple[Evidence, ...])
         innovations=innovations,
         times=tuple(record.time for record in problem.records),
         whiteness=found.whiteness,
-        evidence=evidence,
+        prior_misfit=_prior_misfit(problem, theta),
         block=problem.block,
         seconds=0.0,
         frame=problem.frame.with_in_plane_moment(columns, values),
         problem=problem,
         fit=found,
     )
+
+
+def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]:
+    """What the data want further off than its tolerance lets expect."""
+    sigmas = {of_flight(value.name, flight): value for value, flight in problem.tolerated}
+    return [
+        f"{name} is {theta[name] * value.size:.3g} {value.units}, {abs(theta[name]):.1f} times its tolerance"
+        for name, value in sigmas.items()
+        if abs(theta[name]) > _BEYOND_TOLERANCE
+    ]
+
+
+def _prior_misfit(problem: Problem, theta: Mapping[str, float]) -> float:
+    return sum(((theta[name] - mean) / sigma) ** 2 for name, (mean, sigma) in problem.priors.items())
 
 
 def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
@@ -261,7 +277,7 @@ def _failed(
         (),
         (),
         (),
-        (),
+        float("nan"),
         0,
         seconds,
         frame,

@@ -89,7 +89,7 @@ def _planes(
     time = problem.records[segment].segment.t
     interpolator = Interpolator(time)
     delayed = {}
-    for name in problem.delays:
+    for name in problem.structure.delays:
         stencil = interpolator.stencil(time - theta[name])
         delayed[name] = Delayed(stencil.apply(states), stencil.apply(u))
     return problem.model.shapes(point(states, u, time), theta, delayed)

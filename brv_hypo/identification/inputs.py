@@ -16,7 +16,7 @@ from scipy.linalg import eigh
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.instruments import of_flight
+from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Course
 from brv_hypo.motion.attitude import derolled_attitude, running_integral
 from brv_hypo.motion.frames import crossflow

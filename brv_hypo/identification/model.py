@@ -4,10 +4,11 @@ With k = Ix / I, Q = q_inf S d / I, Phi the integral of the measured roll rate a
 times exp(i Phi) ("de-rolled"), the states omega = q + i r and zeta = v + i w follow
 
     omega' = i (k p + (1 - k) e) omega + Q (C_m + i C_n) exp(i Phi)
-    zeta'  = i u omega + i e zeta - (q_inf S / m) C_N (alpha / sin alpha) zeta / V + g
+    zeta'  = i u omega + i e zeta - (q_inf S / m) C_N (alpha / sin alpha) zeta / V + g - w'
 
-with p measured, e its error. De-rolled states turn as slowly as the nose does, whatever the roll rate.
-Outputs are q, r, a_y, a_z in body axes.
+with p measured, e its error, w the wind. De-rolled states turn as slowly as the nose does, whatever the roll rate.
+Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air come in as courses (`record_errors`): k, Q,
+q_inf, S / m are the true ones; zeta is V times the true direction, V as measured.
 """
 
 from __future__ import annotations
@@ -22,21 +23,30 @@ from numpy.polynomial.legendre import legval
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification.inputs import PRESSURE, ROLL_RATE
-from brv_hypo.identification.instruments import (
-    ROLL_RATE_ERRORS,
-    TIME_SKEW,
-    InstrumentReadings,
-    lever_force,
-    of_flight,
-)
 from brv_hypo.identification.knots import averaged, kink, on_grid
 from brv_hypo.identification.moments import MomentModel, Values
-from brv_hypo.identification.nodes import ROW, SLOPES, Context, alpha_over_sine, has_knot
+from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
+from brv_hypo.identification.readings import alpha_over_sine, lever_force
+from brv_hypo.identification.record_errors import (
+    ACCELEROMETERS,
+    CROSSFLOW,
+    FORCE_SCALE_ERROR,
+    GYROS,
+    MOMENT_SCALE_ERROR,
+    MOMENTS,
+    PRESSURE_ERROR,
+    RATIO_ERROR,
+    ROLL_RATE_ERROR,
+    SPEED_ERROR,
+)
+from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Delayed
 from brv_hypo.model.columns import Column
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.motion import Motion
 
+RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
+"""Errors that change the rates of alpha and of the meridian at a given state."""
 _REMEMBERED = 6
 T = TypeVar("T")
 
@@ -131,8 +141,8 @@ class VehicleModel:
             )
             lacking += weight * (first * shape - 2.0 * second * slope)
             row += 4
-        density = self._pressure(here, context, theta) / here.input("pressure")
-        acceleration, lacking = acceleration * density, lacking * density
+        scale = self._moment_share(context, theta)
+        acceleration, lacking = acceleration * scale, lacking * scale
         moving = replace(here, omega=here.omega + lacking)
         return _rows(
             self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta)
@@ -148,15 +158,11 @@ class VehicleModel:
     ) -> FloatArray:
         """q, r (rad/s), a_y, a_z (m/s^2) as the instruments read them, (4, n)."""
         here, context = point(x, u, t), self._context(u)
-        delayed = delayed or {}
-        readings = InstrumentReadings(theta, context.flight)
-        p = here.input("p") - self._roll_rate_error(here, context, theta)
         omega = here.omega * here.to_body
-        seen = self._late(here, context, theta, delayed)
-        force = self._force(seen, context, theta) * seen.to_body
-        arm = readings.arm(context.vehicle.accelerometer_position)
+        force = self._force(here, context, theta) * here.to_body
+        arm = context.vehicle.accelerometer_position
         if any(arm):
-            shapes = self.shapes(here, theta, delayed)
+            shapes = self.shapes(here, theta, delayed or {})
             courses = [
                 averaged(column.course, t, context.block) if has_knot(column) else 1.0
                 for column in shapes.columns
@@ -167,11 +173,12 @@ class VehicleModel:
                     self._coefficients(theta), courses, shapes.acceleration, strict=True
                 )
             )
-            density = self._pressure(here, context, theta) / here.input("pressure")
-            omega_rate = self._omega_rate(here, context, theta, acceleration * density)
+            scaled = acceleration * self._moment_share(context, theta)
+            omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
+            p = here.input("p") - self._roll_rate_error(context, theta)
             force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
-        return _rows(readings.gyros(omega, p), readings.accelerometers(force, here.input("axial")))
+        return _rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
 
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
@@ -210,24 +217,29 @@ class VehicleModel:
     def _omega_rate(
         self, here: Point, context: Context, theta: Values, acceleration: ComplexArray
     ) -> ComplexArray:
-        k = context.vehicle.inertia_ratio
+        k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
         p = here.input("p")
-        error = self._roll_rate_error(here, context, theta)
-        return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration)
+        error = self._roll_rate_error(context, theta)
+        tolerated = _pair(MOMENTS, context, theta) * np.conj(here.to_body)
+        return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration + tolerated)
 
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
         forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))
-        error = self._roll_rate_error(here, context, theta)
+        error = self._roll_rate_error(context, theta)
         size = [theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz"]
         first = ROW["gravity_xy"]
         gravity = size @ here.u[first : first + 3] + 1j * (size @ here.u[first + 3 : first + 6])
-        force = self._force(here, context, theta)
-        return np.asarray(1j * forward * here.omega + 1j * error * here.zeta + force + gravity)
+        gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
+        gained = gained + self._force(here, context, theta)
+        slower = 1.0 + _error(SPEED_ERROR, context, theta)
+        return np.asarray(1j * forward * here.omega + 1j * error * here.zeta + slower * gained)
 
     def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
         xi = at.zeta / at.input("speed")
-        scale = self._pressure(at, context, theta) * (context.vehicle.reference_area / context.vehicle.mass)
+        vehicle = context.vehicle
+        scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
+        scale = scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta))
         slope = legval(self.scaled(at.time), [theta[name] for name in self.force_names])
         return np.asarray(-scale * slope * alpha_over_sine(xi) * xi)
 
@@ -235,32 +247,26 @@ class VehicleModel:
         """Time from -1 to 1 over the span."""
         return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
 
-    def _roll_rate_error(self, at: Point, context: Context, theta: Values) -> FloatArray:
+    def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:
         """Measured less true roll rate (n,), rad/s."""
-        instrument = InstrumentReadings(theta, context.flight).roll_rate_error(at.input("p"))
-        return np.asarray(instrument + theta[of_flight(ROLL_RATE, context.flight)])
+        return _error(ROLL_RATE, context, theta) + _error(ROLL_RATE_ERROR, context, theta)
 
-    def _pressure(self, at: Point, context: Context, theta: Values) -> FloatArray:
-        """True dynamic pressure (n,), Pa."""
-        return np.asarray(at.input("pressure") * (1.0 - theta[of_flight(PRESSURE, context.flight)]))
+    def _pressure_share(self, context: Context, theta: Values) -> FloatArray | float:
+        """True dynamic pressure over the measured one (n,)."""
+        return 1.0 - _error(PRESSURE, context, theta) - _error(PRESSURE_ERROR, context, theta)
 
-    def _late(self, here: Point, context: Context, theta: Values, delayed: Mapping[str, Delayed]) -> Point:
-        """Where the accelerometers' clock stands."""
-        name = of_flight(TIME_SKEW, context.flight)
-        if name not in delayed:
-            return here
-        return point(delayed[name].x, delayed[name].u, here.time - theta[name])
+    def _moment_share(self, context: Context, theta: Values) -> FloatArray | float:
+        """True angular acceleration per unit coefficient over the declared one (n,)."""
+        return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
 
-    def _rate_values(self, context: Context, theta: Values) -> tuple[float | None, ...]:
+    def _rate_values(self, context: Context, theta: Values) -> tuple[object, ...]:
         """Parameters that change the rates of alpha and of the meridian at given states."""
-        own = (*ROLL_RATE_ERRORS, *(f"gravity {axis}" for axis in "xyz"))
-        return (
-            *(theta[n] for n in self.force_names),
-            *(theta.get(of_flight(n, context.flight)) for n in own),
-        )
+        gravity = (theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz")
+        errors = (np.asarray(_error(name, context, theta)).tobytes() for name in RATE_ERRORS)
+        return (*(theta[n] for n in self.force_names), *gravity, *errors)
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
-        theta = {**theta, **_quiet(context.flight)}
+        theta = {**theta, **_without_noise(context.flight)}
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
         slowing = at.zeta * at.input("speed_rate") / speed
@@ -292,9 +298,19 @@ def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
     return Point(time, x[0] + 1j * x[1], x[2] + 1j * x[3], u)
 
 
-def _quiet(flight: int) -> dict[str, float]:
-    """Inputs without what noise leaves in them."""
-    return {of_flight(ROLL_RATE, flight): 0.0, of_flight(PRESSURE, flight): 0.0}
+def _without_noise(flight: int) -> dict[str, float]:
+    """Inputs without what noise leaves in them, and without errors that do too little to the rates to be felt."""
+    return {of_flight(name, flight): 0.0 for name in (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)}
+
+
+def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
+    """A course of the flight's errors (n,); 0 where it has none of that name."""
+    return theta.get(of_flight(name, context.flight), 0.0)
+
+
+def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray | complex:
+    """Two courses as one complex pair."""
+    return _error(names[0], context, theta) + 1j * _error(names[1], context, theta)
 
 
 def _rows(first: ComplexArray, second: ComplexArray) -> FloatArray:

@@ -9,7 +9,7 @@ out. Nodes in between measure nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,15 +18,15 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.identification.inputs import SmoothInputs
-from brv_hypo.identification.instruments import lever_force
 from brv_hypo.identification.placing import FEWEST_NODES, Meridian, derolled_crossflow, knots_of
+from brv_hypo.identification.readings import noise_free_flights
+from brv_hypo.identification.record_errors import RecordErrors, Tolerated, record_errors
 from brv_hypo.likelihood import Segment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import angle_of_attack, crossflow
 from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
 
@@ -39,7 +39,6 @@ INPUTS = (
     "speed",
     "speed_rate",
     "pressure",
-    "axial",
     "mach",
     "reynolds",
     "meridian",
@@ -49,6 +48,8 @@ INPUTS = (
     "gravity_xz",
     "gravity_yz",
     "gravity_zz",
+    "air_y",
+    "air_z",
 )
 ROW = {name: row for row, name in enumerate(INPUTS)}
 SLOPES = len(INPUTS)
@@ -75,7 +76,8 @@ class NodeRecord:
 
     `measured` and `expected` (2, samples) are omega and transverse specific force in de-rolled axes, as read
     and as the regression has them; `turn` (samples,) is exp(i Phi), `time` s; `middle` (nodes,) the samples
-    at the nodes, for nodes that measure nothing the next ones.
+    at the nodes, for nodes that measure nothing the next ones; `samples` are those of the flight; `tolerated` the
+    flight's values whose parameters count sigmas.
     """
 
     context: Context
@@ -85,20 +87,31 @@ class NodeRecord:
     measured: ComplexArray
     expected: ComplexArray
     middle: IntArray
+    samples: slice
+    tolerated: tuple[Tolerated, ...]
 
-    def innovations(self, outputs: FloatArray) -> FloatArray:
-        """Measured minus predicted q, r, a_y, a_z at every sample, (4, samples), from the outputs (4, nodes).
+    def predicted(self, outputs: FloatArray) -> ComplexArray:
+        """Angular rate and force in de-rolled axes at every sample, (2, samples), from the outputs (4, nodes).
 
         Between nodes the prediction follows the regression's, plus the difference of the two.
         """
         seen = np.all(np.isfinite(outputs), axis=0)
         middle = self.middle[seen]
-        predicted = (outputs[::2] + 1j * outputs[1::2])[:, seen] * self.turn[middle]
+        at_nodes = (outputs[::2] + 1j * outputs[1::2])[:, seen] * self.turn[middle]
         nodes = self.time[middle]
-        correction = CubicSpline(nodes, predicted - self.expected[:, middle], axis=1)
+        correction = CubicSpline(nodes, at_nodes - self.expected[:, middle], axis=1)
         inside = np.clip(self.time, nodes[0], nodes[-1])
-        residual = (self.measured - self.expected - correction(inside)) * np.conj(self.turn)
-        return _pairs(list(residual))
+        return np.asarray(self.expected + correction(inside))
+
+    def innovations(self, outputs: FloatArray) -> FloatArray:
+        """Measured minus predicted q, r, a_y, a_z at every sample, (4, samples), from the outputs (4, nodes)."""
+        return _pairs(list((self.measured - self.predicted(outputs)) * np.conj(self.turn)))
+
+    def fitted(self, flight: Flight, outputs: FloatArray) -> Flight:
+        """The flight with the outputs (4, nodes) for readings of the segment."""
+        rate, force = _transverse(flight)
+        rate[self.samples], force[self.samples] = self.predicted(outputs) * np.conj(self.turn)
+        return replace(flight, q=rate.real, r=rate.imag, ay=force.real, az=force.imag)
 
 
 def node_records(
@@ -108,9 +121,16 @@ def node_records(
     inputs: Sequence[SmoothInputs],
     size: int,
     delays: tuple[float, ...],
+    fitted: Callable[[int, Flight], Flight] = lambda _, flight: flight,
 ) -> tuple[NodeRecord, ...]:
-    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed."""
-    predicted, moments = frame.columns(columns) @ values, frame.moments(columns) @ values
+    """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed.
+
+    `fitted` puts an earlier fit's readings into a noise-free flight: errors of the record are linearised on it.
+    """
+    moments = frame.moments(columns) @ values
+    noise_free = noise_free_flights(frame, frame.columns(columns) @ values, moments, inputs)
+    linearised_on = [fitted(number, flight) for number, flight in enumerate(noise_free)]
+    errors = record_errors(frame, linearised_on, inputs, frozenset(column.mechanism for column in columns))
     shapes = frame.moments(
         [replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)]
     )
@@ -124,8 +144,8 @@ def node_records(
             _node_record(
                 frame,
                 part,
-                predicted[a:b],
-                moments[a:b],
+                noise_free[part.flight],
+                errors[part.flight],
                 shapes[a:b],
                 local,
                 inputs[part.flight],
@@ -140,8 +160,8 @@ def node_records(
 def _node_record(
     frame: RateFrame,
     part: WeakSegment,
-    predicted: ComplexArray,
-    moments: ComplexArray,
+    noise_free: Flight,
+    errors: RecordErrors,
     shapes: ComplexArray,
     local: IntArray,
     inputs: SmoothInputs,
@@ -152,17 +172,10 @@ def _node_record(
     reconstruction = frame.reconstructions[part.flight]
     flight, motion = reconstruction.flight, frame.motions[part.flight]
     samples = slice(part.rows.start, part.rows.start + local.size)
-    kept = slice(0, local.size)
     turn = np.exp(1j * inputs.roll[samples])
-    spin = np.exp(
-        -1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p)[samples]
-    )
-    omega = (predicted + np.mean(part.observed - predicted))[kept] * spin * turn
     xi = crossflow(motion.alpha, motion.windward_meridian)[samples]
-    expected = np.stack(
-        [omega, _expected_force(reconstruction, samples, omega / turn, moments[kept], xi) * turn]
-    )
-    measured = np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])[:, samples] * turn
+    expected = _transverse(noise_free)[:, samples] * turn
+    measured = _transverse(flight)[:, samples] * turn
     middle = local[:, local.shape[1] // 2]
     time = flight.time[samples]
     nodes = meridian.with_nodes_between(time[middle])
@@ -173,7 +186,7 @@ def _node_record(
     table = _InputTable(flight, motion, inputs, samples, local, number)
     at_nodes = np.concatenate([table(nodes, np.zeros(nodes.size)), _slope_rows(slopes, nodes)])
     between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
-    state = CubicSpline(time, np.stack([omega, xi * flight.velocity[samples] * turn]), axis=1)(nodes)
+    state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
     context = Context(
         part.flight,
         flight.vehicle,
@@ -187,33 +200,15 @@ def _node_record(
     if local.shape[1] > 1:
         for knot in knots:
             outputs[:, np.abs(nodes - knot) < context.block] = np.nan
-    courses = tuple(error.course for error in inputs.errors)
+    courses = (*(error.course for error in inputs.errors), *errors.courses(time, samples, turn, local))
     segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, courses=courses)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
-    return NodeRecord(context, segment, time, turn, measured, expected, nearest)
+    return NodeRecord(context, segment, time, turn, measured, expected, nearest, samples, errors.values)
 
 
-def _expected_force(
-    reconstruction: Reconstruction,
-    samples: slice,
-    omega: ComplexArray,
-    moments: ComplexArray,
-    xi: ComplexArray,
-) -> ComplexArray:
-    """What the accelerometers should read across the body at the samples, m/s^2."""
-    flight = reconstruction.flight
-    pressure, p = flight.dynamic_pressure[samples], flight.p[samples]
-    slope = np.nan_to_num(reconstruction.normal_force_slope[samples])
-    force = (
-        -pressure * (flight.vehicle.reference_area / flight.vehicle.mass) * slope * alpha_over_sine(xi) * xi
-    )
-    omega_rate = (
-        pressure * flight.vehicle.moment_scale * moments
-        - 1j * (1.0 - flight.vehicle.inertia_ratio) * p * omega
-    )
-    return np.asarray(
-        force + lever_force(flight.vehicle.accelerometer_position, omega, omega_rate, p, np.zeros_like(p))
-    )
+def _transverse(flight: Flight) -> ComplexArray:
+    """q + i r rad/s and a_y + i a_z m/s^2, (2, n)."""
+    return np.stack([flight.q + 1j * flight.r, flight.ay + 1j * flight.az])
 
 
 class _InputTable:
@@ -233,13 +228,13 @@ class _InputTable:
         middle = local[:, local.shape[1] // 2]
         nodes = flight.time[rows][middle]
         self._number = float(number)
+        self._time, self._wind, self._block = flight.time, flight.wind, flight.step * local.shape[1]
         self._mean = {
             name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
             for name, values in (
                 ("p", smooth.roll_rate),
                 ("speed", smooth.speed),
                 ("pressure", smooth.pressure),
-                ("axial", flight.ax),
                 ("mach", motion.mach),
                 ("reynolds", motion.reynolds),
             )
@@ -259,7 +254,25 @@ class _InputTable:
         table = {name: spline(time) for name, spline in {**self._mean, **self._exact}.items()}
         table |= {"p_rate": self._mean["p"](time, 1), "speed_rate": self._mean["speed"](time, 1)}
         table |= {"segment": np.full(time.size, self._number), "half": half}
+        table |= dict(zip(("air_y", "air_z"), self._gained(time, half, table), strict=True))
         return np.stack([table[name] for name in INPUTS])
+
+    def _gained(self, time: FloatArray, half: FloatArray, table: dict[str, FloatArray]) -> FloatArray:
+        """What the crossflow gains in de-rolled axes as the known wind changes (2, n), m/s^2.
+
+        Means over an interval or a block, so that Simpson's rule gives the whole change, steps included.
+        """
+        if self._wind is None:
+            return np.zeros((2, time.size))
+        width = np.where(half > 0.0, half, 0.5 * self._block)
+        before, after = (
+            np.array([np.interp(time + end * width, self._time, wind) for wind in self._wind.T])
+            for end in (-1.0, 1.0)
+        )
+        rate = (before - after) / (2.0 * width)
+        return np.stack(
+            [sum(table[f"gravity_{first}{axis}"] * row for first, row in zip("xyz", rate, strict=True)) for axis in "yz"]
+        )
 
 
 def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:
@@ -271,12 +284,6 @@ def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:
 def has_knot(column: Column) -> bool:
     """Whether the column's course has a jump or a kink."""
     return bool(np.isfinite(column.course.start) or np.isfinite(column.course.stop))
-
-
-def alpha_over_sine(xi: ComplexArray) -> FloatArray:
-    """alpha / sin(alpha) (n,): a force linear in alpha follows it times the crossflow."""
-    size = np.maximum(np.abs(xi), 1e-12)
-    return np.asarray(angle_of_attack(xi) / size)
 
 
 def _pairs(signals: Sequence[ComplexArray]) -> FloatArray:

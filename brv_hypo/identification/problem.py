@@ -11,14 +11,15 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
-from brv_hypo.identification.instruments import INSTRUMENT_ERRORS, TIME_SKEW, InstrumentError, of_flight
-from brv_hypo.identification.model import VehicleModel
+from brv_hypo.identification.model import RATE_ERRORS, VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
 from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
-from brv_hypo.identification.structure import Structure, structure_of
+from brv_hypo.identification.record_errors import Tolerated
+from brv_hypo.identification.structure import Structure, of_flight, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
@@ -33,14 +34,10 @@ _KNOT_REACH = 3.0
 """Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see
 the knot, and an unbounded step would throw it far."""
 
-Instrument = tuple[InstrumentError, int]
-"""An instrument error and the flight whose instrument it is."""
-
-
 @dataclass(frozen=True)
 class Problem:
     """What is estimated from what; `theta` are start values by name, `placed_delays` (s) those that nodes
-    were placed for.
+    were placed for, `tolerated` the values that are known to a tolerance, each with its flight.
     """
 
     frame: RateFrame
@@ -50,7 +47,7 @@ class Problem:
     theta: dict[str, float]
     priors: dict[str, tuple[float, float]]
     bounds: dict[str, tuple[float, float]]
-    instruments: tuple[Instrument, ...]
+    tolerated: tuple[tuple[Tolerated, int], ...]
     block: int
     config: IdentificationConfig
     placed_delays: tuple[float, ...]
@@ -66,33 +63,27 @@ class Problem:
         """The flights that have a segment."""
         return tuple(dict.fromkeys(record.context.flight for record in self.records))
 
-    @property
-    def delays(self) -> tuple[str, ...]:
-        """Parameters that are delays: those of mechanisms, and the accelerometers' clock."""
-        clocks = [name for name in self.theta if name.startswith(f"{TIME_SKEW} ")]
-        return (*self.structure.delays, *clocks)
-
-    def with_instruments(self, added: Sequence[Instrument]) -> Problem:
-        """The problem with these instrument errors as parameters too."""
-        theta, priors = dict(self.theta), dict(self.priors)
-        for error, flight in added:
-            name = of_flight(error.name, flight)
-            theta.setdefault(name, 0.0)
-            priors[name] = (0.0, error.size)
-        return replace(self, theta=theta, priors=priors, instruments=(*self.instruments, *added))
-
     def warm(self, found: FitResult) -> Problem:
         """The problem started from a solution."""
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
         return replace(self, theta=theta, states=found.states)
 
-    def refreshed(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> Problem:
-        """The problem with nodes and block means laid out by another model of the motion.
+    def refreshed(
+        self, found: FitResult, frame: RateFrame, columns: Sequence[Column], values: FloatArray
+    ) -> Problem:
+        """The problem with nodes and block means laid out by another model of the motion, as `found` has it.
 
         Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
+
+        def fitted(number: int, flight: Flight) -> Flight:
+            for record, left in zip(self.records, found.innovations, strict=True):
+                if record.context.flight == number:
+                    flight = record.fitted(flight, record.segment.y - left)
+            return flight
+
         block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
-        records = node_records(frame, columns, values, self.inputs, block, self.placed_delays)
+        records = node_records(frame, columns, values, self.inputs, block, self.placed_delays, fitted)
         model = replace(self.model, contexts=tuple(record.context for record in records))
         states = self.states if block == self.block else ()
         return replace(self, frame=frame, records=records, model=model, block=block, states=states)
@@ -112,10 +103,14 @@ class Problem:
 
     @property
     def _affine(self) -> frozenset[str]:
-        """Parameters in which moments and readings are affine: coefficients, noise of inputs, some biases."""
-        noise = {weight for inputs in self.inputs for error in inputs.errors for weight in error.weights}
-        biases = {of_flight(error.name, flight) for error, flight in self.instruments if error.affine}
-        return frozenset({*self.structure.names, *noise, *biases})
+        """Parameters and courses in which moments and readings are affine: coefficients, errors of the record.
+
+        Errors that change rates of which a mechanism's columns are functions are not.
+        """
+        courses = {course.name for record in self.records for course in record.segment.courses}
+        if self.model.moments.uses_rates:
+            courses -= {of_flight(name, flight) for name in RATE_ERRORS for flight in self.flights}
+        return frozenset({*self.structure.names, *courses})
 
     @property
     def _knot_reach(self) -> float:
@@ -139,7 +134,7 @@ class Problem:
             self.theta,
             bounds=self.bounds,
             priors=self.priors,
-            delays=self.delays,
+            delays=self.structure.delays,
             reach=dict.fromkeys(self.structure.knots, self._knot_reach),
             affine=self._affine,
             noise=self.config.noise,
@@ -184,26 +179,20 @@ def build_problem(
     nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
     theta |= {name: start for name, (start, _, _) in nuisances.items()}
     priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
-    problem = Problem(
+    tolerated = dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated)
+    weights = [of_flight(value.name, flight) for value, flight in tolerated]
+    return Problem(
         frame=frame,
         inputs=inputs,
         records=records,
         model=model,
-        theta=theta,
-        priors=priors,
+        theta=theta | dict.fromkeys(weights, 0.0),
+        priors=priors | dict.fromkeys(weights, (0.0, 1.0)),
         bounds={mover.name: mover.bounds for mover in structure.movers},
-        instruments=(),
+        tolerated=tuple(tolerated),
         block=size,
         config=config,
         placed_delays=delays_of(columns),
-    )
-    return problem.with_instruments(
-        [
-            (e, flight)
-            for e in INSTRUMENT_ERRORS
-            if e.group in config.instruments
-            for flight in problem.flights
-        ]
     )
 
 
@@ -218,7 +207,8 @@ def _nuisances(
         reconstruction = frame.reconstructions[index]
         size = gravity_magnitude(reconstruction.flight) or _UNKNOWN_GRAVITY
         for axis, value in zip("xyz", reconstruction.gravity_body.tolist(), strict=True):
-            found[of_flight(f"gravity {axis}", index)] = (value, value if axis == "x" else 0.0, size)
+            start = min(max(value, -size), size)
+            found[of_flight(f"gravity {axis}", index)] = (start, 0.0, size)
         found |= {weight: (0.0, 0.0, 1.0) for error in inputs[index].errors for weight in error.weights}
     return found
 

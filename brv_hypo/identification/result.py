@@ -36,21 +36,6 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """A group of instrument errors that was tried.
-
-    `gain` is the rise of twice the log-likelihood that adding it promised, beside those added before;
-    `needed` what it had to exceed.
-    """
-
-    group: str
-    flight: int
-    gain: float
-    needed: float
-    added: bool
-
-
-@dataclass(frozen=True)
 class Identification:
     """A regression model refined by maximum likelihood on the original measurements.
 
@@ -62,8 +47,9 @@ class Identification:
         covariance: (columns, columns), all other parameters accounted for; at the reported standard errors.
         terms: the coefficients. nonlinear: delays and knots. forces: normal-force slope (1/rad) and its
             drift.
-        instruments: the instrument errors in the model. environment: gravity (m/s^2) in de-rolled axes of the
-            first sample.
+        instruments: what is known to a tolerance only, errors of the record and moments, each with its
+            prior in the estimate. environment: gravity (m/s^2) in de-rolled axes of the first sample.
+        prior_misfit: sum over all parameters with a Gaussian prior of the square of estimate less mean over sigma.
         log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample.
         iterations: of all searches together. cost_history: NLLF at the nodes after each iteration of the last
             search.
@@ -71,7 +57,6 @@ class Identification:
         innovations: by segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at
             `times` (s).
         whiteness: test of each output's innovations, in the order of OUTPUTS.
-        evidence: what was tried of the instrument errors.
         block: samples to a node. seconds: wall clock.
         frame: the regression's frame, C_mw of Eq. 5.1 brought up to date.
         problem, fit: what was solved, and the likelihood's own result; None where it could not be begun.
@@ -94,7 +79,7 @@ class Identification:
     innovations: tuple[FloatArray, ...]
     times: tuple[FloatArray, ...]
     whiteness: tuple[Whiteness, ...]
-    evidence: tuple[Evidence, ...]
+    prior_misfit: float
     block: int
     seconds: float
     frame: RateFrame

@@ -101,6 +101,11 @@ def unique(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(out)
 
 
+def of_flight(name: str, flight: int) -> str:
+    """The parameter's name for one flight: each flight has its own instruments."""
+    return f"{name} [flight {flight}]"
+
+
 def _movers(
     columns: Sequence[Column], mechanisms: Mapping[str, Mechanism], start: float, stop: float
 ) -> tuple[Mover, ...]:

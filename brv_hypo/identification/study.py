@@ -1,8 +1,8 @@
 """Study of the estimates on simulated flights: `python -m brv_hypo.identification.study --help`.
 
 For each mechanism: how often the 95 % intervals hold the truth, scatter of the estimates over their standard
-errors, error of maximum likelihood over that of the regression, and seconds of a fit. Options plant
-instrument errors or colour the noise.
+errors, error of maximum likelihood over that of the regression, and seconds of a fit. Options draw the errors of
+record, vehicle and air within the tolerances of the record, plant one, or colour the noise.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.estimate import identify
 from brv_hypo.identification.result import Estimate, Identification
-from brv_hypo.mechanisms import find
+from brv_hypo.identification.record_errors import tolerated_mechanisms
+from brv_hypo.mechanisms import find, record_effects
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, delay_name
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
 from brv_hypo.regression.whitening import difference, fit_noise
-from brv_hypo.simulation import SimulatedFlight, simulate_batch
+from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate_batch
+from brv_hypo.simulation.config import PlantedConfig
 
 CASES = ("none", "inplane", "bodyfixed", "damping", "lag", "sticking")
 NORMAL_95 = 1.96
@@ -54,12 +55,13 @@ def flights(
     colour: float = 0.0,
     instruments: Mapping[str, float] | None = None,
     delay: float | None = None,
+    tolerances: float = 0.0,
 ) -> Iterator[tuple[SimulatedFlight, Flight]]:
     """Flights of the research cone with one mechanism, of random start and knots; `colour` is the noise's
     AR(1) coefficient.
 
     `instruments` are dotted paths below `instruments` of the simulation's configuration; `delay` s that of
-    the mechanism.
+    the mechanism; `tolerances` how many times its tolerance is 1 sigma of each error that is drawn.
     """
     draws = np.random.default_rng(seed)
     plant = () if case == "none" else (case,)
@@ -78,8 +80,42 @@ def flights(
         f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()
     }
     seeds = [seed + 1 + i for i in range(count)]
-    for simulated in simulate_batch("research_cone", seeds=seeds, variations=variations, plant=plant):
-        yield simulated, simulated.flight if colour == 0.0 else coloured(simulated, colour)
+    config = load_config("research_cone", plant=plant)
+    if tolerances > 0.0:
+        config, moments = with_tolerated_moments(config, draws, count, tolerances)
+        variations |= moments
+    for simulated in simulate_batch(config, seeds=seeds, variations=variations):
+        flight = simulated.flight if colour == 0.0 else coloured(simulated, colour)
+        yield simulated, with_record_errors(flight, np.random.default_rng(simulated.seed), tolerances)
+
+
+def with_tolerated_moments(
+    config: SimulationConfig, draws: np.random.Generator, count: int, tolerances: float
+) -> tuple[SimulationConfig, dict[str, FloatArray]]:
+    """The configuration with every moment that has a tolerance, and coefficients (count,) of each by path."""
+    ((nominal,),) = (simulate_batch(config, seeds=[0]),)
+    motion = reconstruct(nominal.flight).motion
+    planted, coefficients = list(config.mechanisms), {}
+    for mechanism, sizes in tolerated_mechanisms(nominal.flight):
+        names = [term.name for term in mechanism.terms(motion, {})]
+        for name, size in zip(names, sizes, strict=True):
+            path = f"mechanisms.{len(planted)}.terms.{name}"
+            coefficients[path] = tolerances * size * draws.standard_normal(count)
+        terms = dict.fromkeys(names, 0.0)
+        planted.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
+    return config.model_copy(update={"mechanisms": tuple(planted)}), coefficients
+
+
+def with_record_errors(flight: Flight, draws: np.random.Generator, tolerances: float) -> Flight:
+    """The flight with every carried record effect drawn at so many times its tolerance."""
+    if tolerances == 0.0:
+        return flight
+    for effect in record_effects():
+        if effect.carried:
+            for component in effect.components(flight):
+                value = tolerances * component.size * float(draws.standard_normal())
+                flight = effect.perturb(flight, component.name, value)
+    return flight
 
 
 def _stop(case: str) -> float:
@@ -121,7 +157,9 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
     static = StaticMoment(
         start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=1
     )
-    mechanisms = {item.mechanism: find(item.mechanism, item.options) for item in config.mechanisms}
+    tolerated = {mechanism.name for mechanism, _ in tolerated_mechanisms(flight)}
+    planted = [item for item in config.mechanisms if item.mechanism not in tolerated]
+    mechanisms = {item.mechanism: find(item.mechanism, item.options) for item in planted}
     frame = build_frame([reconstruction], [static, PitchDamping(), *mechanisms.values()])
     always = TimeFunction("constant")
     aerodynamics = config.aerodynamics
@@ -131,7 +169,7 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
     columns.append(Column(PitchDamping.name, "C_mq", (), always, "1/rad"))
     coefficients = [aerodynamics.C_N0, aerodynamics.C_Nalpha, 0.0, aerodynamics.C_mq]
     moved: dict[str, float] = {}
-    for item in config.mechanisms:
+    for item in planted:
         assert item.start is not None
         assert item.stop is not None
         theta = tuple((name, value + delay_error) for name, value in item.theta.items())
@@ -192,7 +230,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--delay-error", type=float, default=0.0, help="how far off delays start, s")
     parser.add_argument("--delay", type=float, default=None, help="planted delay, s; the mechanism's own by default")
-    parser.add_argument("--no-evidence", action="store_true", help="do not look for instrument errors")
+    parser.add_argument(
+        "--tolerances", type=float, default=0.0, help="how many times its tolerance each error of the record is drawn"
+    )
     parser.add_argument(
         "--plant",
         action="append",
@@ -202,29 +242,35 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     chosen = parser.parse_args(arguments)
     planted = {path: float(value) for path, value in (item.split("=") for item in chosen.plant)}
-    options = IdentificationConfig(candidates=() if chosen.no_evidence else None)
+    pooled: list[float] = []
     for case in chosen.case or CASES:
         planned = flights(
-            case, chosen.flights, chosen.seed, colour=chosen.colour, instruments=planted, delay=chosen.delay
+            case,
+            chosen.flights,
+            chosen.seed,
+            colour=chosen.colour,
+            instruments=planted,
+            delay=chosen.delay,
+            tolerances=chosen.tolerances,
         )
-        _report(case, planned, chosen.delay_error, options)
+        pooled += _report(case, planned, chosen.delay_error)
+    print(f"pooled over parameters: {_coverage(pooled):.1f} % of {len(pooled)} within 1.96 sigma")
 
 
 def _report(
     case: str,
     planned: Iterator[tuple[SimulatedFlight, Flight]],
     delay_error: float,
-    options: IdentificationConfig,
-) -> None:
+) -> list[float]:
+    """Print one case's table; errors over standard errors of every parameter of every flight."""
     scaled: dict[str, list[float]] = {}
     plain: dict[str, list[float]] = {}
     regression: dict[str, list[float]] = {}
-    added: dict[str, int] = {}
     seconds: list[float] = []
     converged = 0
     for simulated, flight in planned:
         work = trial(simulated, flight, delay_error)
-        found = identify(work.frame, work.columns, work.values, options)
+        found = identify(work.frame, work.columns, work.values)
         seconds.append(found.seconds)
         if not found.converged:
             print(f"{case} seed {simulated.seed}: {found.status}: {found.message}")
@@ -237,12 +283,7 @@ def _report(
             plain.setdefault(name, []).append(error)
         for column, value, true in zip(work.columns, work.values, work.coefficients, strict=True):
             regression.setdefault(f"{column.mechanism} {column.term}", []).append(float(value - true))
-        for item in found.evidence:
-            added[item.group] = added.get(item.group, 0) + item.added
     print(f"{case}: {converged} of {len(seconds)} converged, median {np.median(seconds):.2f} s a fit")
-    print(
-        "  added: " + (", ".join(f"{group} {times}" for group, times in added.items() if times) or "nothing")
-    )
     print(
         f"  {'parameter':32}{'flights':>9}{'coverage %':>11}{'scatter':>9}{'mean z':>8}"
         f"{'rms error':>12}{'regression':>12}"
@@ -251,9 +292,15 @@ def _report(
         z = np.array(values)
         other = f"{_rms(regression[name]):12.3g}" if name in regression else ""
         print(
-            f"  {name:32}{z.size:9d}{100.0 * np.mean(np.abs(z) < NORMAL_95):11.1f}{np.std(z):9.2f}{np.mean(z):8.2f}"
+            f"  {name:32}{z.size:9d}{_coverage(values):11.1f}{np.std(z):9.2f}{np.mean(z):8.2f}"
             f"{_rms(plain[name]):12.3g}{other}"
         )
+    return [one for values in scaled.values() for one in values]
+
+
+def _coverage(values: Sequence[float]) -> float:
+    """Share within the 95 % interval, %."""
+    return 100.0 * float(np.mean(np.abs(values) < NORMAL_95))
 
 
 def _rms(values: Sequence[float]) -> float:

@@ -1,7 +1,8 @@
 """Quantities that vary along a record as known shapes, whose weights are parameters.
 
 A drift, or the error that smoothing leaves in an input, has several parameters that act through one quantity
-at each instant. Its derivative is had once; those of the weights are the shapes times it.
+at each instant. Its derivative is had once; those of the weights are the shapes times it. A weight of several
+courses acts through all of them.
 """
 
 from __future__ import annotations
@@ -22,13 +23,17 @@ class Course:
 
     Attributes:
         name: under which dynamics and outputs find the values, at their own samples; no parameter has it.
-        weights: names of parameters that act through this course only.
+        weights: names of parameters that act through courses only: this one and others.
         shapes: t (n,), s -> (len(weights), n).
     """
 
     name: str
     weights: tuple[str, ...]
     shapes: Callable[[FloatArray], FloatArray]
+
+    def at(self, t: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+        """Its value (n,) at times t (n,), s."""
+        return np.array([theta[weight] for weight in self.weights]) @ self.shapes(t)
 
 
 @dataclass(frozen=True)
@@ -52,15 +57,8 @@ def sampled(courses: tuple[Course, ...], t: FloatArray, number: int) -> tuple[Sa
     """The courses at times t (n,), s.
 
     Raises:
-        UsageError: shapes of the wrong size, or a weight of two courses.
+        UsageError: shapes of the wrong size.
     """
-    weights = [weight for course in courses for weight in course.weights]
-    twice = sorted({weight for weight in weights if weights.count(weight) > 1})
-    if twice:
-        raise UsageError(
-            f"segment {number}: {twice} are weights of two courses; expected one course for each, "
-            "since its derivative is had through that course alone"
-        )
     found = []
     for course in courses:
         shapes = np.asarray(course.shapes(t), dtype=float)

@@ -86,7 +86,7 @@ def jacobian(
     """Value and first derivatives at all points; weights of a course through that course.
 
     `names` are the parameters to differentiate by; `scale` gives the size of each for central differences;
-    in those of `affine` the function is, so that one difference is exact.
+    in those of `affine`, or in the courses of these names, the function is, so that one difference is exact.
     """
     n_states = points.x.shape[0]
     kind: type = complex if method == "complex" else float
@@ -138,10 +138,10 @@ def jacobian(
     for course in points.courses:
         if any(weight in names for weight in course.weights):
             size = max(_size_of(w, theta, scale) for w in course.weights)
-            own = derivative(along_course(course), size, course.weights[0] in affine)
-            through |= {
-                w: own * shape[:, None] for w, shape in zip(course.weights, course.shapes, strict=True)
-            }
+            own = derivative(along_course(course), size, course.name in affine)
+            for w, shape in zip(course.weights, course.shapes, strict=True):
+                part = own * shape[:, None]
+                through[w] = through[w] + part if w in through else part
     columns += [
         through[name]
         if name in through

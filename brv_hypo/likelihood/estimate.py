@@ -69,7 +69,8 @@ def fit(
             negative); the derivatives by the delay and by the earlier states are carried in full. Not together
             with process noise.
         reach: largest change in one step by name, for parameters whose effect is linear over a short way only.
-        affine: names in which both functions are affine, all else held: one evaluation gives their derivative.
+        affine: names, or courses, in which both functions are affine, all else held: one evaluation gives their
+            derivative.
         noise: shape of B, "diagonal" or "full".
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11. Where the
             residuals are then not white, the search begins again from other first guesses of it, and the best

@@ -120,10 +120,19 @@ def test_weights_of_a_course_have_the_derivatives_of_parameters(method: Method) 
     np.testing.assert_allclose(found.by_parameter, expected.by_parameter, rtol=1e-7, atol=1e-8)
 
 
-def test_a_weight_of_two_courses_is_refused() -> None:
-    courses = tuple(Course(name, ("a",), lambda t: np.ones((1, t.size))) for name in ("first", "second"))
-    with pytest.raises(UsageError, match="weights of two courses"):
-        sampled(courses, np.arange(5.0), 0)
+def test_a_weight_of_two_courses_acts_through_both() -> None:
+    t = np.linspace(0.0, 2.0, 40)
+    slow, fast = np.ones((1, t.size)), np.stack([np.sin(3.0 * t), t])
+    x, theta = np.random.default_rng(5).standard_normal((1, t.size)), {"a": 0.4, "b": -1.2}
+    courses = (SampledCourse("slow", ("a",), slow), SampledCourse("fast", ("a", "b"), fast))
+
+    def function(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return x * theta["slow"] + theta["fast"]
+
+    points = Points(x, np.zeros((0, t.size)), t, courses=courses)
+    found = jacobian(function, points, theta, ("a", "b"), "central", {}, {"slow", "fast"})
+    np.testing.assert_allclose(found.by_parameter[:, 0, 0], x[0] + fast[0], rtol=1e-12)
+    np.testing.assert_allclose(found.by_parameter[:, 0, 1], fast[1], rtol=1e-12)
 
 
 def test_shapes_of_the_wrong_size_are_refused() -> None:

@@ -1,0 +1,277 @@
+"""Errors of record, vehicle and air within their tolerances, as parameters that every hypothesis carries.
+
+A record effect is linearised once, on the record that noise-free instruments would have made of the fitted motion:
+what one sigma of a component adds to each channel becomes a history of what the equations of motion and of
+measurement know. A moment that has a tolerance is one more such history. Each parameter counts sigmas, its prior is
+the unit Gaussian, and all that it does is linear in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.flight.record import Flight, Vehicle
+from brv_hypo.identification.inputs import SmoothInputs
+from brv_hypo.identification.readings import lever_force
+from brv_hypo.identification.structure import of_flight
+from brv_hypo.likelihood import Course
+from brv_hypo.mechanisms import Mechanism, installed, record_effects
+from brv_hypo.model.columns import theta_grid
+from brv_hypo.motion.attitude import running_integral
+from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.regression.frame import RateFrame, checked_terms
+
+# What the equations know of errors, measured less true: courses by these names.
+GYROS = ("error of q", "error of r")
+"""rad/s that the transverse gyros read beyond the truth."""
+ACCELEROMETERS = ("error of a_y", "error of a_z")
+"""m/s^2, at the declared place, that the transverse accelerometers read beyond the truth."""
+ROLL_RATE_ERROR = "error of p"
+PRESSURE_ERROR = "error of dynamic pressure"
+SPEED_ERROR = "error of speed"
+RATIO_ERROR = "error of inertia ratio"
+MOMENT_SCALE_ERROR = "error of S d / I"
+FORCE_SCALE_ERROR = "error of S / m"
+"""The last five are shares of the measured value."""
+CROSSFLOW = ("change of v", "change of w")
+"""m/s^2 in de-rolled axes that the crossflow gains beyond what record and computed attitude say."""
+MOMENTS = ("change of q", "change of r")
+"""rad/s^2 in body axes, of moments within their tolerance."""
+READ = (*GYROS, *ACCELEROMETERS)
+OTHERS = (
+    *(*CROSSFLOW, *MOMENTS, ROLL_RATE_ERROR, PRESSURE_ERROR, SPEED_ERROR),
+    *(RATIO_ERROR, MOMENT_SCALE_ERROR, FORCE_SCALE_ERROR),
+)
+"""All but what instruments read."""
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """One value that is known to a tolerance: `size` is 1 sigma in `units`."""
+
+    name: str
+    units: str
+    size: float
+
+
+Histories = Mapping[str, FloatArray]
+"""By course name, (n,) over the samples of a flight; a course that it lacks is not touched."""
+
+
+@dataclass(frozen=True)
+class RecordErrors:
+    """The tolerated values of one flight, and what 1 sigma of each does."""
+
+    flight: int
+    values: tuple[Tolerated, ...]
+    histories: tuple[Histories, ...]
+
+    def courses(self, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray) -> tuple[Course, ...]:
+        """The courses of one segment, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,).
+
+        What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
+        """
+        middle = local[:, local.shape[1] // 2]
+        found: list[Course] = []
+        for pair in (GYROS, ACCELEROMETERS):
+            weights, (first, second) = self._rows(pair, samples)
+            seen = ((first + 1j * second) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
+            found += self._courses(pair, weights, time[middle], (seen.real, seen.imag))
+        for name in OTHERS:
+            weights, rows = self._rows((name,), samples)
+            found += self._courses((name,), weights, time, rows)
+        return tuple(found)
+
+    def _rows(self, names: Sequence[str], samples: slice) -> tuple[tuple[str, ...], FloatArray]:
+        """The weights of these courses, and their histories at some samples (names, weights, n)."""
+        touching = [k for k, rows in enumerate(self.histories) if any(name in rows for name in names)]
+        none = np.zeros(samples.stop - samples.start)
+        rows = [
+            [self.histories[k][name][samples] if name in self.histories[k] else none for k in touching]
+            for name in names
+        ]
+        return tuple(of_flight(self.values[k].name, self.flight) for k in touching), np.array(rows)
+
+    def _courses(
+        self, names: Sequence[str], weights: tuple[str, ...], time: FloatArray, histories: Sequence[FloatArray]
+    ) -> list[Course]:
+        """The courses with these weights; `histories` (weights, n) of each."""
+        if not weights:
+            return []
+        return [
+            Course(of_flight(name, self.flight), weights, _Shapes(CubicSpline(time, rows.T)))
+            for name, rows in zip(names, histories, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """The shapes of a course at any times."""
+
+    spline: CubicSpline
+
+    def __call__(self, time: FloatArray) -> FloatArray:
+        return np.asarray(self.spline(time).T, dtype=float)
+
+
+def record_errors(
+    frame: RateFrame, noise_free: Sequence[Flight], inputs: Sequence[SmoothInputs], modelled: frozenset[str]
+) -> tuple[RecordErrors, ...]:
+    """What is known of each flight to a tolerance only, linearised on its noise-free record.
+
+    Moments of the mechanisms `modelled` are the hypothesis's own and take no part; neither does what none of the
+    equations feels, such as the bias of an instrument that they do not use.
+    """
+    return tuple(
+        _of_flight(frame, number, flight, smooth, modelled)
+        for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True))
+    )
+
+
+def _of_flight(
+    frame: RateFrame, number: int, flight: Flight, smooth: SmoothInputs, modelled: frozenset[str]
+) -> RecordErrors:
+    found = (
+        *_of_effects(flight, frame.reconstructions[number], smooth),
+        *_of_moments(frame, number, flight, modelled),
+    )
+    felt = [
+        (value, {name: np.broadcast_to(history, flight.time.shape) for name, history in all_of.items() if np.any(history)})
+        for value, all_of in found
+    ]
+    felt = [(value, histories) for value, histories in felt if histories]
+    return RecordErrors(number, tuple(value for value, _ in felt), tuple(histories for _, histories in felt))
+
+
+def _of_effects(
+    flight: Flight, reconstruction: Reconstruction, smooth: SmoothInputs
+) -> Iterator[tuple[Tolerated, dict[str, FloatArray | float]]]:
+    for effect in record_effects():
+        if not effect.carried:
+            continue
+        for component in effect.components(flight):
+            more, less = (
+                effect.perturb(flight, component.name, sign * component.size) for sign in (1.0, -1.0)
+            )
+            value = Tolerated(f"{effect.name} {component.name}", component.units, component.size)
+            yield value, _histories(flight, _Change(more, less), reconstruction.gravity_body, smooth)
+
+
+class _Change:
+    """Half the difference of two records: what 1 sigma adds to the channels, (n,)."""
+
+    def __init__(self, more: Flight, less: Flight) -> None:
+        self._more, self._less = more, less
+
+    def __call__(self, channel: str) -> FloatArray:
+        return np.asarray(0.5 * (getattr(self._more, channel) - getattr(self._less, channel)))
+
+    def share(self, of: str) -> float:
+        """Relative change of a mass property or reference quantity of the vehicle."""
+        more, less = (_vehicle_quantity(flight.vehicle, of) for flight in (self._more, self._less))
+        return (more - less) / (more + less)
+
+    @property
+    def arm(self) -> tuple[float, float, float]:
+        """Change of the declared place of the accelerometers, m."""
+        places = (flight.vehicle.accelerometer_position for flight in (self._more, self._less))
+        x, y, z = (0.5 * (a - b) for a, b in zip(*places, strict=True))
+        return x, y, z
+
+    @property
+    def wind(self) -> FloatArray:
+        """Change of the known wind (n, 3), m/s in body axes of the first sample."""
+        more, less = (
+            np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind
+            for flight in (self._more, self._less)
+        )
+        return np.asarray(0.5 * (more - less))
+
+
+def _vehicle_quantity(vehicle: Vehicle, name: str) -> float:
+    if name == "force_scale":
+        return vehicle.reference_area / vehicle.mass
+    return float(getattr(vehicle, name))
+
+
+def _histories(
+    flight: Flight, change: _Change, gravity: FloatArray, smooth: SmoothInputs
+) -> dict[str, FloatArray | float]:
+    """What the equations feel of a change of the record, by course name; the truth stays where it is."""
+    roll_rate, rate = change("p"), change("q") + 1j * change("r")
+    force = change("ay") + 1j * change("az")
+    if any(change.arm):
+        omega = flight.q + 1j * flight.r
+        omega_rate, p_rate = _slope(flight, omega), _slope(flight, flight.p).real
+        force = force - lever_force(change.arm, omega, omega_rate, flight.p, p_rate)
+    crossflow = _attitude_error(flight, roll_rate, rate, gravity, smooth)
+    wind = change.wind
+    if np.any(wind):
+        gained = np.einsum("nji,ni->nj", smooth.gravity_axes, _slope(flight, wind).real)
+        crossflow = crossflow + gained[:, 1] + 1j * gained[:, 2]
+    found = dict(zip((*GYROS, *ACCELEROMETERS), (rate.real, rate.imag, force.real, force.imag), strict=True))
+    return {
+        **found,
+        **dict(zip(CROSSFLOW, (crossflow.real, crossflow.imag), strict=True)),
+        ROLL_RATE_ERROR: roll_rate,
+        PRESSURE_ERROR: change("dynamic_pressure") / flight.dynamic_pressure,
+        SPEED_ERROR: change("velocity") / flight.velocity,
+        RATIO_ERROR: change.share("inertia_ratio"),
+        MOMENT_SCALE_ERROR: change.share("moment_scale"),
+        FORCE_SCALE_ERROR: change.share("force_scale"),
+    }
+
+
+def _attitude_error(
+    flight: Flight, roll_rate: FloatArray, rate: ComplexArray, gravity: FloatArray, smooth: SmoothInputs
+) -> ComplexArray:
+    """What gravity gains in de-rolled axes (n,), m/s^2, where the gyros' errors have turned the computed attitude.
+
+    Axes computed from rates that are too large by e have turned by the integral of e too far.
+    """
+    if not (np.any(roll_rate) or np.any(rate)):
+        return np.zeros(flight.samples, dtype=complex)
+    derolled = rate * np.exp(1j * smooth.roll)
+    first = np.einsum("nji,nj->ni", smooth.gravity_axes, np.stack([roll_rate, derolled.real, derolled.imag], axis=1))
+    gained = np.cross(running_integral(flight.time, first), gravity)
+    seen = np.einsum("nji,ni->nj", smooth.gravity_axes, gained)
+    return np.asarray(seen[:, 1] + 1j * seen[:, 2])
+
+
+def _slope(flight: Flight, values: FloatArray | ComplexArray) -> ComplexArray:
+    """Derivative of a history (n, ...) by time, each segment by itself; zero in gaps."""
+    out = np.zeros(values.shape, dtype=complex)
+    for a, b in flight.segments:
+        if b - a > 1:
+            out[a:b] = CubicSpline(flight.time[a:b], values[a:b])(flight.time[a:b], 1)
+    return out
+
+
+def _of_moments(
+    frame: RateFrame, number: int, flight: Flight, modelled: frozenset[str]
+) -> Iterator[tuple[Tolerated, dict[str, FloatArray | float]]]:
+    """Moments that have a tolerance, as they turn the vehicle on the fitted motion."""
+    motion = frame.motions[number]
+    acceleration = flight.dynamic_pressure * flight.vehicle.moment_scale
+    for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight):
+        if mechanism.name in modelled:
+            continue
+        terms = checked_terms(mechanism, motion, theta_grid(mechanism)[0])
+        for term, size in zip(terms, sizes, strict=True):
+            moment = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
+            moment = size * acceleration * moment
+            value = Tolerated(f"{mechanism.name} {term.name}", term.units, size)
+            yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
+
+
+def tolerated_mechanisms(flight: Flight) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
+    """The installed mechanisms whose moments the flight's tolerances allow, with 1 sigma of each coefficient."""
+    items = (entry.item for entry in installed().values())
+    found = ((item, item.tolerance(flight)) for item in items if isinstance(item, Mechanism))
+    return tuple((item, sizes) for item, sizes in found if sizes is not None)
