@@ -96,9 +96,10 @@ class Reduced:
         if not self.problem.baseline:
             return design, np.zeros((0, 0))
         scale = lengths(design)
-        basis, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+        orthonormal, triangle = np.linalg.qr(design / scale)
+        basis, singular, right = np.linalg.svd(triangle)
         kept = singular > _CUTOFF * singular[0]
-        return basis[:, kept], (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+        return orthonormal @ basis[:, kept], (right[kept].T / singular[kept]) / scale[:, np.newaxis]
 
     def batch(self, columns: Sequence[Column]) -> Batch:
         """Columns, whitened."""
