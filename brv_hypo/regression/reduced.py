@@ -133,12 +133,12 @@ class Reduced:
 
     def triangle(self, batch: Batch) -> FloatArray:
         """Triangular factor of the projected columns and the response after them, a block of rows at a time."""
-        factor = np.zeros((0, batch.rows.shape[1] + 1))
+        factor: FloatArray = np.zeros((0, batch.rows.shape[1] + 1))
         for first in range(0, self.left.size, _BLOCK):
             last = min(first + _BLOCK, self.left.size)
             block = np.column_stack([self.projected(batch, first, last), self.left[first:last]])
-            factor = np.linalg.qr(np.concatenate([factor, block]), mode="r")
-        return np.asarray(factor, dtype=float)
+            factor = np.asarray(np.linalg.qr(np.concatenate([factor, block]), mode="r"), dtype=float)
+        return factor
 
     def spent(self, batch: Batch, triangle: FloatArray) -> IntArray:
         """Columns that baseline and nuisances leave nothing of, by their lengths in the triangular factor."""
