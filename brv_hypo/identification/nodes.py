@@ -24,8 +24,7 @@ from brv_hypo.identification.record_errors import RecordErrors, Tolerated, recor
 from brv_hypo.likelihood import Segment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.attitude import running_integral
-from brv_hypo.motion.frames import angle_of_attack, crossflow
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment

@@ -42,7 +42,7 @@ def identify_standing(
     chances = probabilities({fit.name: fit.information for fit in fits})
     standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
-    options = IdentificationConfig(candidates=config.instrument_errors, max_iterations=MOST_ITERATIONS)
+    options = IdentificationConfig(max_iterations=MOST_ITERATIONS)
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
     for fit in standing[:MOST_HYPOTHESES]:

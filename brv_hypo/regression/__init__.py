@@ -6,6 +6,7 @@ frame.py       the frame of all flights
 channels.py    rates and specific force, on parts of a record
 response.py    what a change of the record does to the residual
 problem.py     data, noise and what is projected out; noise.py settles the noise
+reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots
 held_out.py    prediction error on held-out blocks
 """

@@ -103,17 +103,27 @@ class RateFrame:
         return replace(self, mechanisms=known)
 
     def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
-        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns; shapes are evaluated anew."""
+        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns.
+
+        Other shapes than these, of which it is made, are evaluated anew.
+        """
+        fixed = [j for j, column in enumerate(columns) if self.mechanisms[column.mechanism].wind_fixed]
         motions = []
         for motion in self.motions:
             moment = np.zeros_like(motion.alpha)
-            for column, value in zip(columns, values, strict=True):
-                mechanism = self.mechanisms[column.mechanism]
-                if mechanism.wind_fixed:
-                    terms = {term.name: term for term in mechanism.terms(motion, dict(column.theta))}
-                    moment = moment + value * terms[column.term].in_plane * column.course(motion.time)
+            known: dict[tuple[str, Theta], dict[str, Term]] = {}
+            for column, value in zip([columns[j] for j in fixed], values[fixed], strict=True):
+                key = (column.mechanism, column.theta)
+                if key not in known:
+                    terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
+                    known[key] = {term.name: term for term in terms}
+                moment = moment + value * known[key][column.term].in_plane * column.course(motion.time)
             motions.append(recorded(replace(motion, in_plane_moment=moment, history=None)))
-        return replace(self, motions=tuple(motions))
+        out = replace(self, motions=tuple(motions))
+        for key, shapes in self._evaluated.items():
+            if self.mechanisms[key[0]].wind_fixed:
+                out._evaluated[key] = shapes
+        return out
 
     def _by_shape(self, columns: Sequence[Column]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
         """Mechanism and theta in turn: their shapes, the columns of them, and which term each column has."""

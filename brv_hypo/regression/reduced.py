@@ -96,9 +96,10 @@ class Reduced:
         if not self.problem.baseline:
             return design, np.zeros((0, 0))
         scale = lengths(design)
-        basis, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+        orthonormal, triangle = np.linalg.qr(design / scale)
+        basis, singular, right = np.linalg.svd(triangle)
         kept = singular > _CUTOFF * singular[0]
-        return basis[:, kept], (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+        return orthonormal @ basis[:, kept], (right[kept].T / singular[kept]) / scale[:, np.newaxis]
 
     def batch(self, columns: Sequence[Column]) -> Batch:
         """Columns, whitened."""
@@ -132,12 +133,12 @@ class Reduced:
 
     def triangle(self, batch: Batch) -> FloatArray:
         """Triangular factor of the projected columns and the response after them, a block of rows at a time."""
-        factor = np.zeros((0, batch.rows.shape[1] + 1))
+        factor: FloatArray = np.zeros((0, batch.rows.shape[1] + 1))
         for first in range(0, self.left.size, _BLOCK):
             last = min(first + _BLOCK, self.left.size)
             block = np.column_stack([self.projected(batch, first, last), self.left[first:last]])
             factor = np.asarray(np.linalg.qr(np.concatenate([factor, block]), mode="r"), dtype=float)
-        return np.asarray(factor, dtype=float)
+        return factor
 
     def spent(self, batch: Batch, triangle: FloatArray) -> IntArray:
         """Columns that baseline and nuisances leave nothing of, by their lengths in the triangular factor."""

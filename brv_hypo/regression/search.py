@@ -13,6 +13,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta, candidates, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.subset import best_subsets
@@ -126,10 +127,14 @@ def extended(
     if len(selected) + size > problem.max_terms:
         return None
     found = [
-        (rss, chosen)
+        subset
         for offer in _compatible(selected, mechanisms, offered)
-        for rss, chosen in _subsets(reduced, selected, offer, size)
-        if chosen
+        for subset in (
+            _subsets(reduced, selected, offer, size)
+            if size > 1 and not all(column.tied for column in offer)
+            else _single(reduced, selected, offer, size)
+        )
+        if subset[1]
     ]
     return (*selected, *min(found, key=_rss)[1]) if found else None
 
@@ -185,6 +190,25 @@ def _compatible(
     theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
     renamed = [tuple(replace(c, theta=theta.get(c.mechanism, c.theta)) for c in offer) for offer in offered]
     return list(dict.fromkeys(renamed))
+
+
+def _single(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column], size: int) -> list[Subset]:
+    """(RSS, columns) of the best column or vector of `size` components beside the forced columns."""
+    groups: dict[object, list[int]] = {}
+    for j, column in enumerate(offered):
+        groups.setdefault(column.vector if column.tied else column, []).append(j)
+    members = np.array([group for group in groups.values() if len(group) == size])
+    if not members.size:
+        return []
+    triangle = reduced.triangle(reduced.batch((*forced, *offered)))
+    squares = np.sum(triangle[:, len(forced) : -1] ** 2, axis=0)[members]
+    # Below the forced columns' rows, a triangular factor holds what these leave of the others.
+    free, left = triangle[len(forced) :, len(forced) : -1], triangle[len(forced) :, -1]
+    vectors = free[:, members].transpose(1, 2, 0)
+    right = vectors @ left
+    falls = np.sum(right * solve_normal(vectors @ vectors.transpose(0, 2, 1), right, squares), axis=1)
+    best = int(np.argmax(falls))
+    return [(float(left @ left - falls[best]), tuple(offered[j] for j in members[best]))]
 
 
 def _subsets(
