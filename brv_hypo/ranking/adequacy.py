@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.constants import DETECTABLE, OTHER_SIZES, SECOND_ORDER
+from brv_hypo.ranking.constants import DETECTABLE, OTHER_FLOOR, OTHER_SIZES, SECOND_ORDER
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.noise import free_moment
@@ -27,7 +27,8 @@ _UNSEEN = 1e-6
 class Misfit:
     """What a hypothesis leaves: `ratio` residual rms over the noise, `p_value` that no smooth moment is left in it.
 
-    `gain` is twice the logarithm of the marginal likelihood of "something else" beside it over its own.
+    `gain` is twice the logarithm of the marginal likelihood of "something else" beside it over its own, less what
+    errors of second order may bring.
     """
 
     ratio: float
@@ -53,7 +54,7 @@ def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:
     f_ratio = (float(found @ found) / found.size) / (rest / free_samples)
     share = problem.efficiency
     p_value = float(stats.f.sf(f_ratio, found.size, max(free_samples * share, 1.0)))
-    second_order = SECOND_ORDER * share * max(null.rss - fit.rss, 0.0)
+    second_order = OTHER_FLOOR + SECOND_ORDER * share * max(null.rss - fit.rss, 0.0)
     return Misfit(ratio, p_value, _gain(found * np.sqrt(share), seen * np.sqrt(share)) - second_order)
 
 

@@ -19,6 +19,9 @@ CONTESTING_SIGMAS = 2.0
 DETECTABLE = 25.0
 # Sizes of "something else" tried above the weakest one, each twice the one before: to 64 times.
 OTHER_SIZES = 7
+# Gain in 2 ln L that errors of second order give "something else" on sound empty flights, at most in nine of ten; the
+# study of independent flights with tactical instruments.
+OTHER_FLOOR = 12.0
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
 # columns) may leave: 7 % of its contribution's rms.
 SECOND_ORDER = 0.005

@@ -17,16 +17,17 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.channels import Noise
+from brv_hypo.regression.channels import Noise, Part
 from brv_hypo.regression.frame import RateFrame, remove_levels
-from brv_hypo.regression.linear import solve_scaled
+from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.regression.whitening import fit_noise, white
+from brv_hypo.regression.whitening import fit_noise, taken_by, white
 
-# Largest order of the autoregression of the noise, and how often noise and fit are repeated.
+# Largest order of the autoregression of the noise.
 _NOISE_ORDER = 12
-_ROUNDS = 2
+# Rows up to which the fit that the noise is left by keeps them all; beyond, what it takes of the noise is nothing.
+_MOST_UNTHINNED = 8000
 # Splines in time of each shape of the free moment, and rows that each of its columns needs.
 _SPLINES = 10
 _ROWS_PER_COLUMN = 12
@@ -92,10 +93,33 @@ def settled_noise(problem: Problem) -> Noise:
     """The noise with its colour, from what a free, smooth moment leaves."""
     frame, free = free_moment(problem)
     columns = (*problem.baseline, *free)
-    noise = problem.rows.noise
-    for _ in range(_ROUNDS):
-        noise = _of_residual(problem.under(noise), frame, columns)
-    return noise
+    rows, part = problem.rows, problem.rows.part
+    thinning = 1 if part.rows.size <= _MOST_UNTHINNED else rows.noise.thinning
+    plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
+    design = plain.whole_design(frame, columns)
+    values = solve_scaled(design, plain.raw_response, 1e-9)
+    count, constants = len(columns), 2 * len(part.levels)
+    left = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
+    force = [left.force[a:b][part.seen[a:b]] for a, b in part.pieces]
+    rates_taken, force_taken = (
+        _taken(design, part, plain.rows.rates) if thinning == 1 else (None, None)
+    )
+    return Noise(
+        fit_noise(remove_levels(left.rates, part.pieces, plain.rows.noise.rates), _NOISE_ORDER, rates_taken),
+        fit_noise([piece for piece in force if piece.size], _NOISE_ORDER, force_taken),
+        rows.noise.thinning,
+    )
+
+
+def _taken(design: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
+    """What the fit takes of the autocorrelation of white noise in rates and force."""
+    left, singular, _ = np.linalg.svd(design / lengths(design), full_matrices=False)
+    basis = left[:, singular > 1e-9 * singular[0]]
+    rows = part.rows.size
+    return (
+        taken_by(basis[:rates], part.pieces, rows, _NOISE_ORDER),
+        taken_by(basis[rates : 2 * rates], part.pieces, rows, _NOISE_ORDER),
+    )
 
 
 def free_moment(problem: Problem) -> tuple[RateFrame, tuple[Column, ...]]:
@@ -108,19 +132,6 @@ def free_moment(problem: Problem) -> tuple[RateFrame, tuple[Column, ...]]:
     always = TimeFunction("constant")
     names = [term.name for term in free.terms(frame.motions[0], {})]
     return frame, tuple(Column(free.name, name, (), always, "1") for name in names)
-
-
-def _of_residual(problem: Problem, frame: RateFrame, columns: Sequence[Column]) -> Noise:
-    part = problem.rows.part
-    values = solve_scaled(problem.whole_design(frame, columns), problem.raw_response, 1e-9)
-    count, constants = len(columns), 2 * len(part.levels)
-    left = problem.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
-    force = [left.force[a:b][part.seen[a:b]] for a, b in part.pieces]
-    return Noise(
-        fit_noise(remove_levels(left.rates, part.pieces, problem.rows.noise.rates), _NOISE_ORDER),
-        fit_noise([piece for piece in force if piece.size], _NOISE_ORDER),
-        problem.rows.noise.thinning,
-    )
 
 
 def _thinning(flight: LinearisedFlight) -> int:

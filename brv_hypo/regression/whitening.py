@@ -8,6 +8,7 @@ of a segment use the predictors of lower order (Durbin-Levinson), so that the wh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,11 +65,14 @@ def difference() -> NoiseModel:
     return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
 
 
-def fit_noise(residuals: list[ComplexArray], max_order: int = 24) -> NoiseModel:
+def fit_noise(
+    residuals: list[ComplexArray], max_order: int = 24, taken: FloatArray | None = None
+) -> NoiseModel:
     """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
 
     Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the biased
-    autocovariance, which keeps the filter stable.
+    autocovariance, which keeps the filter stable. `taken` (max_order + 1,) is what the fit that left the residuals took
+    of white noise's autocorrelation (`taken_by`): many fitted columns would pose as colour.
     """
     total = sum(part.size for part in residuals)
     top = int(min(max_order, max(1, total // 20)))
@@ -79,6 +83,8 @@ def fit_noise(residuals: list[ComplexArray], max_order: int = 24) -> NoiseModel:
     covariance /= 2.0 * total
     if covariance[0] <= 0.0:
         return white(0.0)
+    if taken is not None:
+        covariance += covariance[0] / (1.0 - taken[0]) * taken[: top + 1]
     covariance[0] *= 1.0 + 1e-9
     predictors = [
         solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)
@@ -92,6 +98,20 @@ def fit_noise(residuals: list[ComplexArray], max_order: int = 24) -> NoiseModel:
         np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1)
     )
     return NoiseModel(filters, sigma)
+
+
+def taken_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
+    """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows.
+
+    `basis` (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white
+    noise has the covariance I - basis basis'.
+    """
+    out = np.zeros(max_order + 1)
+    for part in (basis[:rows], basis[rows : 2 * rows]):
+        for a, b in pieces:
+            for lag in range(min(max_order, b - a - 1) + 1):
+                out[lag] += float(np.sum(part[a : b - lag] * part[a + lag : b]))
+    return out / (2.0 * rows)
 
 
 def effective_samples(innovations: list[FloatArray], max_lag: int = 50) -> float:
