@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import compare, mechanisms, reconstruct, records, simulate, study, trace
+from brv_hypo.cli import compare, docs, mechanisms, reconstruct, records, simulate, study, trace
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.signals import listen
 
@@ -48,6 +48,7 @@ app.command("trace")(guarded(trace.trace))
 app.command("study")(guarded(study.study))
 app.command("inspect")(guarded(records.inspect))
 app.command("import")(guarded(records.import_))
+app.command("docs")(guarded(docs.docs))
 app.add_typer(mechanisms.app, name="mechanisms")
 
 

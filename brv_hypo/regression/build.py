@@ -23,6 +23,8 @@ from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import ForceModel, LinearisedFlight, start_of
 from brv_hypo.regression.whitening import difference
 
+# How often the flight is linearised: the first coefficients know nothing of the errors that are carried.
+_ROUNDS = 2
 # Residual of the normal force, in units of its median, from which a sample is a spike.
 _OUTLIER = 7.2
 
@@ -53,14 +55,17 @@ def build_problem(
     `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis.
     """
     values = first_values(frame, baseline)
-    flights = [
-        linearised(record, reconstruction, frame, baseline, values)
-        for record, reconstruction in zip(records, frame.reconstructions, strict=True)
-    ]
-    force, seen = on_rows(frame, flights)
-    rows = WhitenedRows(whole(frame, seen), first_noise(flights), nuisances(frame, flights, effects, vehicle))
-    frame = frame.with_mechanisms([GivenColumns()])
-    problem = Problem(frame, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+    for _ in range(_ROUNDS):
+        flights = [
+            linearised(record, reconstruction, frame, baseline, values)
+            for record, reconstruction in zip(records, frame.reconstructions, strict=True)
+        ]
+        force, seen = on_rows(frame, flights)
+        carried = nuisances(frame, flights, effects, vehicle)
+        rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
+        known = frame.with_mechanisms([GivenColumns()])
+        problem = Problem(known, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+        values, _ = problem.solution(known, baseline)
     return problem.under(settled_noise(problem))
 
 

@@ -6,6 +6,7 @@
 - instruments.py: errors of every row of the record's table, and what the sensors write down
 - flights.py: `make_flight`, `draw_flight`, and a command that writes files
 - oracle.py: `judge`, the detection limit and 2 ln L of truth over its rivals
+- study.py: a command that counts how often `compare` is right
 
 Written from the conventions and the record's format alone.
 """

@@ -1,0 +1,24 @@
+"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows them."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from brv_hypo.errors import UsageError
+
+_FIRST = ("start", "record", "verdict", "validation")
+
+
+def topics() -> dict[str, str]:
+    """Every topic with its title, in reading order."""
+    found = {entry.name.removesuffix(".md") for entry in files(__name__).iterdir() if entry.name.endswith(".md")}
+    order = [*(name for name in _FIRST if name in found), *sorted(found.difference(_FIRST))]
+    return {name: text(name).splitlines()[0].removeprefix("# ") for name in order}
+
+
+def text(topic: str) -> str:
+    """The Markdown of a topic; UsageError with the topics there are where there is no such one."""
+    page = files(__name__) / f"{topic}.md"
+    if not topic.isidentifier() or not page.is_file():
+        raise UsageError(f"the manual has no topic '{topic}'; it has {', '.join(topics())}.")
+    return page.read_text(encoding="utf-8")
