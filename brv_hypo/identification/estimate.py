@@ -13,6 +13,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.model import GRAVITY
 from brv_hypo.identification.moments import UnknownDelayError
 from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.problem import Problem, build_problem
@@ -203,9 +204,9 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
             for value, flight in problem.tolerated
         ),
         environment=tuple(
-            estimate(of_flight(f"gravity {axis}", flight), "m/s^2", shown(f"gravity {axis}", flight))
+            estimate(of_flight(name, flight), "m/s^2", shown(name, flight))
             for flight in problem.flights
-            for axis in "xyz"
+            for name in GRAVITY
         ),
         log_likelihood=_log_likelihood(innovations, problem.config.noise),
         iterations=found.iterations,

@@ -45,6 +45,8 @@ from brv_hypo.model.columns import Column
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.motion import Motion
 
+GRAVITY = ("gravity x", "gravity y", "gravity z")
+"""m/s^2 in body axes of the first sample."""
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
 _REMEMBERED = 6
@@ -226,7 +228,7 @@ class VehicleModel:
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
         forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))
         error = self._roll_rate_error(context, theta)
-        size = [theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz"]
+        size = [theta[of_flight(name, context.flight)] for name in GRAVITY]
         first = ROW["gravity_xy"]
         gravity = size @ here.u[first : first + 3] + 1j * (size @ here.u[first + 3 : first + 6])
         gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
@@ -261,7 +263,7 @@ class VehicleModel:
 
     def _rate_values(self, context: Context, theta: Values) -> tuple[object, ...]:
         """Parameters that change the rates of alpha and of the meridian at given states."""
-        gravity = (theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz")
+        gravity = (theta[of_flight(name, context.flight)] for name in GRAVITY)
         errors = (np.asarray(_error(name, context, theta)).tobytes() for name in RATE_ERRORS)
         return (*(theta[n] for n in self.force_names), *gravity, *errors)
 
