@@ -162,7 +162,7 @@ def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
     read = [of_flight(name, record.context.flight) for name in READ]
     time = record.segment.t
     errors = {course.name: course.at(time, found.theta) for course in record.segment.courses if course.name in read}
-    return record.segment.y - np.array([errors.get(name, np.zeros_like(time)) for name in read])
+    return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
 
 
 def _summary(problem: Problem, found: FitResult) -> Identification:

@@ -144,7 +144,7 @@ class VehicleModel:
             lacking += weight * (first * shape - 2.0 * second * slope)
             row += 4
         scale = self._moment_share(context, theta)
-        acceleration, lacking = acceleration * scale, lacking * scale
+        acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
         moving = replace(here, omega=here.omega + lacking)
         return _rows(
             self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta)
@@ -302,7 +302,8 @@ def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
 
 def _without_noise(flight: int) -> dict[str, float]:
     """Inputs without what noise leaves in them, and without errors that do too little to the rates to be felt."""
-    return {of_flight(name, flight): 0.0 for name in (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)}
+    quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+    return {of_flight(name, flight): 0.0 for name in quiet}
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
@@ -310,9 +311,9 @@ def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
     return theta.get(of_flight(name, context.flight), 0.0)
 
 
-def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray | complex:
+def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:
     """Two courses as one complex pair."""
-    return _error(names[0], context, theta) + 1j * _error(names[1], context, theta)
+    return np.asarray(_error(names[0], context, theta) + 1j * _error(names[1], context, theta))
 
 
 def _rows(first: ComplexArray, second: ComplexArray) -> FloatArray:

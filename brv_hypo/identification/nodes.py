@@ -24,8 +24,7 @@ from brv_hypo.identification.record_errors import RecordErrors, Tolerated, recor
 from brv_hypo.likelihood import Segment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.attitude import running_integral
-from brv_hypo.motion.frames import angle_of_attack, crossflow
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
@@ -270,9 +269,8 @@ class _InputTable:
             for end in (-1.0, 1.0)
         )
         rate = (before - after) / (2.0 * width)
-        return np.stack(
-            [sum(table[f"gravity_{first}{axis}"] * row for first, row in zip("xyz", rate, strict=True)) for axis in "yz"]
-        )
+        axes = np.array([[table[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])
+        return np.asarray(np.einsum("jin,in->jn", axes, rate))
 
 
 def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:

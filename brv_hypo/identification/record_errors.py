@@ -151,8 +151,8 @@ def _of_flight(
         *_of_moments(frame, number, flight, modelled),
     )
     felt = [
-        (value, {name: np.broadcast_to(history, flight.time.shape) for name, history in all_of.items() if np.any(history)})
-        for value, all_of in found
+        (value, {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)})
+        for value, histories in found
     ]
     felt = [(value, histories) for value, histories in felt if histories]
     return RecordErrors(number, tuple(value for value, _ in felt), tuple(histories for _, histories in felt))
@@ -248,7 +248,7 @@ def _attitude_error(
         return np.zeros(flight.samples, dtype=complex)
     derolled = rate * np.exp(1j * smooth.roll)
     first = np.einsum("nji,nj->ni", smooth.gravity_axes, np.stack([roll_rate, derolled.real, derolled.imag], axis=1))
-    gained = np.cross(cumulative_trapezoid(first, flight.time, axis=0, initial=0.0), gravity)
+    gained = np.cross(cumulative_trapezoid(first, flight.time, axis=0, initial=0), gravity)
     seen = np.einsum("nji,ni->nj", smooth.gravity_axes, gained)
     return np.asarray(seen[:, 1] + 1j * seen[:, 2])
 

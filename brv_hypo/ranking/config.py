@@ -17,9 +17,8 @@ class CompareConfig(BaseModel):
     `max_terms`: columns that a hypothesis may add; the search is exact up to `exact_terms` of them, then
     goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre degree of the
     slow drift of C_N0 and C_Nalpha; None lets BIC choose. `refine`: delays and knots become continuous.
-    `maximum_likelihood`: hypotheses that stand are refined on the original measurements, with those groups of
-    `instrument_errors` (such as gyro_bias) that the evidence asks for; "quick" leaves out records with warnings,
-    which take several seconds each.
+    `maximum_likelihood`: hypotheses that stand are refined on the original measurements, with the errors of record,
+    vehicle and air within their tolerances; "quick" leaves out records with warnings, which take several seconds each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -36,4 +35,3 @@ class CompareConfig(BaseModel):
     refine: bool = True
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: Literal["quick", "full", "none"] = "quick"
-    instrument_errors: tuple[str, ...] = ()

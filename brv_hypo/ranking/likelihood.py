@@ -45,7 +45,7 @@ def identify_standing(
     chances = probabilities({fit.name: fit.information for fit in fits})
     standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
-    options = IdentificationConfig(candidates=config.instrument_errors, max_iterations=MOST_ITERATIONS)
+    options = IdentificationConfig(max_iterations=MOST_ITERATIONS)
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
     for fit in standing[:MOST_HYPOTHESES]:
@@ -84,10 +84,13 @@ def informations(
 
 
 def _likelihood_information(fit: HypothesisFit, identification: Identification) -> float:
-    """-2 log L in place of n ln(RSS / n), with the same price of parameters and search."""
-    parameters = fit.parameters + len(identification.instruments)
-    price = extended_bic(1.0, 1, fit.effective, parameters, fit.searched, len(fit.selected))
-    return float(-2.0 * identification.log_likelihood * fit.efficiency + price)
+    """-2 log L, priors included, in place of n ln(RSS / n), with the same price of parameters and search.
+
+    Errors of the record are the same parameters in every hypothesis: what their priors ask for them is all they cost.
+    """
+    price = extended_bic(1.0, 1, fit.effective, fit.parameters, fit.searched, len(fit.selected))
+    misfit = -2.0 * identification.log_likelihood * fit.efficiency + identification.prior_misfit
+    return float(misfit + price)
 
 
 def held_out_by_likelihood(task: Task, found: Identification, count: int) -> HeldOut:
