@@ -13,6 +13,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.identification.config import IdentificationConfig
+from brv_hypo.identification.model import GRAVITY
 from brv_hypo.identification.moments import UnknownDelayError
 from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.problem import Problem, build_problem
@@ -161,7 +162,7 @@ def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
     read = [of_flight(name, record.context.flight) for name in READ]
     time = record.segment.t
     errors = {course.name: course.at(time, found.theta) for course in record.segment.courses if course.name in read}
-    return record.segment.y - np.array([errors.get(name, np.zeros_like(time)) for name in read])
+    return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
 
 
 def _summary(problem: Problem, found: FitResult) -> Identification:
@@ -203,9 +204,9 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
             for value, flight in problem.tolerated
         ),
         environment=tuple(
-            estimate(of_flight(f"gravity {axis}", flight), "m/s^2", shown(f"gravity {axis}", flight))
+            estimate(of_flight(name, flight), "m/s^2", shown(name, flight))
             for flight in problem.flights
-            for axis in "xyz"
+            for name in GRAVITY
         ),
         log_likelihood=_log_likelihood(innovations, problem.config.noise),
         iterations=found.iterations,

@@ -45,6 +45,8 @@ from brv_hypo.model.columns import Column
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.motion import Motion
 
+GRAVITY = ("gravity x", "gravity y", "gravity z")
+"""m/s^2 in body axes of the first sample."""
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
 _REMEMBERED = 6
@@ -142,7 +144,7 @@ class VehicleModel:
             lacking += weight * (first * shape - 2.0 * second * slope)
             row += 4
         scale = self._moment_share(context, theta)
-        acceleration, lacking = acceleration * scale, lacking * scale
+        acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
         moving = replace(here, omega=here.omega + lacking)
         return _rows(
             self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta)
@@ -226,7 +228,7 @@ class VehicleModel:
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
         forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))
         error = self._roll_rate_error(context, theta)
-        size = [theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz"]
+        size = [theta[of_flight(name, context.flight)] for name in GRAVITY]
         first = ROW["gravity_xy"]
         gravity = size @ here.u[first : first + 3] + 1j * (size @ here.u[first + 3 : first + 6])
         gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
@@ -261,7 +263,7 @@ class VehicleModel:
 
     def _rate_values(self, context: Context, theta: Values) -> tuple[object, ...]:
         """Parameters that change the rates of alpha and of the meridian at given states."""
-        gravity = (theta[of_flight(f"gravity {axis}", context.flight)] for axis in "xyz")
+        gravity = (theta[of_flight(name, context.flight)] for name in GRAVITY)
         errors = (np.asarray(_error(name, context, theta)).tobytes() for name in RATE_ERRORS)
         return (*(theta[n] for n in self.force_names), *gravity, *errors)
 
@@ -300,7 +302,8 @@ def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
 
 def _without_noise(flight: int) -> dict[str, float]:
     """Inputs without what noise leaves in them, and without errors that do too little to the rates to be felt."""
-    return {of_flight(name, flight): 0.0 for name in (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)}
+    quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+    return {of_flight(name, flight): 0.0 for name in quiet}
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
@@ -308,9 +311,9 @@ def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
     return theta.get(of_flight(name, context.flight), 0.0)
 
 
-def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray | complex:
+def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:
     """Two courses as one complex pair."""
-    return _error(names[0], context, theta) + 1j * _error(names[1], context, theta)
+    return np.asarray(_error(names[0], context, theta) + 1j * _error(names[1], context, theta))
 
 
 def _rows(first: ComplexArray, second: ComplexArray) -> FloatArray:

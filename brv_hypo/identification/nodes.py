@@ -269,9 +269,8 @@ class _InputTable:
             for end in (-1.0, 1.0)
         )
         rate = (before - after) / (2.0 * width)
-        return np.stack(
-            [sum(table[f"gravity_{first}{axis}"] * row for first, row in zip("xyz", rate, strict=True)) for axis in "yz"]
-        )
+        axes = np.array([[table[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])
+        return np.asarray(np.einsum("jin,in->jn", axes, rate))
 
 
 def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
-from brv_hypo.identification.model import RATE_ERRORS, VehicleModel
+from brv_hypo.identification.model import GRAVITY, RATE_ERRORS, VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
 from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
@@ -105,12 +105,16 @@ class Problem:
     def _affine(self) -> frozenset[str]:
         """Parameters and courses in which moments and readings are affine: coefficients, errors of the record.
 
-        Errors that change rates of which a mechanism's columns are functions are not.
+        What changes rates of which a mechanism's columns are functions is not.
         """
         courses = {course.name for record in self.records for course in record.segment.courses}
+        affine = {*self.structure.names, *self.model.force_names, *courses, *self._of_flights(GRAVITY)}
         if self.model.moments.uses_rates:
-            courses -= {of_flight(name, flight) for name in RATE_ERRORS for flight in self.flights}
-        return frozenset({*self.structure.names, *courses})
+            affine -= {*self.model.force_names, *self._of_flights((*GRAVITY, *RATE_ERRORS))}
+        return frozenset(affine)
+
+    def _of_flights(self, names: Sequence[str]) -> set[str]:
+        return {of_flight(name, flight) for name in names for flight in self.flights}
 
     @property
     def _knot_reach(self) -> float:
@@ -206,9 +210,8 @@ def _nuisances(
     for index in flights:
         reconstruction = frame.reconstructions[index]
         size = gravity_magnitude(reconstruction.flight) or _UNKNOWN_GRAVITY
-        for axis, value in zip("xyz", reconstruction.gravity_body.tolist(), strict=True):
-            start = min(max(value, -size), size)
-            found[of_flight(f"gravity {axis}", index)] = (start, 0.0, size)
+        for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
+            found[of_flight(name, index)] = (min(max(value, -size), size), 0.0, size)
         found |= {weight: (0.0, 0.0, 1.0) for error in inputs[index].errors for weight in error.weights}
     return found
 

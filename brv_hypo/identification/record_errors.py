@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline, PPoly
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
@@ -21,11 +23,11 @@ from brv_hypo.identification.readings import lever_force
 from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Course
 from brv_hypo.mechanisms import Mechanism, installed, record_effects
+from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import theta_grid
-from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.frame import RateFrame, checked_terms
+from brv_hypo.regression.frame import RateFrame
 
 # What the equations know of errors, measured less true: courses by these names.
 GYROS = ("error of q", "error of r")
@@ -78,46 +80,54 @@ class RecordErrors:
         What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
         """
         middle = local[:, local.shape[1] // 2]
-        found: list[Course] = []
+        read: list[_Rows] = []
         for pair in (GYROS, ACCELEROMETERS):
-            weights, (first, second) = self._rows(pair, samples)
-            seen = ((first + 1j * second) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
-            found += self._courses(pair, weights, time[middle], (seen.real, seen.imag))
-        for name in OTHERS:
-            weights, rows = self._rows((name,), samples)
-            found += self._courses((name,), weights, time, rows)
-        return tuple(found)
+            first, second = self._rows(pair, samples)
+            seen = ((first.values + 1j * second.values) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
+            read += [first._replace(values=seen.real), second._replace(values=seen.imag)]
+        others = [rows for name in OTHERS for rows in self._rows((name,), samples)]
+        return (*_splined(time[middle], read), *_splined(time, others))
 
-    def _rows(self, names: Sequence[str], samples: slice) -> tuple[tuple[str, ...], FloatArray]:
-        """The weights of these courses, and their histories at some samples (names, weights, n)."""
+    def _rows(self, names: Sequence[str], samples: slice) -> list[_Rows]:
+        """The histories of these courses at some samples, of the values that touch any of them."""
         touching = [k for k, rows in enumerate(self.histories) if any(name in rows for name in names)]
-        none = np.zeros(samples.stop - samples.start)
-        rows = [
-            [self.histories[k][name][samples] if name in self.histories[k] else none for k in touching]
-            for name in names
-        ]
-        return tuple(of_flight(self.values[k].name, self.flight) for k in touching), np.array(rows)
+        weights = tuple(of_flight(self.values[k].name, self.flight) for k in touching)
+        out = []
+        for name in names:
+            values = np.zeros((len(touching), samples.stop - samples.start))
+            for row, k in zip(values, touching, strict=True):
+                row[:] = self.histories[k][name][samples] if name in self.histories[k] else 0.0
+            out.append(_Rows(of_flight(name, self.flight), weights, values))
+        return out
 
-    def _courses(
-        self, names: Sequence[str], weights: tuple[str, ...], time: FloatArray, histories: Sequence[FloatArray]
-    ) -> list[Course]:
-        """The courses with these weights; `histories` (weights, n) of each."""
-        if not weights:
-            return []
-        return [
-            Course(of_flight(name, self.flight), weights, _Shapes(CubicSpline(time, rows.T)))
-            for name, rows in zip(names, histories, strict=True)
-        ]
+
+class _Rows(NamedTuple):
+    """A course at some instants: `values` (weights, n)."""
+
+    name: str
+    weights: tuple[str, ...]
+    values: FloatArray
 
 
 @dataclass(frozen=True)
 class _Shapes:
     """The shapes of a course at any times."""
 
-    spline: CubicSpline
+    spline: PPoly
 
     def __call__(self, time: FloatArray) -> FloatArray:
         return np.asarray(self.spline(time).T, dtype=float)
+
+
+def _splined(time: FloatArray, rows: Sequence[_Rows]) -> Iterator[Course]:
+    """The courses at any times, by cubic splines through `time` (n,) s; those without weights left out."""
+    together = CubicSpline(time, np.concatenate([each.values for each in rows]).T)
+    last = 0
+    for each in rows:
+        first, last = last, last + len(each.weights)
+        if each.weights:
+            own = PPoly.construct_fast(together.c[:, :, first:last], together.x)
+            yield Course(each.name, each.weights, _Shapes(own))
 
 
 def record_errors(
@@ -142,8 +152,8 @@ def _of_flight(
         *_of_moments(frame, number, flight, modelled),
     )
     felt = [
-        (value, {name: np.broadcast_to(history, flight.time.shape) for name, history in all_of.items() if np.any(history)})
-        for value, all_of in found
+        (value, {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)})
+        for value, histories in found
     ]
     felt = [(value, histories) for value, histories in felt if histories]
     return RecordErrors(number, tuple(value for value, _ in felt), tuple(histories for _, histories in felt))
@@ -239,7 +249,7 @@ def _attitude_error(
         return np.zeros(flight.samples, dtype=complex)
     derolled = rate * np.exp(1j * smooth.roll)
     first = np.einsum("nji,nj->ni", smooth.gravity_axes, np.stack([roll_rate, derolled.real, derolled.imag], axis=1))
-    gained = np.cross(running_integral(flight.time, first), gravity)
+    gained = np.cross(cumulative_trapezoid(first, flight.time, axis=0, initial=0), gravity)
     seen = np.einsum("nji,ni->nj", smooth.gravity_axes, gained)
     return np.asarray(seen[:, 1] + 1j * seen[:, 2])
 
@@ -248,8 +258,8 @@ def _slope(flight: Flight, values: FloatArray | ComplexArray) -> ComplexArray:
     """Derivative of a history (n, ...) by time, each segment by itself; zero in gaps."""
     out = np.zeros(values.shape, dtype=complex)
     for a, b in flight.segments:
-        if b - a > 1:
-            out[a:b] = CubicSpline(flight.time[a:b], values[a:b])(flight.time[a:b], 1)
+        if b - a > 2:
+            out[a:b] = np.gradient(values[a:b], flight.step, axis=0, edge_order=2)
     return out
 
 
@@ -262,7 +272,7 @@ def _of_moments(
     for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight):
         if mechanism.name in modelled:
             continue
-        terms = checked_terms(mechanism, motion, theta_grid(mechanism)[0])
+        terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
         for term, size in zip(terms, sizes, strict=True):
             moment = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
             moment = size * acceleration * moment

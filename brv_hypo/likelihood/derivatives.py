@@ -71,7 +71,7 @@ class Jacobian(NamedTuple):
 
 def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
     """The function's value, (m, n)."""
-    return np.asarray(_call(function, points.x, points, theta, points.delayed))
+    return np.asarray(_call(function, points.x, points, _with_courses(points, theta), points.delayed))
 
 
 def jacobian(
@@ -89,6 +89,7 @@ def jacobian(
     in those of `affine`, or in the courses of these names, the function is, so that one difference is exact.
     """
     n_states = points.x.shape[0]
+    theta = _with_courses(points, theta)
     kind: type = complex if method == "complex" else float
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
@@ -97,7 +98,7 @@ def jacobian(
     def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
         if straight and method == "central":
             if not value:
-                value.append(evaluate(function, points, theta))
+                value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
             return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
@@ -130,8 +131,9 @@ def jacobian(
         return move
 
     def along_course(course: SampledCourse) -> Callable[[Any], Any]:
-        now = course.at(theta)
-        return lambda step: _call(function, x, points, dict(theta) | {course.name: now + step}, delayed)
+        return lambda step: _call(
+            function, x, points, dict(theta) | {course.name: theta[course.name] + step}, delayed
+        )
 
     columns = [derivative(along_row(x, row), _size(points.x[row])) for row in range(n_states)]
     through: dict[str, FloatArray] = {}
@@ -154,7 +156,7 @@ def jacobian(
             for row in range(n_states)
         ]
     if not value:
-        value.append(evaluate(function, points, theta))
+        value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
     stacked = np.stack(columns, axis=-1)
     last = n_states + len(names)
     by_delayed = {
@@ -237,6 +239,11 @@ def check_shape(function: Function, points: Points, theta: Mapping[str, float], 
         )
 
 
+def _with_courses(points: Points, theta: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters, and the courses at their values."""
+    return {course.name: course.at(theta) for course in points.courses} | dict(theta)
+
+
 def _call(
     function: Function,
     x: FloatArray,
@@ -244,8 +251,6 @@ def _call(
     theta: Mapping[str, Any],
     delayed: Mapping[str, Delayed],
 ) -> Any:
-    if points.courses:
-        theta = {course.name: course.at(theta) for course in points.courses} | dict(theta)
     if delayed:
         return function(x, points.u, theta, points.t, delayed)
     return function(x, points.u, theta, points.t)

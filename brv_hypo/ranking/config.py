@@ -18,7 +18,8 @@ class CompareConfig(BaseModel):
     goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre degree of the
     slow drift of C_N0 and C_Nalpha; None is 1 and 2. `refine`: delays and knots become continuous.
     `accept_record`: go on with a record that contradicts itself. `maximum_likelihood`: hypotheses that stand are
-    refined on the original measurements; "quick" leaves out records with warnings, which take several seconds each.
+    refined on the original measurements, with the errors of record, vehicle and air within their tolerances; "quick"
+    leaves out records with warnings, which take several seconds each.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -36,4 +37,3 @@ class CompareConfig(BaseModel):
     accept_record: bool = False
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: Literal["quick", "full", "none"] = "quick"
-    instrument_errors: tuple[str, ...] = ()

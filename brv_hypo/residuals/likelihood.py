@@ -9,7 +9,6 @@ from brv_hypo.ranking.summary import likelihood_block
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.summary import term_estimates
 
-# Errors of the instruments were candidates of the loop: the likelihood looks for no more of them.
 _OPTIONS = IdentificationConfig(max_iterations=MOST_ITERATIONS)
 
 
