@@ -16,7 +16,6 @@ from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
     candidate_of,
-    explained,
     refine_again,
     refine_mechanism,
     solved,
@@ -25,6 +24,7 @@ from brv_hypo.residuals.candidates import (
 )
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
+from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
@@ -89,7 +89,7 @@ def look(
         problem, found, catalogue = _closer(problem, null, found, flight, catalogue)
         leader = _leader(found)
         if _has_nonlinear(leader):
-            closer = refine_again(problem, null, leader)
+            closer = refine_again(LeftOut(problem), null, leader)
             found = [closer if c is leader else c for c in found]
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
@@ -97,7 +97,8 @@ def look(
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
-    told = [replace(c, explains=explained(problem, null, c.fit)) for c in found[:_TOLD]]
+    left_out = LeftOut(problem)
+    told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:_TOLD]]
     components = {
         name: component
         for variants in catalogue.values()
@@ -133,7 +134,8 @@ def _refined(
     most = max(ranked[0].gain, 0.0) if ranked else 0.0
     worth = [c.name for c in ranked if c.name in mechanisms and c.gain > _WORTH_REFINING * most]
     worth = [c.name for c in ranked if c.name in worth and _has_nonlinear(c)][:_REFINED]
-    return [refine_mechanism(problem, null, mechanisms[c.name]) if c.name in worth else c for c in found]
+    left_out = LeftOut(problem)
+    return [refine_mechanism(left_out, null, mechanisms[c.name]) if c.name in worth else c for c in found]
 
 
 def _closer(

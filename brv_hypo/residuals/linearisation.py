@@ -21,7 +21,11 @@ from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.response import without_wander
 from brv_hypo.regression.whitening import difference
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import Baseline, TraceConfig
+
+# Degree of the scheduled stiffness in Mach number, and the relative span of Mach numbers that can tell it.
+_SLOPE_DEGREE = 2
+_SMALLEST_SPAN = 0.01
 
 
 @dataclass(frozen=True)
@@ -88,13 +92,23 @@ def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
     return Seen(flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen))
 
 
-def start_model(flight: Flight, mechanisms: Sequence[Mechanism]) -> Model:
-    """The baseline with constant coefficients: what changes along the flight is for the loop to find."""
-    static = StaticMoment(
-        start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=0
-    )
-    known = {mechanism.name: mechanism for mechanism in (static, PitchDamping(), *mechanisms)}
+def start_model(flight: Flight, mechanisms: Sequence[Mechanism], baseline: Baseline = "constant") -> Model:
+    """The baseline alone: with constant coefficients, or with a stiffness that follows the Mach number."""
+    known = {m.name: m for m in (static_moment(flight, baseline), PitchDamping(), *mechanisms)}
     return Model(known, ())
+
+
+def static_moment(flight: Flight, baseline: Baseline) -> StaticMoment:
+    """The static moment of a baseline; constant where the record's Mach number is missing or stands still."""
+    mach = flight.mach
+    if baseline == "mach" and mach is not None and np.all(np.isfinite(mach)):
+        low, high = np.percentile(mach, [0.5, 99.5])
+        if high - low > _SMALLEST_SPAN * high:
+            return StaticMoment(
+                start=float(low), stop=float(high), offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach"
+            )
+    start, stop = float(flight.time[0]), float(flight.time[-1])
+    return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
 
 
 def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:

@@ -118,7 +118,7 @@ class _Course:
             seen = with_in_plane_moment(see(self.flight, model, self.config), model.columns)
             return first_state(model, seen, self.config)
         held = parse_hypothesis(start)
-        model = start_model(self.flight, held)
+        model = start_model(self.flight, held, self.config.baseline)
         seen = see(self.flight, model, self.config)
         model = replace(model, columns=baseline_columns(seen.frame), added=tuple(m.name for m in held))
         state = first_state(model, seen, self.config)
