@@ -6,7 +6,7 @@ motion; those that the record's tolerances bound have that Gaussian prior.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,12 +64,14 @@ def nuisances(
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
     free: frozenset[tuple[str, str]] = frozenset(),
+    taken: Mapping[tuple[str, str], float] | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
-    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior. What has no
-    influence on a flight is left out.
+    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior; `taken` what was
+    taken out of the records before they were linearised (SI). What has no influence on a flight is left out.
     """
+    taken = taken or {}
     items: list[Nuisance] = []
     rows: list[Rows] = []
 
@@ -91,7 +93,8 @@ def nuisances(
                 if not effect.carried and (effect.name, component.name) not in free:
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
-                present = np.nan if (effect.name, component.name) in free else 0.0
+                name = (effect.name, component.name)
+                present = np.nan if name in free else -taken.get(name, 0.0) / component.size
                 item = Nuisance(effect.name, component.name, number, component.units, component.size, present)
                 add(item, on_frame(frame, number, history))
         for mechanism in vehicle:

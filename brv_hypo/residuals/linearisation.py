@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
@@ -26,6 +27,10 @@ from brv_hypo.residuals.config import Baseline, TraceConfig
 # Degree of the scheduled stiffness in Mach number, and the relative span of Mach numbers that can tell it.
 _SLOPE_DEGREE = 2
 _SMALLEST_SPAN = 0.01
+
+
+Taken = Mapping[tuple[str, str], float]
+"""Values (SI) of record effects by effect and component."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,11 @@ class Model:
 
 @dataclass(frozen=True)
 class Seen:
-    """A flight, with what the model takes out of the record taken out, reconstructed."""
+    """A flight, with what the model takes out of the record taken out, reconstructed.
+
+    `taken` (SI, by effect and component) is what was taken out besides, of errors that the tolerances allow: the
+    regression is linearised without them, and knows them by their priors still.
+    """
 
     flight: Flight
     record: InertialRecord
@@ -65,6 +74,7 @@ class Seen:
     fitted: Part
     held_out: Part
     whole: Part
+    taken: Taken
 
     def values(self, part: Part, columns: tuple[Column, ...]) -> FloatArray:
         """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
@@ -75,12 +85,17 @@ class Seen:
         return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
 
 
-def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
-    """Reconstruct the flight as the model reads its record.
+def see(flight: Flight, model: Model, config: TraceConfig, taken: Taken | None = None) -> Seen:
+    """Reconstruct the flight as the model reads its record, `taken` out of it besides.
 
-    The instruments are taken as the record has them: their errors are hypotheses here, not something to be
+    The instruments are taken as the record then has them: their errors are hypotheses here, not something to be
     averaged over.
     """
+    taken = taken or {}
+    for effect in carried_effects():
+        for component in effect.components(flight):
+            if (effect.name, component.name) in taken:
+                flight = effect.perturb(flight, component.name, -taken[effect.name, component.name])
     for applied in model.applied:
         flight = applied.effect.perturb(flight, applied.component, -applied.value)
     settings = ReconstructionConfig(method=config.method, gyro_bias_sigma=0.0, accel_bias_sigma=0.0)
@@ -89,7 +104,7 @@ def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
     frame = build_frame([reconstruction], list(model.mechanisms.values()))
     seen = _force_seen(frame, record, reconstruction)
     fitted, held_out = split(frame, seen, config.blocks)
-    return Seen(flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen))
+    return Seen(flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen), taken)
 
 
 def start_model(flight: Flight, mechanisms: Sequence[Mechanism], baseline: Baseline = "constant") -> Model:
