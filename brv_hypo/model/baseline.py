@@ -34,6 +34,7 @@ class StaticMoment(Mechanism):
     """C_N0 and C_Nalpha, each with Legendre polynomials over [start, stop] as its slow drift.
 
     `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
+    `reynolds`: decades of Reynolds number between which C_Nalpha changes linearly as well; None where it does not.
     """
 
     name = "static"
@@ -48,6 +49,7 @@ class StaticMoment(Mechanism):
     offset_degree: int = 1
     slope_degree: int = 2
     by: Literal["time", "mach"] = "time"
+    reynolds: tuple[float, float] | None = None
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Each static term times each polynomial; the first of each is the mean over the window."""
@@ -58,6 +60,10 @@ class StaticMoment(Mechanism):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
                 course = polynomials[order]
                 found.append(Term(name, term.in_plane * course, term.out_of_plane * course, term.units))
+        if self.reynolds is not None:
+            low, high = self.reynolds
+            course = np.clip((2.0 * np.log10(motion.reynolds) - low - high) / (high - low), -1.0, 1.0)
+            found.append(Term("C_Nalpha drift Re", motion.alpha * course, np.zeros_like(motion.alpha), "1/rad"))
         return tuple(found)
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:

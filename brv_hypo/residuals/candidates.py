@@ -37,7 +37,7 @@ class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
     `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
-    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over,
+    `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the prediction beyond what the model could take over,
     `in_rates` the fall of the whitened rates' squares.
     """
 
@@ -49,6 +49,7 @@ class Candidate:
     p_value: float
     contribution: FloatArray
     in_rates: float
+    fall: float
     effect: RecordEffect | None = None
     explains: float | None = None
 
@@ -274,6 +275,7 @@ def candidate_of(
         p_value=min(chance * choices, 1.0),
         contribution=null.residual - fit.residual,
         in_rates=_fall(problem, null, fit),
+        fall=f_ratio * extra * fit.efficiency,
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
@@ -20,7 +20,7 @@ from brv_hypo.residuals.problem import linearised_at, problem_of, record_values
 # How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
 _CORRECTIONS = 2
 # How often what the tolerances allow is taken out of the record and the rest linearised anew.
-_LINEARISATIONS = 1
+_LINEARISATIONS = 2
 _TRIFLE = 1.01
 
 
@@ -64,8 +64,11 @@ def settled_state(flight: Flight, model: Model, config: TraceConfig) -> State:
     free = {(applied.effect.name, applied.component) for applied in model.applied}
     for _ in range(_LINEARISATIONS):
         found = record_values(state.problem, fit_hypothesis(state.problem, "none", ()))
-        known = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
-        taken = {name: state.seen.taken.get(name, 0.0) + found[name] for name in known if name in found}
+        of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
+        of_vehicle = {mechanism.name for mechanism in carried_mechanisms(flight)}
+        before = state.seen.taken
+        taken = {name: before.get(name, 0.0) + value for name, value in found.items() if name in of_record}
+        taken |= {name: value for name, value in found.items() if name[0] in of_vehicle}
         seen = with_in_plane_moment(see(flight, model, config, taken), model.columns)
         state = first_state(model, seen, config)
     return state

@@ -24,7 +24,7 @@ from brv_hypo.regression.response import without_wander
 from brv_hypo.regression.whitening import difference
 from brv_hypo.residuals.config import Baseline, TraceConfig
 
-# Degree of the scheduled stiffness in Mach number, and the relative span of Mach numbers that can tell it.
+# Degree of the scheduled stiffness in Mach number, and the relative span of the quantity that can tell it.
 _SLOPE_DEGREE = 2
 _SMALLEST_SPAN = 0.01
 
@@ -63,8 +63,8 @@ class Model:
 class Seen:
     """A flight, with what the model takes out of the record taken out, reconstructed.
 
-    `taken` (SI, by effect and component) is what was taken out besides, of errors that the tolerances allow: the
-    regression is linearised without them, and knows them by their priors still.
+    `taken` (SI, by effect and component) is what was found of the errors that the tolerances allow. The regression knows
+    them by their priors still, but is linearised where those of the record are taken out and those of the vehicle act.
     """
 
     flight: Flight
@@ -108,22 +108,29 @@ def see(flight: Flight, model: Model, config: TraceConfig, taken: Taken | None =
 
 
 def start_model(flight: Flight, mechanisms: Sequence[Mechanism], baseline: Baseline = "constant") -> Model:
-    """The baseline alone: with constant coefficients, or with a stiffness that follows the Mach number."""
+    """The baseline alone: with constant coefficients, or with a stiffness that follows Mach and Reynolds number."""
     known = {m.name: m for m in (static_moment(flight, baseline), PitchDamping(), *mechanisms)}
     return Model(known, ())
 
 
 def static_moment(flight: Flight, baseline: Baseline) -> StaticMoment:
     """The static moment of a baseline; constant where the record's Mach number is missing or stands still."""
-    mach = flight.mach
-    if baseline == "mach" and mach is not None and np.all(np.isfinite(mach)):
-        low, high = np.percentile(mach, [0.5, 99.5])
-        if high - low > _SMALLEST_SPAN * high:
-            return StaticMoment(
-                start=float(low), stop=float(high), offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach"
-            )
     start, stop = float(flight.time[0]), float(flight.time[-1])
-    return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
+    mach = _span(flight.mach) if baseline == "scheduled" else None
+    if mach is None:
+        return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
+    decades = None if flight.reynolds is None else _span(np.log10(flight.reynolds))
+    return StaticMoment(
+        start=mach[0], stop=mach[1], offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach", reynolds=decades
+    )
+
+
+def _span(values: FloatArray | None) -> tuple[float, float] | None:
+    """The ends of what a quantity runs through; None where it is missing or stands still."""
+    if values is None or not np.all(np.isfinite(values)):
+        return None
+    low, high = np.percentile(values, [0.5, 99.5])
+    return (float(low), float(high)) if high - low > _SMALLEST_SPAN * abs(high) else None
 
 
 def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:

@@ -139,7 +139,7 @@ class _Course:
         )
         state = state_of(state.model, state.seen, here.problem)
         residual = find(here, state.left)
-        choice = self._choice(here, state, here.discovery)
+        choice = self._choice(here, state, here.discovery, white=residual.white)
         if choice.taken is None and here.dictionary is not None and not residual.white:
             more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), _GENERIC)
             described = self._choice(here, state, more, choice.tried)
@@ -152,12 +152,12 @@ class _Course:
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
     def _choice(
-        self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = ()
+        self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = (), white: bool = False
     ) -> Choice:
         def add(candidate: Candidate) -> State:
             return with_candidate(self.flight, self.config, here, state, candidate)
 
-        return choose(here, state, discovery, self.config.significance, add, before)
+        return choose(here, state, discovery, self.config.significance, add, before, white)
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:

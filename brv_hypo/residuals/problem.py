@@ -10,10 +10,12 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import RecordEffect
-from brv_hypo.model.columns import default_knots
+from brv_hypo.model.columns import Column, default_knots
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.noise import first_noise, settled_noise
 from brv_hypo.regression.nuisance import nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
@@ -23,8 +25,21 @@ from brv_hypo.residuals.linearisation import Model, Seen
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> LinearisedFlight:
-    """The flight, linearised about the model with coefficients (columns,)."""
-    return linearised(seen.record, seen.reconstruction, seen.frame, model.columns, values)
+    """The flight, linearised about the model with coefficients (columns,), and what is known of the vehicle's errors.
+
+    An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
+    """
+    vehicle = carried_mechanisms(seen.flight)
+    motion, always = seen.reconstruction.motion, TimeFunction("constant")
+    known = {
+        Column(mechanism.name, term.name, (), always, term.units): seen.taken[mechanism.name, term.name]
+        for mechanism in vehicle
+        for term in mechanism.terms(motion, {})
+        if (mechanism.name, term.name) in seen.taken
+    }
+    frame = seen.frame.with_mechanisms(vehicle)
+    columns, coefficients = (*model.columns, *known), np.append(values, list(known.values()))
+    return linearised(seen.record, seen.reconstruction, frame, columns, coefficients)
 
 
 def problem_of(
@@ -75,6 +90,24 @@ def left_by(problem: Problem, fit: HypothesisFit) -> Rows:
     """What a fit to the problem's own part leaves of rates (but for a constant a piece) and force (frame rows,)."""
     values, others = problem.solution(fit.frame, fit.columns)
     return problem.left(fit.frame, fit.columns, values, others)
+
+
+def is_carried(problem: Problem, effect: str) -> bool:
+    """Whether every fit holds the effect already, within its tolerance."""
+    items = problem.rows.nuisances.items
+    return any(items[k].name == effect for k in problem.rows.nuisances.bounded)
+
+
+def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
+    """What a fit leaves, as `left_by`, where an effect that every fit holds within its tolerance is held at zero."""
+    nuisances, count = problem.rows.nuisances, len(fit.columns) + 2 * len(problem.rows.part.levels)
+    present = np.nan_to_num([item.present for item in nuisances.items])
+    held = np.array([item.name == effect and np.isfinite(item.present) for item in nuisances.items])
+    design = problem.whole_design(fit.frame, fit.columns)
+    fixed = np.concatenate([np.zeros(count, dtype=bool), held])
+    values = np.where(fixed, np.concatenate([np.zeros(count), present]), 0.0)
+    values[~fixed] = solve_scaled(design[:, ~fixed], problem.raw_response - design @ values)
+    return problem.left(fit.frame, fit.columns, values[: len(fit.columns)], values[count:])
 
 
 def record_values(problem: Problem, fit: HypothesisFit) -> dict[tuple[str, str], float]:

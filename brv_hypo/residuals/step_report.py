@@ -7,7 +7,8 @@ from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import Choice
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.judge import force_errors, residuals_of
+from brv_hypo.residuals.judge import Prediction, force_errors, residuals_of
+from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Errors, Residual, Step, TriedCandidate
 
 _TOLD = 8
@@ -19,7 +20,9 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     leading = choice.leading
     held_out = state.seen.held_out
-    force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, here.null))
+    left = leading.before if leading else left_by(here.problem, here.null)
+    force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, left))
+    before = _errors(state.errors, state.held_out) if leading is None else _errors(*leading.errors_before)
     chances = adjusted(choice.ranked)
     return Step(
         step=number,
@@ -29,8 +32,8 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
         refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
         added=choice.taken.candidate.name if choice.taken else None,
         description=_words(leading.candidate, here, choice.discovery) if leading else "",
-        error_before=_errors(state),
-        error_after=None if leading is None else _errors(leading.state),
+        error_before=before,
+        error_after=None if leading is None else _errors(leading.state.errors, leading.state.held_out),
         error_ratio_held_out=None if leading is None else leading.ratio,
         force_error_before=Errors(fit=force_before[0], held_out=force_before[1]),
         force_error_after=None
@@ -41,8 +44,8 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     )
 
 
-def _errors(state: State) -> Errors:
-    return Errors(fit=state.errors.mean_square, held_out=state.held_out.mean_square)
+def _errors(fitted: Prediction, held_out: Prediction) -> Errors:
+    return Errors(fit=fitted.mean_square, held_out=held_out.mean_square)
 
 
 def _told(
