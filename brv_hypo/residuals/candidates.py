@@ -154,6 +154,15 @@ def try_record_effect(
     return replace(candidate_of(problem, null, fit, effect.name, effect.kind), effect=effect)
 
 
+def fitted_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
+    """A candidate with its columns as they are, under the problem's noise."""
+    fit = candidate.fit
+    renewed = replace(
+        solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
+    )
+    return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
+
+
 def forward(
     problem: Problem,
     name: str,

@@ -15,10 +15,9 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
-    candidate_of,
+    fitted_again,
     refine_again,
     refine_mechanism,
-    solved,
     try_mechanism,
     try_record_effect,
 )
@@ -85,7 +84,7 @@ def look(
     if found:
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
-        found = _refined(problem, null, [_again(problem, null, candidate) for candidate in found], by_name)
+        found = _refined(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
         problem, found, catalogue = _closer(problem, null, found, flight, catalogue)
         leader = _leader(found)
         if _has_nonlinear(leader):
@@ -93,7 +92,7 @@ def look(
             found = [closer if c is leader else c for c in found]
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
-        found = [_again(problem, null, candidate) for candidate in found]
+        found = [fitted_again(problem, null, candidate) for candidate in found]
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
@@ -115,15 +114,6 @@ def generic_name(model: Model) -> str:
 
 def _leader(found: Sequence[Candidate]) -> Candidate:
     return min(found, key=lambda candidate: candidate.fit.information)
-
-
-def _again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
-    """A candidate with its columns as they are, under the problem's noise."""
-    fit = candidate.fit
-    renewed = replace(
-        solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
-    )
-    return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
 
 
 def _refined(

@@ -144,7 +144,7 @@ class _Course:
             more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), _GENERIC)
             described = self._choice(here, state, more, choice.tried)
             choice = described if described.taken else choice
-        step = step_of(number, residual, here, state, choice)
+        step = step_of(number, residual, here, state, choice, self.config)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"

@@ -59,6 +59,8 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
             notes=flight.notes,
         ),
         steps=end.steps,
+        findings=tuple(step.added for step in end.steps if step.added and step.standing == "finding"),
+        hints=tuple(step.added for step in end.steps if step.added and step.standing == "hint"),
         model=ModelSummary(terms=terms, definition=saved(model)),
         stopped=end.stopped,
         unexplained=_unexplained(final),
