@@ -9,6 +9,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
@@ -58,7 +59,8 @@ def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
 def settled_state(flight: Flight, model: Model, config: TraceConfig) -> State:
     """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
-    What they do to the reconstruction is not small enough to be linear from the record as it stands.
+    What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays of
+    the model are refined there.
     """
     state = first_state(model, with_in_plane_moment(see(flight, model, config), model.columns), config)
     free = {(applied.effect.name, applied.component) for applied in model.applied}
@@ -70,8 +72,24 @@ def settled_state(flight: Flight, model: Model, config: TraceConfig) -> State:
         taken = {name: before.get(name, 0.0) + value for name, value in found.items() if name in of_record}
         taken |= {name: value for name, value in found.items() if name[0] in of_vehicle}
         seen = with_in_plane_moment(see(flight, model, config, taken), model.columns)
-        state = first_state(model, seen, config)
+        state = _refined(first_state(model, seen, config))
+        model = state.model
     return state
+
+
+def _refined(state: State) -> State:
+    """The state with the knots and delays of its model where its regression has them."""
+    problem, seen = state.problem, state.seen
+    columns, frame = state.model.columns, problem.frame
+    nonlinear = nonlinear_parameters(columns, 0, frame.mechanisms, problem.knots)
+    if not nonlinear:
+        return state
+    known: frozenset[int] = frozenset()
+    found = refine(
+        columns, nonlinear, known, lambda c: problem.design(frame, c), problem.response, problem.samples
+    ).columns
+    model = replace(state.model, columns=found)
+    return state_of(model, with_in_plane_moment(seen, found), replace(problem, baseline=found))
 
 
 def with_candidate(

@@ -149,6 +149,9 @@ class _Course:
         if choice.tried:
             reason = "nothing improves held-out error"
         after = choice.taken.state if choice.taken else None
+        if after is not None and choice.taken is not None and choice.taken.candidate.effect is None:
+            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+            after = settled_state(self.flight, after.model, self.config)
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
     def _choice(

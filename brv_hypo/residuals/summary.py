@@ -44,6 +44,7 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
     final = find(here, state.left)
     values, covariance = whole_fit(here)
     count = len(model.columns)
+    definition = saved(model, values[:count], covariance[:count, :count], (flight.path or flight.title,))
     terms = (
         *term_estimates(last, model.columns, values[:count], covariance[:count, :count]),
         *_record_terms(here, model, covariance),
@@ -61,7 +62,7 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
         steps=end.steps,
         findings=tuple(step.added for step in end.steps if step.added and step.standing == "finding"),
         hints=tuple(step.added for step in end.steps if step.added and step.standing == "hint"),
-        model=ModelSummary(terms=terms, definition=saved(model)),
+        model=ModelSummary(terms=terms, definition=definition),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flight, last),
