@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.linear import solve_scaled
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.noise import first_noise, settled_noise
 from brv_hypo.regression.nuisance import nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
@@ -100,14 +101,38 @@ def is_carried(problem: Problem, effect: str) -> bool:
 
 def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
     """What a fit leaves, as `left_by`, where an effect that every fit holds within its tolerance is held at zero."""
-    nuisances, count = problem.rows.nuisances, len(fit.columns) + 2 * len(problem.rows.part.levels)
-    present = np.nan_to_num([item.present for item in nuisances.items])
-    held = np.array([item.name == effect and np.isfinite(item.present) for item in nuisances.items])
-    design = problem.whole_design(fit.frame, fit.columns)
-    fixed = np.concatenate([np.zeros(count, dtype=bool), held])
-    values = np.where(fixed, np.concatenate([np.zeros(count), present]), 0.0)
-    values[~fixed] = solve_scaled(design[:, ~fixed], problem.raw_response - design @ values)
-    return problem.left(fit.frame, fit.columns, values[: len(fit.columns)], values[count:])
+    items = problem.rows.nuisances.items
+    others = np.array([item.present if item.name == effect else np.nan for item in items])
+    return constrained(problem, fit.frame, fit.columns, np.full(len(fit.columns), np.nan), others).left
+
+
+@dataclass(frozen=True)
+class Constrained:
+    """Coefficients (columns,), their covariance (0 for those that were held), and what is left (frame rows,)."""
+
+    values: FloatArray
+    covariance: FloatArray
+    left: Rows
+
+
+def constrained(
+    problem: Problem, frame: RateFrame, columns: Sequence[Column], held: FloatArray, others: FloatArray
+) -> Constrained:
+    """Columns and nuisances fitted together, those held (columns,), (unknowns,) at their values; NaN where free."""
+    constants = 2 * len(problem.rows.part.levels)
+    fixed = np.concatenate([held, np.full(constants, np.nan), others])
+    free, values = np.isnan(fixed), np.nan_to_num(fixed)
+    design = problem.whole_design(frame, columns)
+    response = problem.raw_response - design @ values
+    values[free] = solve_scaled(design[:, free], response)
+    error = problem.raw_response - design @ values
+    covariance = np.zeros((fixed.size, fixed.size))
+    covariance[np.ix_(free, free)] = covariance_of(
+        design[:, free], error, problem.samples, problem.efficiency_of(error)
+    )
+    count = len(columns)
+    left = problem.left(frame, columns, values[:count], values[count + constants :])
+    return Constrained(values[:count], covariance[:count, :count], left)
 
 
 def record_values(problem: Problem, fit: HypothesisFit) -> dict[tuple[str, str], float]:
