@@ -4,6 +4,7 @@ load_flight(path)              flight record -> Flight                     brv_h
 reconstruct(flight)            wind-relative motion and moments            brv_hypo.model
 compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
 trace(flight, config)          what is left over, traced to its effect     brv_hypo.residuals
+predict(flight, model, refit)  a model of other flights on this one        brv_hypo.residuals
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
 best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from brv_hypo.flight import load_flight as load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstruct
     from brv_hypo.ranking import compare as compare
+    from brv_hypo.residuals import predict as predict
     from brv_hypo.residuals import trace as trace
     from brv_hypo.simulation import simulate as simulate
 
@@ -27,9 +29,10 @@ _HOME = {
     "reconstruct": "brv_hypo.model.reconstruction",
     "compare": "brv_hypo.ranking",
     "trace": "brv_hypo.residuals",
+    "predict": "brv_hypo.residuals",
     "simulate": "brv_hypo.simulation",
 }
-__all__ = ["compare", "load_flight", "reconstruct", "simulate", "trace"]
+__all__ = ["compare", "load_flight", "predict", "reconstruct", "simulate", "trace"]
 
 
 def __getattr__(name: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import compare, docs, mechanisms, reconstruct, records, simulate, study, trace
+from brv_hypo.cli import compare, docs, mechanisms, predict, reconstruct, records, simulate, study, trace
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.signals import listen
 
@@ -45,6 +45,7 @@ app.command("simulate")(guarded(simulate.simulate))
 app.command("reconstruct")(guarded(reconstruct.reconstruct))
 app.command("compare")(guarded(compare.compare))
 app.command("trace")(guarded(trace.trace))
+app.command("predict")(guarded(predict.predict))
 app.command("study")(guarded(study.study))
 app.command("inspect")(guarded(records.inspect))
 app.command("import")(guarded(records.import_))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -30,7 +31,11 @@ def pitch_damping_term(motion: Motion) -> Term:
 
 
 class StaticMoment(Mechanism):
-    """C_N0 and C_Nalpha, each with Legendre polynomials in time over [start, stop] s as its slow drift."""
+    """C_N0 and C_Nalpha, each with Legendre polynomials over [start, stop] as its slow drift.
+
+    `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
+    `reynolds`: decades of Reynolds number between which C_Nalpha changes linearly as well; None where it does not.
+    """
 
     name = "static"
     title = "static in-plane moment"
@@ -43,20 +48,26 @@ class StaticMoment(Mechanism):
     stop: float
     offset_degree: int = 1
     slope_degree: int = 2
+    by: Literal["time", "mach"] = "time"
+    reynolds: tuple[float, float] | None = None
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Each static term times each polynomial; the first of each is the mean over the window."""
-        polynomials = self._polynomials(motion.time)
+        polynomials = self._polynomials(motion.time if self.by == "time" else motion.mach)
         found: list[Term] = []
         for term, degree in zip(static_terms(motion), (self.offset_degree, self.slope_degree), strict=True):
             for order in range(degree + 1):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
                 course = polynomials[order]
                 found.append(Term(name, term.in_plane * course, term.out_of_plane * course, term.units))
+        if self.reynolds is not None:
+            low, high = self.reynolds
+            course = np.clip((2.0 * np.log10(motion.reynolds) - low - high) / (high - low), -1.0, 1.0)
+            found.append(Term("C_Nalpha drift Re", motion.alpha * course, np.zeros_like(motion.alpha), "1/rad"))
         return tuple(found)
 
-    def _polynomials(self, time: FloatArray) -> list[FloatArray]:
-        scaled = np.clip((2.0 * time - self.start - self.stop) / (self.stop - self.start), -1.0, 1.0)
+    def _polynomials(self, along: FloatArray) -> list[FloatArray]:
+        scaled = np.clip((2.0 * along - self.start - self.stop) / (self.stop - self.start), -1.0, 1.0)
         top = max(self.offset_degree, self.slope_degree)
         return [legendre.legval(scaled, np.eye(top + 1)[order]) for order in range(top + 1)]
 

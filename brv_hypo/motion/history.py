@@ -36,6 +36,7 @@ def recorded(motion: Motion) -> Motion:
             alpha=angle_of_attack(xi),
             windward_meridian=meridian,
             history=lambda more: past(tau + more),
+            roll_acceleration=None,
             **dict(zip(names, values.T[2:], strict=True)),
         )
 

@@ -26,6 +26,7 @@ class Motion:
     time s; alpha, windward_meridian rad (unwrapped over a record); their rates rad/s; p, q, r rad/s;
     velocity m/s; dynamic_pressure Pa; mach, reynolds (NaN where the record cannot tell);
     in_plane_moment: the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1; reference_length m.
+    roll_acceleration rad/s^2, None where it is not known: at a running state, and in the past.
     """
 
     time: FloatArray
@@ -43,6 +44,7 @@ class Motion:
     in_plane_moment: FloatArray
     reference_length: float
     history: Callable[[float], Motion] | None = None
+    roll_acceleration: FloatArray | None = None
 
     def delayed(self, tau: float) -> Motion:
         """The whole motion tau seconds earlier, on the same shape; tau >= 0.

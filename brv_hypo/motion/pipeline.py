@@ -78,6 +78,7 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
         reynolds=unknown if flight.reynolds is None else flight.reynolds,
         in_plane_moment=static_in_plane(in_plane, alpha, weight),
         reference_length=flight.vehicle.reference_length,
+        roll_acceleration=np.gradient(flight.p, flight.time),
     )
 
 

@@ -28,12 +28,14 @@ class Misfit:
     """What a hypothesis leaves: `ratio` residual rms over the noise, `p_value` that no smooth moment is left in it.
 
     `gain` is twice the logarithm of the marginal likelihood of "something else" beside it over its own, less what
-    errors of second order may bring.
+    errors of second order may bring. `errors_p_value`: how probable the errors of record and vehicle that it asks for are
+    under their tolerances.
     """
 
     ratio: float
     p_value: float
     gain: float
+    errors_p_value: float
 
 
 def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:
@@ -55,7 +57,9 @@ def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:
     share = problem.efficiency
     p_value = float(stats.f.sf(f_ratio, found.size, max(free_samples * share, 1.0)))
     second_order = OTHER_FLOOR + SECOND_ORDER * share * max(null.rss - fit.rss, 0.0)
-    return Misfit(ratio, p_value, _gain(found * np.sqrt(share), seen * np.sqrt(share)) - second_order)
+    gain = _gain(found * np.sqrt(share), seen * np.sqrt(share)) - second_order
+    asked = fit.residual[2 * problem.rows.rates :]
+    return Misfit(ratio, p_value, gain, float(stats.chi2.sf(asked @ asked, max(asked.size, 1))))
 
 
 def _gain(found: FloatArray, seen: FloatArray) -> float:

@@ -25,6 +25,9 @@ OTHER_FLOOR = 12.0
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
 # columns) may leave: 7 % of its contribution's rms.
 SECOND_ORDER = 0.005
+# Probability of the errors that the data ask of record and vehicle, under their tolerances, below which the record is
+# not what its tolerances say, or the flight too far from what is linear in them.
+IMPROBABLE_ERRORS = 1e-4
 # Fall of 2 ln L of the 95 % one-sided limit of an amplitude (chi-squared of one degree, 90 % two-sided).
 LIMIT_FALL = 2.71
 # Standard errors by which a coefficient may lie outside its mechanism's bounds.

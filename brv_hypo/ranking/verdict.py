@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.ranking.adequacy import Misfit
 from brv_hypo.ranking.constants import (
     CONTESTING_SIGMAS,
+    IMPROBABLE_ERRORS,
     OTHER_PRIOR,
     STANDING_PROBABILITY,
     TEMPERATURE,
@@ -65,7 +66,8 @@ def judge(
     leader = min(scores, key=lambda score: score.information)
     chances = probabilities({s.name: s.information for s in scores}, leader.information - left.gain)
     chances = _shaken(chances, leader.name, stability)
-    adequate = chances[OTHER] < 0.5 and leader.impossible is None
+    possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
+    adequate = chances[OTHER] < 0.5 and possible
     rivals = [score for score in scores if score is not leader]
     contesting = [score.name for score in rivals if _predicts_better(score, leader)]
     null = next((score for score in scores if score.name == NONE), None)
@@ -106,6 +108,11 @@ def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> st
         return (
             f"None of the hypotheses is adequate: {leader.name} fits best, but with {leader.impossible}. "
             "`brv-hypo trace` looks for what else is at work."
+        )
+    if left.errors_p_value < IMPROBABLE_ERRORS:
+        return (
+            f"None of the hypotheses is adequate: {leader.name} fits best, but only with errors of instruments or vehicle "
+            "that their tolerances hardly allow. Check the tolerances (--instruments), or look with `brv-hypo trace`."
         )
     return (
         f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "

@@ -6,7 +6,7 @@ motion; those that the record's tolerances bound have that Gaussian prior.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,12 +65,14 @@ def nuisances(
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
     free: frozenset[tuple[str, str]] = frozenset(),
+    taken: Mapping[tuple[str, str], float] | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
-    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior. What has no
-    influence on a flight is left out.
+    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior; `taken` what was
+    taken out of the records before they were linearised (SI). What has no influence on a flight is left out.
     """
+    taken = taken or {}
     items: list[Nuisance] = []
     rows: list[Rows] = []
 
@@ -97,7 +99,7 @@ def nuisances(
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
                 key, size = (effect.name, component.name), component.size
-                found = known.get(key, 0.0)
+                found = known.get(key, 0.0) + taken.get(key, 0.0)
                 present = np.nan if key in free else -found / size
                 item = Nuisance(*key, number, component.units, size, present, found)
                 add(item, on_frame(frame, number, history))

@@ -20,6 +20,7 @@ from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
+from brv_hypo.residuals.left_out import LeftOut
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 
@@ -37,8 +38,8 @@ class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
     `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
-    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over,
-    `in_rates` the fall of the whitened rates' squares.
+    `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the prediction
+    beyond what the model could take over, `in_rates` the fall of the whitened rates' squares.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Candidate:
     p_value: float
     contribution: FloatArray
     in_rates: float
+    fall: float
     effect: RecordEffect | None = None
     explains: float | None = None
 
@@ -67,35 +69,42 @@ def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -
     return candidate_of(problem, null, _least(fits), mechanism.name, "mechanism") if fits else None
 
 
-def refine_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
+def refine_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
     """The same with knots and delays refined: the best fit of each number of columns.
 
     Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow
     chance.
     """
+    problem = left_out.problem
     refined = [_refined(problem, _least(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
-    errors = [_left_out(problem, fit) for fit in refined]
-    sound = [fit for fit, error in zip(refined, errors, strict=True) if error <= _SOUND * min(errors)]
-    return candidate_of(problem, null, _least(sound), mechanism.name, "mechanism")
+    return candidate_of(problem, null, _soundest(left_out, refined), mechanism.name, "mechanism")
 
 
-def refine_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
+def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -> Candidate:
     """The candidate with knots and delays refined once more, or as the exact search finds it, if that is
     better.
     """
-    mechanism = candidate.fit.mechanisms[0]
+    problem, mechanism = left_out.problem, candidate.fit.mechanisms[0]
     searched = fit_hypothesis(problem, candidate.name, (mechanism,))
     rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism), searched]
-    errors = [_left_out(problem, fit) for fit in rivals]
-    sound = [fit for fit, error in zip(rivals, errors, strict=True) if error <= _SOUND * min(errors)]
-    return candidate_of(problem, null, _least(sound), candidate.name, candidate.kind)
+    return candidate_of(problem, null, _soundest(left_out, rivals), candidate.name, candidate.kind)
+
+
+def _soundest(left_out: LeftOut, fits: Sequence[HypothesisFit]) -> HypothesisFit:
+    """The best fit, those left aside that predict left-out stretches clearly worse than the best of them."""
+    errors = [left_out.error(fit) for fit in fits]
+    return _least([fit for fit, error in zip(fits, errors, strict=True) if error <= _SOUND * min(errors)])
 
 
 def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
     frame = problem.frame.with_mechanisms([mechanism])
     offered = _offers(problem, frame, mechanism)
     searched = len({column for offer in offered for column in offer})
-    return [fit for offer in offered for fit in forward(problem, mechanism, frame, groups_of(offer), searched)]
+    return [
+        fit
+        for offer in offered
+        for fit in forward(problem, mechanism.name, (mechanism,), frame, groups_of(offer), searched)
+    ]
 
 
 def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:
@@ -132,17 +141,10 @@ def try_record_effect(
     searched = sum(len(names) for _, names in variants)
     found: list[tuple[HypothesisFit, RecordEffect]] = []
     for effect, names in variants:
-        bounds = {
-            name: _LARGEST * component.size
-            for name, component in zip(names, effect.components(problem.frame.reconstructions[0].flight), strict=True)
-        }
+        components = effect.components(problem.frame.reconstructions[0].flight)
+        bounds = {name: _LARGEST * c.size for name, c in zip(names, components, strict=True)}
         groups = [(given_column(name, unit),) for name, unit in names.items()]
-        fits = [
-            fit
-            for size in range(1, len(groups) + 1)
-            for chosen in itertools.combinations(groups, size)
-            for fit in [solved(problem, effect.name, (), problem.frame, sum(chosen, ()), searched)]
-        ]
+        fits = forward(problem, effect.name, (), problem.frame, groups, searched)
         found.extend((fit, effect) for fit in fits if _plausible(fit, bounds))
     if not found:
         return None
@@ -150,16 +152,27 @@ def try_record_effect(
     return replace(candidate_of(problem, null, fit, effect.name, effect.kind), effect=effect)
 
 
+def fitted_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
+    """A candidate with its columns as they are, under the problem's noise."""
+    fit = candidate.fit
+    renewed = replace(
+        solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
+    )
+    return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
+
+
 def forward(
     problem: Problem,
-    mechanism: Mechanism,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
     frame: RateFrame,
     groups: Sequence[tuple[Column, ...]],
     searched: int,
 ) -> list[HypothesisFit]:
     """Fits of 1, 2, ... groups of columns, each the one before with the group that lowers the error most."""
     design = problem.design(frame, [column for group in groups for column in group])
-    basis = np.linalg.qr(problem.design(frame, problem.baseline))[0]
+    baseline = problem.design(problem.frame, problem.baseline)
+    basis = np.linalg.qr(baseline / lengths(baseline))[0]
     ends = np.cumsum([0, *(len(group) for group in groups)])
     left = problem.response - basis @ (basis.T @ problem.response)
     free = design - basis @ (basis.T @ design)
@@ -179,7 +192,9 @@ def forward(
         left = left - own @ (own.T @ left)
         free = free - own @ (own.T @ free)
         columns = tuple(column for i in chosen for column in groups[i])
-        found.append(solved(problem, mechanism.name, (mechanism,), frame, columns, searched))
+        own_columns = [design[:, ends[i] : ends[i + 1]] for i in chosen]
+        whole = np.column_stack([baseline, *own_columns])
+        found.append(solved(problem, name, mechanisms, frame, columns, searched, whole))
     return found
 
 
@@ -229,10 +244,11 @@ def solved(
     frame: RateFrame,
     chosen: tuple[Column, ...],
     searched: int,
+    design: FloatArray | None = None,
 ) -> HypothesisFit:
-    """The model with these columns beside it."""
+    """The model with these columns beside it; `design` (rows, columns) where all of them are at hand."""
     columns = (*problem.baseline, *chosen)
-    design = problem.design(frame, columns)
+    design = problem.design(frame, columns) if design is None else design
     values = solve_scaled(design, problem.response)
     return HypothesisFit(
         name,
@@ -266,6 +282,7 @@ def candidate_of(
         p_value=min(chance * choices, 1.0),
         contribution=null.residual - fit.residual,
         in_rates=_fall(problem, null, fit),
+        fall=f_ratio * extra * fit.efficiency,
     )
 
 
@@ -274,28 +291,6 @@ def _fall(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> float:
     rates = slice(0, problem.rows.rates)
     before, after = null.residual[rates], fit.residual[rates]
     return float((before @ before - after @ after) / (fit.rss / fit.samples))
-
-
-def explained(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> float:
-    """Share of the null's squared error that the fit saves on stretches left out in turn."""
-    return 1.0 - _left_out(problem, fit) / _left_out(problem, null)
-
-
-def _left_out(problem: Problem, fit: HypothesisFit) -> float:
-    """Sum of squared errors on each piece, from a fit of coefficients and unknowns to the others."""
-    design, response = problem.whole_design(fit.frame, fit.columns), problem.raw_response
-    design = design / lengths(design)
-    pieces = problem.rows.part.thinned_pieces(problem.rows.noise)
-    n = pieces[-1][1]
-    normal, right = design.T @ design, design.T @ response
-    total = 0.0
-    for a, b in pieces:
-        out = np.concatenate([np.arange(channel * n + a, channel * n + b) for channel in range(4)])
-        own = design[out]
-        inverse = np.linalg.pinv(normal - own.T @ own, rcond=1e-11, hermitian=True)
-        values = inverse @ (right - own.T @ response[out])
-        total += float(np.sum((response[out] - own @ values) ** 2))
-    return total
 
 
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:

@@ -15,16 +15,15 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
-    candidate_of,
-    explained,
+    fitted_again,
     refine_again,
     refine_mechanism,
-    solved,
     try_mechanism,
     try_record_effect,
 )
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
+from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
@@ -85,19 +84,20 @@ def look(
     if found:
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
-        found = _refined(problem, null, [_again(problem, null, candidate) for candidate in found], by_name)
+        found = _refined(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
         problem, found, catalogue = _closer(problem, null, found, flight, catalogue)
         leader = _leader(found)
         if _has_nonlinear(leader):
-            closer = refine_again(problem, null, leader)
+            closer = refine_again(LeftOut(problem), null, leader)
             found = [closer if c is leader else c for c in found]
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
-        found = [_again(problem, null, candidate) for candidate in found]
+        found = [fitted_again(problem, null, candidate) for candidate in found]
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
-    told = [replace(c, explains=explained(problem, null, c.fit)) for c in found[:_TOLD]]
+    left_out = LeftOut(problem)
+    told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:_TOLD]]
     components = {
         name: component
         for variants in catalogue.values()
@@ -116,15 +116,6 @@ def _leader(found: Sequence[Candidate]) -> Candidate:
     return min(found, key=lambda candidate: candidate.fit.information)
 
 
-def _again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
-    """A candidate with its columns as they are, under the problem's noise."""
-    fit = candidate.fit
-    renewed = replace(
-        solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
-    )
-    return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
-
-
 def _refined(
     problem: Problem, null: HypothesisFit, found: Sequence[Candidate], mechanisms: Mapping[str, Mechanism]
 ) -> list[Candidate]:
@@ -133,7 +124,8 @@ def _refined(
     most = max(ranked[0].gain, 0.0) if ranked else 0.0
     worth = [c.name for c in ranked if c.name in mechanisms and c.gain > _WORTH_REFINING * most]
     worth = [c.name for c in ranked if c.name in worth and _has_nonlinear(c)][:_REFINED]
-    return [refine_mechanism(problem, null, mechanisms[c.name]) if c.name in worth else c for c in found]
+    left_out = LeftOut(problem)
+    return [refine_mechanism(left_out, null, mechanisms[c.name]) if c.name in worth else c for c in found]
 
 
 def _closer(

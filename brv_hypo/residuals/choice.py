@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from brv_hypo.regression.channels import Rows
+from brv_hypo.regression.residual_moments import residual_moments
 from brv_hypo.residuals.candidates import NEAR, Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.judge import force_errors, ratio, residuals_of, score
+from brv_hypo.residuals.judge import Prediction, force_errors, moment_errors, ratio, residuals_of, score
+from brv_hypo.residuals.problem import is_carried, left_by, left_without
 
+# Fall of the sum of squares at which an effect is detected: F = 25 of one coefficient.
+_DETECTED = 25.0
 # The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
 # among many was asked of the fitted part before.
 _SIGMAS = 1.645
@@ -27,6 +32,9 @@ _IN_ITS_PLACE = 0.5
 class Tried:
     """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean
     squares, `force` the mean squares (m/s^2)^2 of the specific force's errors, fitted and held out.
+
+    `before` (frame rows,) is what the model leaves without the effect, and `errors_before` its moment errors, fitted
+    and held out: an effect with a tolerance is then held at zero, though every other fit has it within its tolerance.
     """
 
     candidate: Candidate
@@ -35,14 +43,20 @@ class Tried:
     ratio: float
     ratio_error: float
     force: tuple[float, float]
+    before: Rows
+    errors_before: tuple[Prediction, Prediction]
+    carried: bool = False
 
     @property
     def taken(self) -> bool:
         """Whether the held-out part agrees.
 
         The moments' error has to fall; an error of the record may show in the specific force alone, and then it must
-        not make the moments significantly worse.
+        not make the moments significantly worse. What every fit holds within its tolerance has nothing to predict that
+        others within theirs could not: that it must be larger is asked of the fitted part alone.
         """
+        if self.carried:
+            return self.ratio < 1.0 + _WORSE * self.ratio_error
         most = 1.0 if self.candidate.effect is None else 1.0 + _WORSE * self.ratio_error
         return self.score >= _SIGMAS and self.ratio < most
 
@@ -83,18 +97,24 @@ def choose(
     significance: float,
     add: Callable[[Candidate], State],
     before: Sequence[Tried] = (),
+    residual_is_white: bool = False,
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
-    less. `before` holds what was tried on this look already.
+    less. What does not predict stretches left out of the fitted part does not count, nor anything where the residual is
+    white: but an effect may still exceed the tolerance that every fit allows it. `before` holds
+    what was tried on this look already.
     """
     ranked = tuple(_ranked(here.candidates, discovery))
     chances = adjusted(ranked)
     known = {id(tried.candidate): tried for tried in before}
     tried: list[Tried] = []
     for candidate in ranked:
-        if candidate.gain <= 0.0 or chances[candidate.name] > significance:
+        if candidate.gain <= 0.0 or candidate.fall < _DETECTED or chances[candidate.name] > significance:
+            continue
+        idle = candidate.explains is not None and candidate.explains <= 0.0
+        if (residual_is_white or idle) and not is_carried(here.problem, candidate.name):
             continue
         if any(alike(candidate, other.candidate) for other in tried):
             continue
@@ -107,14 +127,24 @@ def choose(
 
 
 def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidate], State]) -> Tried:
-    after, held_out = add(candidate), state.seen.held_out
-    first, second = (residuals_of(here.problem, held_out, fit) for fit in (here.null, candidate.fit))
+    problem, seen = here.problem, state.seen
+    after, errors, left = add(candidate), (state.errors, state.held_out), left_by(problem, here.null)
+    carried = is_carried(problem, candidate.name)
+    if carried:
+        left = left_without(problem, here.null, candidate.name)
+        moments = residual_moments(seen.frame, problem.records, left.rates)
+        errors = moment_errors(seen.fitted, moments), moment_errors(seen.held_out, moments)
+    first = residuals_of(problem, seen.held_out, left)
+    second = residuals_of(problem, seen.held_out, left_by(problem, candidate.fit))
     return Tried(
         candidate,
         after,
-        score(here.problem, held_out, first, second),
-        *ratio(state.held_out, after.held_out),
-        force_errors(here.problem, held_out, second),
+        score(problem, seen.held_out, first, second),
+        *ratio(errors[1], after.held_out),
+        force_errors(problem, seen.held_out, second),
+        left,
+        errors,
+        carried,
     )
 
 

@@ -6,8 +6,11 @@ from dataclasses import dataclass, replace
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
@@ -18,6 +21,8 @@ from brv_hypo.residuals.problem import linearised_at, problem_of, record_values
 
 # How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
 _CORRECTIONS = 2
+# How often what the tolerances allow is taken out of the record and the rest linearised anew.
+_LINEARISATIONS = 2
 _TRIFLE = 1.01
 
 
@@ -52,6 +57,40 @@ def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
     return state_of(model, seen, problem_of(seen, model, flight, config))
 
 
+def settled_state(flight: Flight, model: Model, config: TraceConfig) -> State:
+    """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
+
+    What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays
+    of the model are refined there.
+    """
+    state = first_state(model, with_in_plane_moment(see(flight, model, config), model.columns), config)
+    free = {(applied.effect.name, applied.component) for applied in model.applied}
+    for _ in range(_LINEARISATIONS):
+        found = record_values(state.problem, fit_hypothesis(state.problem, "none", ()))
+        of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
+        of_vehicle = {mechanism.name for mechanism in carried_mechanisms(flight)}
+        before = state.seen.taken
+        taken = {name: before.get(name, 0.0) + value for name, value in found.items() if name in of_record}
+        taken |= {name: value for name, value in found.items() if name[0] in of_vehicle}
+        seen = with_in_plane_moment(see(flight, model, config, taken), model.columns)
+        state = _refined(first_state(model, seen, config))
+        model = state.model
+    return state
+
+
+def _refined(state: State) -> State:
+    """The state with the knots and delays of its model where its regression has them."""
+    problem, seen = state.problem, state.seen
+    columns, frame = state.model.columns, problem.frame
+    nonlinear = nonlinear_parameters(columns, 0, frame.mechanisms, problem.knots)
+    if not nonlinear:
+        return state
+    known: frozenset[int] = frozenset()
+    found = refine(columns, nonlinear, known, Reduced(replace(problem, baseline=()), frame)).columns
+    model = replace(state.model, columns=found)
+    return state_of(model, with_in_plane_moment(seen, found), replace(problem, baseline=found))
+
+
 def with_candidate(
     flight: Flight, config: TraceConfig, here: Look, state: State, candidate: Candidate
 ) -> State:
@@ -72,7 +111,9 @@ def with_candidate(
         for component in [here.components[column.term]]
     )
     model = replace(model, applied=(*model.applied, *applied), added=(*model.added, candidate.name))
-    seen = with_in_plane_moment(see(flight, model, config), model.columns)
+    freed = {(each.effect.name, each.component) for each in applied}
+    taken = {name: value for name, value in state.seen.taken.items() if name not in freed}
+    seen = with_in_plane_moment(see(flight, model, config, taken), model.columns)
     return state_of(model, seen, bare_look(seen, model, state.values, config, here.problem.rows.noise).problem)
 
 
@@ -90,7 +131,7 @@ def refitted(flight: Flight, config: TraceConfig, state: State) -> State:
             replace(a, value=a.value + wrong.get((a.effect.name, a.component), 0.0)) for a in best.model.applied
         )
         model = replace(best.model, applied=applied)
-        seen = with_in_plane_moment(see(flight, model, config), model.columns)
+        seen = with_in_plane_moment(see(flight, model, config, best.seen.taken), model.columns)
         problem = bare_look(seen, model, best.values, config, best.problem.rows.noise).problem
         found = state_of(model, seen, problem)
         if found.errors.mean_square > best.errors.mean_square * _TRIFLE:

@@ -10,11 +10,9 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import Noise, Part, Rows
-from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import Piece
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments
-from brv_hypo.residuals.problem import left_by
 
 # Rows that are summed before their squares are, so that short correlations count.
 _CLUSTER = 8
@@ -41,9 +39,8 @@ class Residuals:
     held_out: Rows
 
 
-def residuals_of(problem: Problem, held_out: Part, fit: HypothesisFit) -> Residuals:
-    """The residuals of a fit; the rates but for a constant of integration a segment of the record."""
-    left = left_by(problem, fit)
+def residuals_of(problem: Problem, held_out: Part, left: Rows) -> Residuals:
+    """The residuals of a fit that leaves `left` (frame rows,); the rates but for a constant a segment of the record."""
     return Residuals(left.at(problem.rows.part.rows), left.at(held_out.rows))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
@@ -22,7 +23,15 @@ from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.response import linearisation_point
 from brv_hypo.regression.whitening import difference
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import Baseline, TraceConfig
+
+# Degree of the scheduled stiffness in Mach number, and the relative span of the quantity that can tell it.
+_SLOPE_DEGREE = 2
+_SMALLEST_SPAN = 0.01
+
+
+Taken = Mapping[tuple[str, str], float]
+"""Values (SI) of record effects by effect and component."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +62,12 @@ class Model:
 
 @dataclass(frozen=True)
 class Seen:
-    """A flight, with what the model takes out of the record taken out, reconstructed."""
+    """A flight, with what the model takes out of the record taken out, reconstructed.
+
+    `taken` (SI, by effect and component) is what was found of the errors that the tolerances allow. The regression
+    knows them by their priors still, but is linearised where those of the record are taken out and those of the vehicle
+    act.
+    """
 
     flight: Flight
     record: InertialRecord
@@ -62,6 +76,7 @@ class Seen:
     fitted: Part
     held_out: Part
     whole: Part
+    taken: Taken
 
     def values(self, part: Part, columns: tuple[Column, ...]) -> FloatArray:
         """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
@@ -72,8 +87,16 @@ class Seen:
         return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
 
 
-def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
-    """Reconstruct the flight as the model reads its record, errors within its tolerances taken out."""
+def see(flight: Flight, model: Model, config: TraceConfig, taken: Taken | None = None) -> Seen:
+    """Reconstruct the flight as the model reads its record, `taken` out of it besides.
+
+    What the reconstruction finds of the remaining errors within their tolerances is taken out too.
+    """
+    taken = taken or {}
+    for effect in carried_effects():
+        for component in effect.components(flight):
+            if (effect.name, component.name) in taken:
+                flight = effect.perturb(flight, component.name, -taken[effect.name, component.name])
     for applied in model.applied:
         flight = applied.effect.perturb(flight, applied.component, -applied.value)
     settings = ReconstructionConfig(method=config.method)
@@ -81,16 +104,33 @@ def see(flight: Flight, model: Model, config: TraceConfig) -> Seen:
     frame = build_frame([reconstruction], list(model.mechanisms.values()))
     seen = _force_seen(frame, record, reconstruction)
     fitted, held_out = split(frame, seen, config.blocks)
-    return Seen(reconstruction.flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen))
+    return Seen(reconstruction.flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen), taken)
 
 
-def start_model(flight: Flight, mechanisms: Sequence[Mechanism]) -> Model:
-    """The baseline with constant coefficients: what changes along the flight is for the loop to find."""
-    static = StaticMoment(
-        start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=0
-    )
-    known = {mechanism.name: mechanism for mechanism in (static, PitchDamping(), *mechanisms)}
+def start_model(flight: Flight, mechanisms: Sequence[Mechanism], baseline: Baseline = "constant") -> Model:
+    """The baseline alone: with constant coefficients, or with a stiffness that follows Mach and Reynolds number."""
+    known = {m.name: m for m in (static_moment(flight, baseline), PitchDamping(), *mechanisms)}
     return Model(known, ())
+
+
+def static_moment(flight: Flight, baseline: Baseline) -> StaticMoment:
+    """The static moment of a baseline; constant where the record's Mach number is missing or stands still."""
+    start, stop = float(flight.time[0]), float(flight.time[-1])
+    mach = _span(flight.mach) if baseline == "scheduled" else None
+    if mach is None:
+        return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
+    decades = None if flight.reynolds is None else _span(np.log10(flight.reynolds))
+    return StaticMoment(
+        start=mach[0], stop=mach[1], offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach", reynolds=decades
+    )
+
+
+def _span(values: FloatArray | None) -> tuple[float, float] | None:
+    """The ends of what a quantity runs through; None where it is missing or stands still."""
+    if values is None or not np.all(np.isfinite(values)):
+        return None
+    low, high = np.percentile(values, [0.5, 99.5])
+    return (float(low), float(high)) if high - low > _SMALLEST_SPAN * abs(high) else None
 
 
 def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:

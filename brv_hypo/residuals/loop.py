@@ -23,9 +23,9 @@ from brv_hypo.residuals.choice import Choice, Tried, choose
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
-from brv_hypo.residuals.fitted_model import State, first_state, refitted, state_of, with_candidate
+from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.likelihood import maximum_likelihood
-from brv_hypo.residuals.linearisation import Seen, see, start_model, with_in_plane_moment
+from brv_hypo.residuals.linearisation import Seen, see, start_model
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
@@ -114,18 +114,15 @@ class _Course:
         """The model that the trace starts from."""
         start = self.config.start
         if not isinstance(start, str):
-            model = restored(start, self.flight)
-            seen = with_in_plane_moment(see(self.flight, model, self.config), model.columns)
-            return first_state(model, seen, self.config)
+            return settled_state(self.flight, restored(start, self.flight), self.config)
         held = parse_hypothesis(start)
-        model = start_model(self.flight, held)
+        model = start_model(self.flight, held, self.config.baseline)
         seen = see(self.flight, model, self.config)
         model = replace(model, columns=baseline_columns(seen.frame), added=tuple(m.name for m in held))
-        state = first_state(model, seen, self.config)
-        if not held:
-            return state
-        model = replace(model, columns=fit_hypothesis(state.problem, "start", held).columns)
-        return first_state(model, with_in_plane_moment(seen, model.columns), self.config)
+        if held:
+            state = settled_state(self.flight, model, self.config)
+            model = replace(model, columns=fit_hypothesis(state.problem, "start", held).columns)
+        return settled_state(self.flight, model, self.config)
 
     def turn(self, number: int, state: State) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed."""
@@ -142,25 +139,28 @@ class _Course:
         )
         state = state_of(state.model, state.seen, here.problem)
         residual = find(here, state.left)
-        choice = self._choice(here, state, here.discovery)
+        choice = self._choice(here, state, here.discovery, white=residual.white)
         if choice.taken is None and here.dictionary is not None and not residual.white:
             more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), _GENERIC)
             described = self._choice(here, state, more, choice.tried)
             choice = described if described.taken else choice
-        step = step_of(number, residual, here, state, choice)
+        step = step_of(number, residual, here, state, choice, self.config)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
         after = choice.taken.state if choice.taken else None
+        if after is not None and choice.taken is not None and choice.taken.candidate.effect is None:
+            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+            after = settled_state(self.flight, after.model, self.config)
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
     def _choice(
-        self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = ()
+        self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = (), white: bool = False
     ) -> Choice:
         def add(candidate: Candidate) -> State:
             return with_candidate(self.flight, self.config, here, state, candidate)
 
-        return choose(here, state, discovery, self.config.significance, add, before)
+        return choose(here, state, discovery, self.config.significance, add, before, white)
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:

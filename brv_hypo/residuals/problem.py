@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import RecordEffect
-from brv_hypo.model.columns import default_knots
+from brv_hypo.model.columns import Column, default_knots
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.noise import first_noise, settled_noise
 from brv_hypo.regression.nuisance import nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
@@ -23,8 +26,21 @@ from brv_hypo.residuals.linearisation import Model, Seen
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> LinearisedFlight:
-    """The flight, linearised about the model with coefficients (columns,)."""
-    return linearised(seen.record, seen.reconstruction, seen.frame, model.columns, values)
+    """The flight, linearised about the model with coefficients (columns,), and what is known of the vehicle's errors.
+
+    An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
+    """
+    vehicle = carried_mechanisms(seen.flight)
+    motion, always = seen.reconstruction.motion, TimeFunction("constant")
+    known = {
+        Column(mechanism.name, term.name, (), always, term.units): seen.taken[mechanism.name, term.name]
+        for mechanism in vehicle
+        for term in mechanism.terms(motion, {})
+        if (mechanism.name, term.name) in seen.taken
+    }
+    frame = seen.frame.with_mechanisms(vehicle)
+    columns, coefficients = (*model.columns, *known), np.append(values, list(known.values()))
+    return linearised(seen.record, seen.reconstruction, frame, columns, coefficients)
 
 
 def problem_of(
@@ -44,7 +60,7 @@ def problem_of(
     free = frozenset((applied.effect.name, applied.component) for applied in model.applied)
     effects = [effect for effect in carried_effects() if effect.name not in _own(model)]
     carried = (*effects, *(_own(model).values()))
-    unknown = nuisances(frame, [flight], carried, carried_mechanisms(seen.flight), free)
+    unknown = nuisances(frame, [flight], carried, carried_mechanisms(seen.flight), free, seen.taken)
     force, _ = on_rows(frame, [flight])
     time = frame.time
     problem = Problem(
@@ -75,6 +91,48 @@ def left_by(problem: Problem, fit: HypothesisFit) -> Rows:
     """What a fit to the problem's own part leaves of rates (but for a constant a piece) and force (frame rows,)."""
     values, others = problem.solution(fit.frame, fit.columns)
     return problem.left(fit.frame, fit.columns, values, others)
+
+
+def is_carried(problem: Problem, effect: str) -> bool:
+    """Whether every fit holds the effect already, within its tolerance."""
+    items = problem.rows.nuisances.items
+    return any(items[k].name == effect for k in problem.rows.nuisances.bounded)
+
+
+def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
+    """What a fit leaves, as `left_by`, where an effect that every fit holds within its tolerance is held at zero."""
+    items = problem.rows.nuisances.items
+    others = np.array([item.present if item.name == effect else np.nan for item in items])
+    return constrained(problem, fit.frame, fit.columns, np.full(len(fit.columns), np.nan), others).left
+
+
+@dataclass(frozen=True)
+class Constrained:
+    """Coefficients (columns,), their covariance (0 for those that were held), and what is left (frame rows,)."""
+
+    values: FloatArray
+    covariance: FloatArray
+    left: Rows
+
+
+def constrained(
+    problem: Problem, frame: RateFrame, columns: Sequence[Column], held: FloatArray, others: FloatArray
+) -> Constrained:
+    """Columns and nuisances fitted together, those held (columns,), (unknowns,) at their values; NaN where free."""
+    constants = 2 * len(problem.rows.part.levels)
+    fixed = np.concatenate([held, np.full(constants, np.nan), others])
+    free, values = np.isnan(fixed), np.nan_to_num(fixed)
+    design = problem.whole_design(frame, columns)
+    response = problem.raw_response - design @ values
+    values[free] = solve_scaled(design[:, free], response)
+    error = problem.raw_response - design @ values
+    covariance = np.zeros((fixed.size, fixed.size))
+    covariance[np.ix_(free, free)] = covariance_of(
+        design[:, free], error, problem.samples, problem.efficiency_of(error)
+    )
+    count = len(columns)
+    left = problem.left(frame, columns, values[:count], values[count + constants :])
+    return Constrained(values[:count], covariance[:count, :count], left)
 
 
 def record_values(problem: Problem, fit: HypothesisFit) -> dict[tuple[str, str], float]:

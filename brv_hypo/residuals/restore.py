@@ -7,21 +7,33 @@ from collections.abc import Mapping
 
 from pydantic import ValidationError
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
 from brv_hypo.mechanisms.registry import find, find_installed
+from brv_hypo.model.baseline import StaticMoment
 from brv_hypo.model.columns import Column, delay_name
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.residuals.linearisation import Applied, Model, start_model
 from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
 
 
-def saved(model: Model) -> SavedModel:
-    """The model as data."""
+def saved(
+    model: Model,
+    values: FloatArray | None = None,
+    covariance: FloatArray | None = None,
+    found_on: tuple[str, ...] = (),
+) -> SavedModel:
+    """The model as data, with its coefficients (columns,) and their covariance where they are known."""
+    static = model.mechanisms.get(StaticMoment.name)
+    known = [None] * len(model.columns) if values is None else values.tolist()
     return SavedModel(
-        columns=tuple(_saved_column(column) for column in model.columns),
+        columns=tuple(_saved_column(*pair) for pair in zip(model.columns, known, strict=True)),
+        covariance=() if covariance is None else tuple(tuple(row) for row in covariance.tolist()),
+        static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
+        found_on=found_on,
         record=tuple(
             SavedRecordError(
                 effect=a.effect.name, component=a.component, value=a.value, options=a.effect.model_dump()
@@ -38,20 +50,22 @@ def restored(content: SavedModel, flight: Flight) -> Model:
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
     files: Mapping[str, Mechanism] = {file.name: mechanism_of(file) for file in content.files}
-    baseline = start_model(flight, ()).mechanisms
+    baseline = dict(start_model(flight, ()).mechanisms)
+    if content.static is not None:
+        baseline[content.static.name] = content.static
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
     applied = tuple(_applied(error, flight) for error in content.record)
     known = {**baseline, **{mechanism.name: mechanism for mechanism in own}}
     return Model(
         mechanisms=known,
-        columns=tuple(_column(column, known[column.mechanism]) for column in content.columns),
+        columns=tuple(column_of(column, known[column.mechanism]) for column in content.columns),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
     )
 
 
-def _saved_column(column: Column) -> SavedColumn:
+def _saved_column(column: Column, value: float | None) -> SavedColumn:
     ends = [end if math.isfinite(end) else None for end in (column.course.start, column.course.stop)]
     return SavedColumn(
         mechanism=column.mechanism,
@@ -62,10 +76,12 @@ def _saved_column(column: Column) -> SavedColumn:
         start=ends[0],
         stop=ends[1],
         tied=column.tied,
+        value=value,
     )
 
 
-def _column(column: SavedColumn, mechanism: Mechanism) -> Column:
+def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
+    """The column that the data hold."""
     start = -math.inf if column.start is None else column.start
     stop = math.inf if column.stop is None else column.stop
     return Column(

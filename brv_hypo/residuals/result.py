@@ -12,6 +12,7 @@ from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
 
 Interval = tuple[float, float]
+Standing = Literal["finding", "hint"]
 Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
 
 
@@ -53,7 +54,7 @@ class Residual(_Result):
 
 class TriedCandidate(_Result):
     """One effect as tried: `explains` is the share of the squared residual on stretches left out of its
-    fit.
+    fit; `near_equals` are effects whose columns hold nearly all that it predicts.
     """
 
     effect: str
@@ -62,6 +63,7 @@ class TriedCandidate(_Result):
     p_value_adjusted: float
     explains: float | None
     description: str = ""
+    near_equals: tuple[str, ...] = ()
 
 
 class Errors(_Result):
@@ -78,6 +80,8 @@ class Step(_Result):
     fitted part and does not lower the held-out error. `error_before`, `error_after` are those of the moment
     coefficients; `force_error_before`, `force_error_after` those of the specific force across the axis, (m/s^2)^2, in
     which an error of the record may show alone.
+    A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
+    blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
     `held_out_score` the fall of the held-out error in both channels in its standard errors.
     """
@@ -89,6 +93,8 @@ class Step(_Result):
     refused: tuple[str, ...] = ()
     added: str | None
     description: str = ""
+    standing: Standing | None = None
+    named_in: float | None = None
     error_before: Errors
     error_after: Errors | None
     error_ratio_held_out: float | None
@@ -121,6 +127,8 @@ class Trace(_Result):
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
     flight: FlightSummary
     steps: tuple[Step, ...]
+    findings: tuple[str, ...] = ()
+    hints: tuple[str, ...] = ()
     model: ModelSummary
     stopped: Stop
     unexplained: str | None

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict
 
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.filed import MechanismFile
+from brv_hypo.model.baseline import StaticMoment
 
 
 class _Saved(BaseModel):
@@ -15,7 +16,10 @@ class _Saved(BaseModel):
 
 
 class SavedColumn(_Saved):
-    """A column of the moment model; `start`, `stop` s, None where its course has no such end."""
+    """A column of the moment model; `start`, `stop` s, None where its course has no such end.
+
+    `value` is its coefficient in `units`, None where the model is a structure alone.
+    """
 
     mechanism: str
     term: str
@@ -25,6 +29,7 @@ class SavedColumn(_Saved):
     start: float | None = None
     stop: float | None = None
     tied: bool = False
+    value: float | None = None
 
 
 class SavedRecordError(_Saved):
@@ -37,8 +42,15 @@ class SavedRecordError(_Saved):
 
 
 class SavedModel(_Saved):
-    """Moment columns, errors of the record, and the files of mechanisms that no plugin holds."""
+    """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
+
+    `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
+    baseline's static moment with its schedule; None for constant coefficients. `found_on` names the flights.
+    """
 
     columns: tuple[SavedColumn, ...]
     record: tuple[SavedRecordError, ...] = ()
     files: tuple[MechanismFile, ...] = ()
+    static: StaticMoment | None = None
+    covariance: tuple[tuple[float, ...], ...] = ()
+    found_on: tuple[str, ...] = ()

@@ -4,33 +4,50 @@ from __future__ import annotations
 
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
-from brv_hypo.residuals.choice import Choice
+from brv_hypo.residuals.choice import Choice, Tried
+from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.judge import force_errors, residuals_of
-from brv_hypo.residuals.result import Errors, Residual, Step, TriedCandidate
+from brv_hypo.residuals.judge import Prediction, force_errors, residuals_of
+from brv_hypo.residuals.near_equals import near_equals
+from brv_hypo.residuals.problem import left_by
+from brv_hypo.residuals.repetition import named_in
+from brv_hypo.residuals.result import Errors, Residual, Standing, Step, TriedCandidate
 
 _TOLD = 8
+# Standard errors by which a finding lowers the held-out moment error (5 %, one-sided), and the share of the
+# repetitions that name it.
+_SIGMAS = 1.645
+_MOST = 0.75
 # Fall of the squared whitened rates above which an effect shows in the moments.
 _SHOWN = 12.0
 
 
-def step_of(number: int, residual: Residual, here: Look, state: State, choice: Choice) -> Step:
+def step_of(
+    number: int, residual: Residual, here: Look, state: State, choice: Choice, config: TraceConfig
+) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
+    told, taken = choice.told[:_TOLD], choice.taken
+    near = near_equals(here.problem, told)
+    share = None if taken is None else named_in(here, choice.ranked, taken.candidate.name, config)
     leading = choice.leading
     held_out = state.seen.held_out
-    force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, here.null))
+    left = leading.before if leading else left_by(here.problem, here.null)
+    force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, left))
+    before = _errors(state.errors, state.held_out) if leading is None else _errors(*leading.errors_before)
     chances = adjusted(choice.ranked)
     return Step(
         step=number,
         residual=residual,
-        candidates=tuple(_told(c, chances, here, choice.discovery) for c in choice.told[:_TOLD]),
+        candidates=tuple(_told(c, chances, here, choice.discovery, near[c.name]) for c in told),
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
         refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
-        added=choice.taken.candidate.name if choice.taken else None,
+        added=None if taken is None else taken.candidate.name,
+        standing=None if taken is None or share is None else _standing(taken, share),
+        named_in=share,
         description=_words(leading.candidate, here, choice.discovery) if leading else "",
-        error_before=_errors(state),
-        error_after=None if leading is None else _errors(leading.state),
+        error_before=before,
+        error_after=None if leading is None else _errors(leading.state.errors, leading.state.held_out),
         error_ratio_held_out=None if leading is None else leading.ratio,
         force_error_before=Errors(fit=force_before[0], held_out=force_before[1]),
         force_error_after=None
@@ -41,12 +58,16 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     )
 
 
-def _errors(state: State) -> Errors:
-    return Errors(fit=state.errors.mean_square, held_out=state.held_out.mean_square)
+def _errors(fitted: Prediction, held_out: Prediction) -> Errors:
+    return Errors(fit=fitted.mean_square, held_out=held_out.mean_square)
 
 
 def _told(
-    candidate: Candidate, chances: dict[str, float], here: Look, discovery: Discovery | None
+    candidate: Candidate,
+    chances: dict[str, float],
+    here: Look,
+    discovery: Discovery | None,
+    near: tuple[str, ...],
 ) -> TriedCandidate:
     return TriedCandidate(
         effect=candidate.name,
@@ -55,7 +76,13 @@ def _told(
         p_value_adjusted=chances[candidate.name],
         explains=candidate.explains,
         description=_words(candidate, here, discovery),
+        near_equals=near,
     )
+
+
+def _standing(taken: Tried, share: float) -> Standing:
+    lowers = taken.ratio + _SIGMAS * taken.ratio_error < 1.0
+    return "finding" if lowers and share >= _MOST else "hint"
 
 
 def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:

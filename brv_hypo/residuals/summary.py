@@ -44,22 +44,17 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
     final = find(here, state.left)
     values, covariance = whole_fit(here)
     count = len(model.columns)
+    definition = saved(model, values[:count], covariance[:count, :count], (flight.path or flight.title,))
     terms = (
         *term_estimates(last, model.columns, values[:count], covariance[:count, :count]),
         *_record_terms(here, model, covariance),
     )
     return Trace(
-        flight=FlightSummary(
-            path=flight.path,
-            samples=flight.samples,
-            start_s=float(flight.time[0]),
-            stop_s=float(flight.time[-1]),
-            sample_rate_hz=flight.sample_rate,
-            title=flight.title,
-            notes=flight.notes,
-        ),
+        flight=flight_summary(flight),
         steps=end.steps,
-        model=ModelSummary(terms=terms, definition=saved(model)),
+        findings=tuple(step.added for step in end.steps if step.added and step.standing == "finding"),
+        hints=tuple(step.added for step in end.steps if step.added and step.standing == "hint"),
+        model=ModelSummary(terms=terms, definition=definition),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flight, last),
@@ -67,6 +62,19 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
         final_residual=final,
         discovered=None if end.discovery is None else end.discovery.file,
         picture=_picture(before, end),
+    )
+
+
+def flight_summary(flight: Flight) -> FlightSummary:
+    """The flight as results tell it."""
+    return FlightSummary(
+        path=flight.path,
+        samples=flight.samples,
+        start_s=float(flight.time[0]),
+        stop_s=float(flight.time[-1]),
+        sample_rate_hz=flight.sample_rate,
+        title=flight.title,
+        notes=flight.notes,
     )
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Derived, Mechanism, Term, hookimpl
+from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 
 
@@ -25,7 +28,8 @@ class Trim(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Two terms: C_m0 and C_n0."""
-        return body_axes(motion, np.ones_like(motion.alpha), ("C_m0", "C_n0"), "1")
+        one = np.ones_like(motion.alpha)
+        return _body_axes(motion, one + 0j, "C_m0", "1"), _body_axes(motion, 1j * one, "C_n0", "1")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...]:
         """A c.g. that lies off the axis within its tolerance: offset times axial force coefficient over d."""
@@ -51,9 +55,11 @@ class Trim(Mechanism):
 
 
 class DynamicImbalance(Mechanism):
-    """C_m += J_y p^2 / q_inf, C_n += J_z p^2 / q_inf, with J_y = -I_xz / (S d) and J_z = I_xy / (S d).
+    """C_m += (J_y (p^2 - r^2) + J_z (pdot + q r)) / q_inf, C_n += (J_y (q r - pdot) + J_z (p^2 - q^2)) / q_inf.
 
-    Euler's equations with products of inertia, to first order in them and in q / p.
+    J_y = -I_xz / (S d), J_z = I_xy / (S d): Euler's equations with products of inertia, to first order in them. The
+    normal force on a c.g. off the axis rolls the vehicle in time with its coning: pdot then looks like a moment that
+    goes with alpha.
     """
 
     name = "dynamic_imbalance"
@@ -66,8 +72,14 @@ class DynamicImbalance(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Two terms: the products of inertia over S d, -I_xz and I_xy."""
-        course = motion.p**2 / motion.dynamic_pressure
-        return body_axes(motion, course, ("-I_xz/(S d)", "I_xy/(S d)"), "Pa s^2/rad^2")
+        p, q, r = motion.p, motion.q, motion.r
+        change = np.zeros_like(p) if motion.roll_acceleration is None else motion.roll_acceleration
+        about_y = (p**2 - r**2 + 1j * (q * r - change)) / motion.dynamic_pressure
+        about_z = (change + q * r + 1j * (p**2 - q**2)) / motion.dynamic_pressure
+        return (
+            _body_axes(motion, about_y, "-I_xz/(S d)", "Pa s^2/rad^2"),
+            _body_axes(motion, about_z, "I_xy/(S d)", "Pa s^2/rad^2"),
+        )
 
     def tolerance(self, flight: Flight) -> tuple[float, ...]:
         """A principal axis that is tilted within its tolerance: tilt times I - Ix, over S d."""
@@ -77,10 +89,10 @@ class DynamicImbalance(Mechanism):
         return size * y, size * z
 
 
-def body_axes(motion: Motion, course: FloatArray, names: tuple[str, str], units: str) -> tuple[Term, Term]:
-    """A moment of that course about body y, and one about body z, in plane axes."""
-    cosine, sine = course * np.cos(motion.windward_meridian), course * np.sin(motion.windward_meridian)
-    return Term(names[0], cosine, sine, units), Term(names[1], -sine, cosine, units)
+def _body_axes(motion: Motion, moment: NDArray[Any], name: str, units: str) -> Term:
+    """A term from its moment about body y + i z."""
+    plane = plane_from_body(np.asarray(moment, dtype=complex), motion.windward_meridian)
+    return Term(name, plane.real, plane.imag, units)
 
 
 @hookimpl

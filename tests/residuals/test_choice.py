@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,7 +28,7 @@ def candidate(
         mechanisms=mechanisms, selected=[SimpleNamespace(term=term) for term in terms.split()]
     )
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
-    return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain)
+    return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0)
 
 
 def chosen(
@@ -41,10 +42,12 @@ def chosen(
 
     def tried(here: Any, state: Any, one: Candidate, add: Any) -> Tried:
         fell = 5.0 if one.name == accepted else 0.0
-        return Tried(one, any_state, fell, 0.5, 0.1, (1.0, 1.0))
+        return Tried(one, any_state, fell, 0.5, 0.1, (1.0, 1.0), any_state, any_state)
 
     monkeypatch.setattr(choice, "_try", tried)
-    here: Any = SimpleNamespace(candidates=tuple(found))
+    nuisances = SimpleNamespace(items=(), bounded=())
+    problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances))
+    here: Any = SimpleNamespace(candidates=tuple(found), problem=problem)
     discovery: Any = None if description is None else SimpleNamespace(candidate=description)
     return choose(here, any_state, discovery, 0.01, lambda one: any_state)
 
@@ -78,6 +81,14 @@ def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(result.tried) == 3
     assert result.taken is None
     assert result.told[0].name == "effect 0"
+
+
+@pytest.mark.parametrize("change", [{"fall": 24.0}, {"explains": -0.1}])
+def test_what_is_below_the_detection_limit_or_predicts_nothing_is_not_tried(
+    change: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = [replace(candidate("trim", 60.0), **change)]
+    assert chosen(found, "trim", monkeypatch).tried == ()
 
 
 def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,4 +133,4 @@ def test_errors_of_the_record_may_leave_the_moments_as_they_are(
     effect: Any = object() if of_record else None
     one: Any = SimpleNamespace(effect=effect)
     nothing: Any = None
-    assert Tried(one, nothing, fell, ratio, 0.1, (1.0, 1.0)).taken is taken
+    assert Tried(one, nothing, fell, ratio, 0.1, (1.0, 1.0), nothing, nothing).taken is taken

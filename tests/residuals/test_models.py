@@ -15,7 +15,8 @@ from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
 QUICK = TraceConfig(effects=("trim", "gyro_scale", "accel_scale"), discover=False)
-TRIM = (2e-5, -1e-5)
+# Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5, the scale is known to 1e-3.
+TRIM = (1e-3, -5e-4)
 SCALE = 0.01
 
 
@@ -42,6 +43,13 @@ def test_both_effects_are_added(result: Trace) -> None:
     assert set(result.added) == {"trim", "accel_scale"}
 
 
+def test_each_effect_is_a_finding_or_a_hint(result: Trace) -> None:
+    assert set(result.findings) | set(result.hints) == set(result.added)
+    for step in result.steps:
+        assert (step.standing is None) == (step.named_in is None) == (step.added is None)
+        assert step.named_in is None or 0.0 <= step.named_in <= 1.0
+
+
 def test_the_added_effect_is_the_first_candidate(result: Trace) -> None:
     added = [step for step in result.steps if step.added is not None]
     assert all(step.candidates[0].effect == step.added for step in added)
@@ -56,9 +64,11 @@ def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(resu
 
 
 def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
-    term = next(t for t in result.model.terms if t.channel == "record" and t.name == "y")
+    term = next(t for t in result.model.terms if t.channel == "record")
+    # A scale common to both axes is that of the normal force: y reads too much as much as z reads too little.
+    expected = {"y": SCALE, "z": -SCALE}[term.name]
     assert 0.0 < term.std_error < 0.5 * SCALE
-    assert abs(term.value - SCALE) < 5.0 * term.std_error
+    assert abs(term.value - expected) < 5.0 * term.std_error
 
 
 def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
@@ -75,7 +85,7 @@ def test_after_the_limit_the_residual_is_that_of_the_final_model(flight: Flight)
     assert result.stopped == "limit"
     assert result.ml is None
     assert result.final_residual is not None
-    assert result.final_residual.rms < 0.7 * result.steps[0].residual.rms
+    assert result.final_residual.noise_ratio < 1.1
 
 
 def test_a_trace_that_starts_from_a_model_finds_its_residual(flight: Flight, result: Trace) -> None:

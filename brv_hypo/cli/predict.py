@@ -1,0 +1,46 @@
+"""`brv-hypo predict`: what a model found on other flights says of this one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.command import in_session
+from brv_hypo.cli.loading import load
+from brv_hypo.cli.session import Session
+
+
+@in_session("json", "force")
+def predict(
+    session: Session,
+    flight: options.FlightFile,
+    model: Annotated[
+        Path, typer.Option("--model", metavar="MODEL.json", help="The model: what `trace --json` wrote.")
+    ],
+    refit: Annotated[
+        str,
+        typer.Option(
+            "--refit",
+            metavar="NAME,...",
+            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record.",
+        ),
+    ] = "",
+    config: options.Config = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    instruments: options.Instruments = None,
+) -> None:
+    """Predict a flight with a model whose coefficients are frozen."""
+    from brv_hypo.report.prediction import prediction_view
+    from brv_hypo.residuals import TraceConfig
+    from brv_hypo.residuals import predict as predicted
+    from brv_hypo.settings import read_settings
+
+    settings = read_settings(TraceConfig, config)
+    names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
+    result = predicted(load(flight, start, stop, instruments), model, names, settings)
+    session.present(prediction_view(result), conclusion=result.reason)
+    session.write_json(result)

@@ -1,0 +1,54 @@
+"""The result of a prediction; its dump is the contract's JSON."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from brv_hypo.ranking.result import FlightSummary, TermEstimate
+
+
+class _Result(BaseModel):
+    model_config = ConfigDict(frozen=True, populate_by_name=True)
+
+
+class ModelSource(_Result):
+    """Where the model came from: its file, and the flights that it was found on."""
+
+    path: str | None
+    found_on: tuple[str, ...]
+
+
+class ErrorsOfPrediction(_Result):
+    """Mean squares of the moment coefficients, both axes together.
+
+    `without` a model: as measured; less the `frozen` model; less the same model refitted here, its `own`; of the
+    `noise`.
+    """
+
+    without: float
+    frozen: float
+    own: float
+    noise: float
+
+
+class Region(_Result):
+    """A stretch of the record, the Mach numbers that it runs through (None where unknown), and its ratio of errors."""
+
+    start_s: float
+    stop_s: float
+    mach: tuple[float, float] | None
+    ratio: float
+
+
+class Prediction(_Result):
+    """What a frozen model says of a flight; `ratio` is the error with it over that without."""
+
+    schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
+    flight: FlightSummary
+    model: ModelSource
+    frozen: tuple[TermEstimate, ...]
+    refitted: tuple[TermEstimate, ...]
+    error: ErrorsOfPrediction
+    ratio: float
+    regions: tuple[Region, ...]
+    reason: str

@@ -1,0 +1,71 @@
+"""Whether an effect keeps its name when its step is repeated with other blocks, knots, inertia and dynamic pressure.
+
+The step's regression is linear in what is changed, so that nothing is reconstructed anew: an inertia or a dynamic
+pressure that is off by its tolerance moves the middle of its prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.model.columns import default_knots
+from brv_hypo.regression.channels import split
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.problem import Problem
+from brv_hypo.residuals.candidates import Candidate, fitted_again, try_mechanism
+from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.config import TraceConfig
+
+# Other numbers of blocks, in shares of the configured one, and of knots, added to it.
+_BLOCKS = (0.75, 1.25)
+_KNOTS = (-2, 2)
+# Effects whose tolerance is gone through, one on either side.
+_TOLERANCES = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
+# Rivals that are fitted again: the best few of those that save anything.
+_RIVALS = 5
+
+
+def named_in(here: Look, ranked: Sequence[Candidate], name: str, config: TraceConfig) -> float:
+    """Share of the repetitions in which the effect of that name is the best of all, among `ranked` (best first)."""
+    own = next(candidate for candidate in ranked if candidate.name == name)
+    rivals = [candidate for candidate in ranked if candidate is not own and candidate.gain > 0.0][:_RIVALS]
+    again = [_best_name(problem, [own, *rivals]) == name for problem in _repetitions(here, config)]
+    return float(np.mean(again))
+
+
+def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
+    problem, seen = here.problem, here.seen
+    for share in _BLOCKS:
+        fitted, _ = split(seen.frame, seen.whole.seen, round(share * config.blocks))
+        yield problem.on(fitted)
+    start, stop = float(seen.frame.time.min()), float(seen.frame.time.max())
+    for more in _KNOTS:
+        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
+    nuisances = problem.rows.nuisances
+    for effect in _TOLERANCES:
+        for side in (-1.0, 1.0):
+            items = tuple(
+                replace(item, present=item.present + side) if item.name == effect else item
+                for item in nuisances.items
+            )
+            if items != nuisances.items:
+                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
+
+
+def _best_name(problem: Problem, candidates: Sequence[Candidate]) -> str:
+    null = fit_hypothesis(problem, "none", ())
+    criteria = {candidate.name: _criterion(problem, null, candidate) for candidate in candidates}
+    least = min(criteria, key=lambda name: criteria[name])
+    return least if criteria[least] < null.information else "none"
+
+
+def _criterion(problem: Problem, null: HypothesisFit, candidate: Candidate) -> float:
+    """The least extended BIC of the effect: with its columns as they were found, or chosen anew on the grid."""
+    found = [fitted_again(problem, null, candidate)]
+    if candidate.kind == "mechanism":
+        anew = try_mechanism(problem, null, candidate.fit.mechanisms[0])
+        found += [anew] if anew is not None else []
+    return min(each.fit.information for each in found)

@@ -1,0 +1,94 @@
+"""A model found on one flight, frozen, against another of the same vehicle."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
+from brv_hypo.residuals.planting import another_flight
+from brv_hypo.simulation import SimulationConfig, load_config, simulate
+
+TRIM = (1e-3, -5e-4)
+
+
+def config(trim: tuple[float, float]) -> SimulationConfig:
+    terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
+    data = load_config("research_cone").model_dump()
+    data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
+    return SimulationConfig.model_validate(data)
+
+
+@pytest.fixture(scope="module")
+def traced() -> Trace:
+    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False)
+    return trace(simulate(config(TRIM), seed=3).flight, settings)
+
+
+@pytest.fixture(scope="module")
+def sister() -> Flight:
+    return simulate(another_flight(config((-TRIM[0], TRIM[1])), 4), seed=5).flight
+
+
+@pytest.fixture(scope="module")
+def predicted(traced: Trace, sister: Flight) -> Prediction:
+    return predict(sister, traced.model.definition, ("trim",))
+
+
+def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
+    assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
+    assert "C_Nalpha" in {term.name for term in predicted.frozen}
+    for term, planted in zip(predicted.refitted, (-TRIM[0], TRIM[1]), strict=True):
+        assert term.std_error > 0.0
+        assert abs(term.value - planted) < 0.1 * TRIM[0]
+
+
+def test_the_frozen_model_explains_a_sister_flight(predicted: Prediction) -> None:
+    error = predicted.error
+    assert error.own <= error.frozen * 1.01
+    assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
+    assert predicted.ratio == pytest.approx(error.frozen / error.without)
+
+
+def test_what_is_not_refitted_stays_as_it_was(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    frozen = predict(sister, traced.model.definition)
+    assert frozen.refitted == ()
+    values = {term.name: term for term in traced.model.terms}
+    for term in frozen.frozen:
+        assert (term.value, term.std_error) == pytest.approx((values[term.name].value, values[term.name].std_error))
+    assert frozen.error.frozen > predicted.error.frozen
+
+
+def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> None:
+    assert predicted.regions[0].start_s == pytest.approx(float(sister.time[0]))
+    assert predicted.regions[-1].stop_s == pytest.approx(float(sister.time[-1]))
+    assert all(region.ratio > 0.0 and region.mach is not None for region in predicted.regions)
+
+
+def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(traced.model_dump_json(by_alias=True), encoding="utf-8")
+    again = predict(sister, path, ("trim",))
+    assert again.model.path == str(path)
+    np.testing.assert_allclose(again.error.frozen, predicted.error.frozen, rtol=1e-9)
+    assert json.loads(again.model_dump_json(by_alias=True))["schema"] == "brv-hypo/predict/1"
+
+
+def test_an_unknown_name_is_refused(traced: Trace, sister: Flight) -> None:
+    with pytest.raises(UsageError, match="did you mean trim"):
+        predict(sister, traced.model.definition, ("trm",))
+
+
+def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, tmp_path: Path) -> None:
+    content = json.loads(traced.model_dump_json(by_alias=True))
+    for column in content["model"]["definition"]["columns"]:
+        column["value"] = None
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(UsageError, match="no coefficients"):
+        predict(sister, path)
