@@ -36,4 +36,3 @@ class CompareConfig(BaseModel):
     accept_record: bool = False
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: Literal["quick", "full", "none"] = "quick"
-    instrument_errors: tuple[str, ...] = ()
