@@ -84,7 +84,6 @@ class RankedHypothesis(_Result):
     criteria: dict[str, float] = Field(default_factory=dict)
     status: Literal["ok", "term limit"] = "ok"
     notes: tuple[str, ...] = ()
-    ranked_by: Literal["regression", "maximum likelihood"] = "regression"
     ml: MaximumLikelihood | None = None
 
 

@@ -95,12 +95,19 @@ def judge(
 
 
 def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
-    """Probabilities with the leader's lowered to the share of the repetitions that confirm it."""
-    most = min(chances[leader], max(stability, STANDING_PROBABILITY))
-    rest = 1.0 - chances[leader]
-    if most == chances[leader] or rest <= 0.0:
+    """Probabilities with the leader's lowered to the share of the repetitions that confirm it.
+
+    The rest lead its rivals on the list, to whom that goes by their probabilities; it says nothing of `other`.
+    """
+    lost = chances[leader] - max(stability, STANDING_PROBABILITY)
+    rivals = {name: chance for name, chance in chances.items() if name not in (leader, OTHER)}
+    if lost <= 0.0 or not rivals:
         return dict(chances)
-    return {name: most if name == leader else chance * (1.0 - most) / rest for name, chance in chances.items()}
+    total = sum(rivals.values())
+    gains = {
+        name: lost * (chance / total if total > 0.0 else 1.0 / len(rivals)) for name, chance in rivals.items()
+    }
+    return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
 def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> str:
@@ -128,12 +135,12 @@ def _won(
         most = max(limits, key=lambda limit: limit.share_of_moment_95, default=None)
         room = (
             ""
-            if most is None
+            if most is None or not np.isfinite(most.share_of_moment_95)
             else f"; at 95 % no mechanism has more than {100.0 * most.share_of_moment_95:.2g} % of the moment"
         )
         return f"No mechanism is needed: the baseline explains the moments (probability {chance}){room}."
     gain = ""
-    if null is not None and np.isfinite(leader.prediction_error / null.prediction_error):
+    if null is not None and leader.prediction_error < null.prediction_error:
         gain = f"; its held-out error is {leader.prediction_error / null.prediction_error:.2g} of that without it"
     return f"{leader.name} explains the moments best (probability {chance}){gain}."
 

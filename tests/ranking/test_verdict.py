@@ -1,38 +1,145 @@
+"""The verdict on scores: who is named, who stands beside, and when nothing on the list will do."""
+
 from __future__ import annotations
 
-import numpy as np
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brv_hypo.ranking.verdict import Score, judge, probabilities
+from brv_hypo.ranking.adequacy import Misfit
+from brv_hypo.ranking.constants import OTHER_PRIOR, WINNING_PROBABILITY
+from brv_hypo.ranking.limits import Limit
+from brv_hypo.ranking.verdict import OTHER, Score, judge, probabilities
 
+NOISE = Misfit(ratio=1.0, p_value=0.4, gain=-30.0)
+SOMETHING_LEFT = Misfit(ratio=1.6, p_value=1e-9, gain=200.0)
 EQUAL = (1.0, 1.1, 0.9, 1.0, 1.05, 0.95)
+WORSE = tuple(value + 0.5 for value in EQUAL)
+NULL = Score("none", 0.0, 2.0, (2.0, 2.1, 1.9, 2.0, 2.05, 1.95))
+LAG = Score("lag", -80.0, 1.0, EQUAL)
+CRITERIA = st.floats(-1e4, 1e4)
 
 
 def test_a_clear_leader_wins() -> None:
-    verdict = judge([Score("none", 0.0, 2.0, (2.0,) * 6), Score("lag", -80.0, 1.0, EQUAL)], 2.0)
-    assert verdict.winner == "lag"
-    assert verdict.equivalent == ("lag",)
-    assert "0.50" in verdict.reason
+    verdict = judge([NULL, LAG], NOISE, 1.0, [Limit("lag", 0.07)])
+    assert (verdict.winner, verdict.outcome, verdict.equivalent) == ("lag", "named", ("lag",))
+    assert verdict.probability["lag"] > 0.99
+    assert "0.5 of that without it" in verdict.reason
+    assert verdict.adequacy is not None
+    assert verdict.adequacy.adequate
+    assert verdict.limits[0].share_of_moment_95 == 0.07
+
+
+def test_none_may_win_and_tells_what_room_is_left() -> None:
+    verdict = judge(
+        [Score("none", -80.0, 1.0, EQUAL), Score("lag", 0.0, 1.1, WORSE)], NOISE, 1.0, [Limit("lag", 0.07)]
+    )
+    assert (verdict.winner, verdict.outcome) == ("none", "named")
+    assert "no mechanism has more than 7 % of the moment" in verdict.reason
+
+
+def test_a_limit_that_is_not_known_is_not_told() -> None:
+    scores = [Score("none", -80.0, 1.0, EQUAL), Score("lag", 0.0, 1.1, WORSE)]
+    verdict = judge(scores, NOISE, 1.0, [Limit("lag", float("inf"))])
+    assert verdict.winner == "none"
+    assert "inf" not in verdict.reason
 
 
 def test_close_hypotheses_stand_together() -> None:
-    verdict = judge([Score("lag", -80.0, 1.0, EQUAL), Score("sticking", -79.0, 1.0, EQUAL)], 2.0)
-    assert verdict.winner is None
+    verdict = judge([NULL, LAG, Score("sticking", -79.0, 1.0, EQUAL)], NOISE, 1.0)
+    assert (verdict.winner, verdict.outcome) == (None, "undecided")
     assert set(verdict.equivalent) == {"lag", "sticking"}
+    assert "do not tell these apart" in verdict.reason
 
 
-def test_a_leader_that_predicts_worse_does_not_win() -> None:
-    worse = tuple(value + 0.5 for value in EQUAL)
-    verdict = judge([Score("lag", -80.0, 1.5, worse), Score("none", 0.0, 1.0, EQUAL)], 2.0)
+def test_something_smooth_that_is_left_makes_none_adequate() -> None:
+    verdict = judge([NULL, LAG], SOMETHING_LEFT, 1.0)
+    assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "none adequate", ())
+    assert verdict.probability[OTHER] > 0.99
+    assert verdict.adequacy is not None
+    assert not verdict.adequacy.adequate
+    assert "1.60 times the noise" in verdict.reason
+
+
+def test_a_value_that_no_body_can_have_makes_none_adequate() -> None:
+    impossible = Score("lag", -80.0, 1.0, EQUAL, "eps = 1.7 from 0.00 to 2.00 s, where 0 to 1 is possible")
+    verdict = judge([NULL, impossible], NOISE, 1.0)
+    assert (verdict.winner, verdict.outcome) == (None, "none adequate")
+    assert "eps = 1.7" in verdict.reason
+
+
+@pytest.mark.parametrize("stability", [0.0, 0.3, 0.6, 0.85])
+def test_a_leader_that_repetitions_do_not_confirm_is_not_named(stability: float) -> None:
+    """Whoever leads without a block is a rival on the list: what the leader loses is theirs, not `other`'s."""
+    rivals = [NULL, Score("sticking", -50.0, 1.1, EQUAL)]
+    steady, shaken = judge([*rivals, LAG], NOISE, 1.0), judge([*rivals, LAG], NOISE, stability)
+    assert steady.winner == "lag"
+    assert (shaken.winner, shaken.outcome) == (None, "undecided")
+    assert shaken.probability["lag"] == pytest.approx(max(stability, 0.02))
+    assert shaken.probability[OTHER] == steady.probability[OTHER]
+    assert shaken.equivalent == ("lag", "sticking")
+    assert sum(shaken.probability.values()) == pytest.approx(1.0)
+
+
+def test_repetitions_do_not_raise_a_leader() -> None:
+    scores = [LAG, Score("sticking", -79.0, 1.0, EQUAL)]
+    assert judge(scores, NOISE, 0.9).probability == judge(scores, NOISE, 1.0).probability
+
+
+def test_a_rival_that_predicts_better_contests_the_leader() -> None:
+    verdict = judge([NULL, Score("lag", -80.0, 1.5, WORSE), Score("sticking", -40.0, 1.0, EQUAL)], NOISE, 1.0)
+    assert (verdict.winner, verdict.outcome) == (None, "undecided")
+    assert verdict.equivalent == ("lag", "sticking")
+    assert "sticking predicts the held-out blocks" in verdict.reason
+
+
+def test_a_rival_that_predicts_better_within_its_error_does_not_contest() -> None:
+    scattered = (0.4, 1.6, 0.3, 1.5, 0.5, 1.5)
+    assert judge([NULL, LAG, Score("sticking", -40.0, 0.97, scattered)], NOISE, 1.0).winner == "lag"
+
+
+@pytest.mark.parametrize("blocks", [NULL.by_block, WORSE])
+def test_a_winner_beats_none_on_held_out_blocks(blocks: tuple[float, ...]) -> None:
+    null = Score("none", 0.0, 1.0, WORSE)
+    verdict = judge([null, Score("lag", -80.0, 0.9, blocks)], NOISE, 1.0)
     assert verdict.winner is None
     assert "none" in verdict.equivalent
-    assert "held-out" in verdict.reason
+    assert "none predicts the held-out blocks" in verdict.reason
 
 
-@given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=7), st.floats(1.0, 50.0))
-def test_probabilities_sum_to_one_and_follow_the_criterion(values: list[float], temperature: float) -> None:
-    chances = probabilities({str(i): value for i, value in enumerate(values)}, temperature)
+@given(
+    st.lists(st.tuples(CRITERIA, st.floats(1e-12, 1e12), st.floats(1e-12, 1e12)), min_size=1, max_size=6),
+    st.floats(-1e3, 1e5),
+    st.floats(0.0, 1.0),
+)
+def test_a_verdict_is_whole_whatever_the_scores(
+    rows: list[tuple[float, float, float]], gain: float, stability: float
+) -> None:
+    names = ("none", "lag", "sticking", "damping", "bodyfixed", "inplane")
+    scores = [
+        Score(name, criterion, error, (block,) * 6)
+        for name, (criterion, error, block) in zip(names, rows, strict=False)
+    ]
+    verdict = judge(scores, Misfit(1.0, 0.5, gain), stability)
+    assert set(verdict.probability) == {score.name for score in scores} | {OTHER}
+    assert sum(verdict.probability.values()) == pytest.approx(1.0)
+    assert (verdict.winner is not None) == (verdict.outcome == "named")
+    if verdict.winner is not None:
+        assert verdict.equivalent == (verdict.winner,)
+        assert verdict.probability[verdict.winner] >= WINNING_PROBABILITY
+    assert not re.search(r"\d{7}|e\+|\bnan\b|\binf\b", verdict.reason)
+
+
+@given(st.lists(CRITERIA, min_size=1, max_size=7))
+def test_probabilities_sum_to_one_and_follow_the_criterion(values: list[float]) -> None:
+    chances = probabilities({str(i): value for i, value in enumerate(values)})
     assert sum(chances.values()) == pytest.approx(1.0)
-    assert chances[str(int(np.argmin(values)))] == max(chances.values())
+    assert chances[str(min(range(len(values)), key=values.__getitem__))] == max(chances.values())
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_other_has_its_prior_where_the_data_say_nothing(count: int) -> None:
+    chances = probabilities({str(i): 5.0 for i in range(count)}, 5.0)
+    assert chances[OTHER] == pytest.approx(OTHER_PRIOR)

@@ -1,0 +1,32 @@
+"""The research cone with a body-fixed moment from 2 to 4 s, as a problem with its fits."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from brv_hypo.mechanisms import find
+from brv_hypo.motion import reconstruct
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking.compare import prepare
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
+from brv_hypo.regression.problem import Problem
+from brv_hypo.simulation import SimulatedFlight
+from tests.flights import flown
+
+
+def pulse() -> SimulatedFlight:
+    """The flight."""
+    return flown("research_cone", "bodyfixed")
+
+
+@cache
+def problem() -> Problem:
+    """Its least-squares problem, for models of few terms."""
+    return prepare([reconstruct(pulse().flight)], CompareConfig(max_terms=4, exact_terms=4))
+
+
+@cache
+def fitted(name: str) -> HypothesisFit:
+    """The fit of one mechanism, or of `none`."""
+    mechanisms = () if name == "none" else (find(name),)
+    return refit(problem(), fit_hypothesis(problem(), name, mechanisms))
