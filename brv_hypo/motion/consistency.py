@@ -43,17 +43,26 @@ TOO_NOISY = 0.3
 NORMAL_SLOPE = 1.2
 NORMAL_SPREAD = 1.3
 NORMAL_LIMITS = (0.02, 40.0)
-# The deceleration is known where its ratio to that sensed is, to this share.
-AXIAL_KNOWN = 0.2
-# How far the wind along the path may change within a segment, m/s, and which share of gravity the altitude leaves.
+# 1-sigma of the wind along the path, m/s: at least this, or so many tolerances of the flight; it keeps to itself over
+# this share of a segment. Airspeed shows its changes as if they were decelerations.
 WIND = 10.0
+WIND_TOLERANCES = 2.0
+WIND_MEMORY = 0.5
+# 1-sigma share of gravity along the path: what the altitude leaves open, and what is open where there is none.
 GRAVITY_DOUBT = 0.2
-# Spread of the logarithm: of sensed over expected deceleration; of the density of the day; of noise in a triad.
+GRAVITY_UNKNOWN = 1.0
+# 1-sigma of the speed that a segment starts with, m/s, which is left open; samples that tell the deceleration.
+ANY_SPEED = 1e3
+AXIAL_SAMPLES = 60
+# Spread of the logarithm: of sensed over true deceleration; of the density of the day; of noise in a triad.
 AXIAL_SPREAD = 0.25
 DENSITY_SPREAD = 0.35
 NOISE_SPREAD = 0.5
 # A constant transverse force may be this many times what swings, and 1 m/s^2, before it counts against a record.
 STEADY = 3.0
+# Logarithms of the ratio of decelerations that are tried: up to so many spreads.
+AXIAL_REACH = 4.0 * AXIAL_SPREAD
+AXIAL_STEPS = 41
 # Each further mistake in one record is less likely by a factor e^x.
 EACH_FURTHER_MISTAKE = 1.5
 # No single check counts for more than this (in units of -ln likelihood).
@@ -75,13 +84,17 @@ class Readings:
 
 @dataclass(frozen=True)
 class Record:
-    """A flight, made ready to be judged under many corrections; `*_sigma` (3,) white noise of the channels."""
+    """A flight, made ready to be judged under many corrections; `*_sigma` (3,) white noise of the channels.
+
+    `wind_sigma` is that of the wind along the path, m/s; `gravity` its size, m/s^2.
+    """
 
     flight: Flight
     segments: tuple[Readings, ...]
     rate_sigma: FloatArray
     force_sigma: FloatArray
     velocity_sigma: float
+    wind_sigma: float
     gravity: float
 
 
@@ -109,11 +122,6 @@ class Consistency:
         both = self.informative & other.informative
         logs = [np.log(np.maximum(one.left, np.maximum(KEPT, one.noise))) for one in (other, self)]
         return float(np.sum((logs[0] - logs[1])[both])) + other.cost - self.cost
-
-    @property
-    def axial_known(self) -> bool:
-        """Whether the record tells the deceleration apart from gravity and wind."""
-        return bool(np.isfinite(self.axial_sigma) and self.axial_sigma < AXIAL_KNOWN * abs(self.axial))
 
 
 def made_ready(flight: Flight) -> Record:
@@ -149,6 +157,7 @@ def made_ready(flight: Flight) -> Record:
         rate_sigma=rate_sigma,
         force_sigma=force_sigma,
         velocity_sigma=white_noise_level(flight.velocity, flight.segments),
+        wind_sigma=max(WIND, WIND_TOLERANCES * max(flight.instruments.wind)),
         gravity=gravity_magnitude(flight) or 10.0,
     )
 
@@ -307,27 +316,31 @@ def _fit(observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[Com
 
 
 def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
-    """True over sensed deceleration, from the change of the speed, and the standard deviation of that."""
-    sigma = record.velocity_sigma * correction.air[0] + 1e-3
-    normal, right = np.zeros((2, 2)), np.zeros(2)
+    """True over sensed deceleration, from the change of the speed, and the standard deviation of that.
+
+    Least squares weighted by what else changes the airspeed: wind that wanders, gravity along the path, noise. A short
+    or gentle record cannot tell them apart, and has a large deviation.
+    """
+    information, right = 0.0, 0.0
     for piece in pieces:
-        change = piece.velocity - piece.velocity[0]
-        slack = WIND / piece.time[-1] + record.gravity
+        every = max(1, piece.time.size // AXIAL_SAMPLES)
+        time = piece.time[::every]
+        change, doubt = piece.velocity - piece.velocity[0], GRAVITY_UNKNOWN
         if piece.altitude is not None:
             fall = np.gradient(_slowly(piece.altitude), piece.time)
             change = change + record.gravity * _running(piece.time, fall / piece.velocity)
-            slack = WIND / piece.time[-1] + GRAVITY_DOUBT * record.gravity
-        every = max(1, piece.time.size // MOST_SAMPLES)
-        columns = np.stack([_running(piece.time, piece.forces[0]), piece.time * slack], axis=1)[::every]
-        columns = columns - columns.mean(axis=0)
-        normal += columns.T @ columns
-        right += columns.T @ (change[::every] - change[::every].mean())
-    normal[1, 1] += sigma**2
-    determinant = float(np.linalg.det(normal))
-    if not determinant > 1e-12 * float(normal[0, 0] * normal[1, 1]) > 0.0:
+            doubt = GRAVITY_DOUBT
+        apart = np.abs(time[:, None] - time) / (WIND_MEMORY * time[-1])
+        covariance = record.wind_sigma**2 * np.exp(-apart) + ANY_SPEED**2
+        covariance += (doubt * record.gravity) ** 2 * np.outer(time, time)
+        covariance += (record.velocity_sigma * correction.air[0]) ** 2 * np.eye(time.size)
+        sensed = _running(piece.time, piece.forces[0])[::every]
+        weighted = np.linalg.solve(covariance, sensed)
+        information += float(weighted @ sensed)
+        right += float(weighted @ change[::every])
+    if not information > 0.0:
         return 1.0, np.inf
-    inverse = np.linalg.inv(normal)
-    return float((inverse @ right)[0]), float(sigma * np.sqrt(inverse[0, 0]))
+    return right / information, float(1.0 / np.sqrt(information))
 
 
 def _running(time: FloatArray, values: FloatArray) -> FloatArray:
@@ -371,12 +384,10 @@ def _of_steady(size: float) -> float:
 
 
 def _of_axial(ratio: float, sigma: float) -> float:
-    """What a deceleration of `ratio` to that sensed costs; nothing where it cannot be known."""
-    if not np.isfinite(sigma) or sigma > AXIAL_KNOWN * abs(ratio):
-        return 0.0
-    if ratio <= 0.0:
-        return MOST_PER_CHECK
-    return min(0.5 * float(np.log(ratio) / AXIAL_SPREAD) ** 2, MOST_PER_CHECK)
+    """What a deceleration of `ratio` to that sensed costs: shared by an error of scale and by wind and gravity."""
+    logs = np.linspace(-AXIAL_REACH, AXIAL_REACH, AXIAL_STEPS)
+    costs = 0.5 * (logs / AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
+    return min(float(np.min(costs)), MOST_PER_CHECK)
 
 
 def _of_pressure(ratio: float | None) -> float:

@@ -25,8 +25,10 @@ TIMES_NOISE = 4.0
 STRAINED = 0.003
 # Where the accelerometers cannot tell, the gyros alone must leave so much; mechanisms leave up to 0.5.
 BROKEN_ALONE = 0.7
-# Sensed deceleration, density, slope of the normal force: beyond these factors no tolerance explains them.
+# Sensed deceleration (by more than so many sigma), density, slope of the normal force: beyond these factors no
+# tolerance explains them.
 AXIAL_WITHIN = (0.5, 2.0)
+AXIAL_SIGMAS = 3.0
 PRESSURE_WITHIN = (0.3, 3.0)
 NORMAL_WITHIN = (0.04, 30.0)
 # A mistake is named where undoing it raises ln likelihood by this much, and leaves this share of what was broken.
@@ -105,7 +107,8 @@ def _broken(found: Consistency) -> Sequence[str]:
         failed.append("path" if beyond_noise > BROKEN else "path, strained")
     if not found.informative[0] and found.informative[2] and found.left[2] > BROKEN_ALONE:
         failed.append("gyros")
-    if found.axial_known and not AXIAL_WITHIN[0] < found.axial < AXIAL_WITHIN[1]:
+    doubt = AXIAL_SIGMAS * found.axial_sigma
+    if found.axial + doubt < AXIAL_WITHIN[0] or found.axial - doubt > AXIAL_WITHIN[1]:
         failed.append("axial")
     if found.pressure is not None and not PRESSURE_WITHIN[0] < found.pressure < PRESSURE_WITHIN[1]:
         failed.append("pressure")
