@@ -93,8 +93,8 @@ def nuisances(
                 if not effect.carried and (effect.name, component.name) not in free:
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
-                name = (effect.name, component.name)
-                present = np.nan if name in free else -taken.get(name, 0.0) / component.size
+                place = (effect.name, component.name)
+                present = np.nan if place in free else -taken.get(place, 0.0) / component.size
                 item = Nuisance(effect.name, component.name, number, component.units, component.size, present)
                 add(item, on_frame(frame, number, history))
         for mechanism in vehicle:

@@ -33,8 +33,8 @@ class Tried:
     """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean
     squares, `force` the mean squares (m/s^2)^2 of the specific force's errors, fitted and held out.
 
-    `before` (frame rows,) is what the model leaves without the effect, and `errors_before` its moment errors, fitted and
-    held out: an effect with a tolerance is then held at zero, though every other fit has it within its tolerance.
+    `before` (frame rows,) is what the model leaves without the effect, and `errors_before` its moment errors, fitted
+    and held out: an effect with a tolerance is then held at zero, though every other fit has it within its tolerance.
     """
 
     candidate: Candidate

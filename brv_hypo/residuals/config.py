@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from brv_hypo.motion.reconstruction import Method
 from brv_hypo.residuals.saved import SavedModel
 
-
 Baseline = Literal["scheduled", "constant"]
 
 
@@ -18,7 +17,8 @@ class TraceConfig(BaseModel):
 
     `start`: what the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism
     file), or the model of an earlier trace. `baseline`: whether the stiffness that it starts from follows
-    Mach and Reynolds number, or is constant, so that such a change is for the loop to find. `effects`: the effects to try; None tries all that are installed.
+    Mach and Reynolds number, or is constant, so that such a change is for the loop to find. `effects`: the effects to
+    try; None tries all that are installed.
     `discover`: search the dictionary of generic terms too. `blocks`: parts that the record is cut into; every
     fourth is held out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an
     effect counts. `knot_count`, `max_terms`: as in `compare`. `maximum_likelihood`: refine the final model by

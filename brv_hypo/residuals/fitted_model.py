@@ -59,8 +59,8 @@ def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
 def settled_state(flight: Flight, model: Model, config: TraceConfig) -> State:
     """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
-    What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays of
-    the model are refined there.
+    What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays
+    of the model are refined there.
     """
     state = first_state(model, with_in_plane_moment(see(flight, model, config), model.columns), config)
     free = {(applied.effect.name, applied.component) for applied in model.applied}

@@ -63,8 +63,9 @@ class Model:
 class Seen:
     """A flight, with what the model takes out of the record taken out, reconstructed.
 
-    `taken` (SI, by effect and component) is what was found of the errors that the tolerances allow. The regression knows
-    them by their priors still, but is linearised where those of the record are taken out and those of the vehicle act.
+    `taken` (SI, by effect and component) is what was found of the errors that the tolerances allow. The regression
+    knows them by their priors still, but is linearised where those of the record are taken out and those of the vehicle
+    act.
     """
 
     flight: Flight

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -149,7 +150,7 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
     time, mach = seen.frame.time, seen.reconstruction.motion.mach[samples]
     edges = np.linspace(time.min(), time.max(), _REGIONS + 1)
     found = []
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in itertools.pairwise(edges):
         inside = (time >= start) & (time <= stop) & left.usable
         if not np.any(inside):
             continue

@@ -67,7 +67,7 @@ def test_what_is_not_refitted_stays_as_it_was(traced: Trace, sister: Flight, pre
 def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> None:
     assert predicted.regions[0].start_s == pytest.approx(float(sister.time[0]))
     assert predicted.regions[-1].stop_s == pytest.approx(float(sister.time[-1]))
-    assert all(0.0 < region.ratio and region.mach is not None for region in predicted.regions)
+    assert all(region.ratio > 0.0 and region.mach is not None for region in predicted.regions)
 
 
 def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path) -> None:
