@@ -28,14 +28,14 @@ class Misfit:
     """What a hypothesis leaves: `ratio` residual rms over the noise, `p_value` that no smooth moment is left in it.
 
     `gain` is twice the logarithm of the marginal likelihood of "something else" beside it over its own, less what
-    errors of second order may bring. `errors_p_value`: how probable the errors of record and vehicle that it asks for are
-    under their tolerances.
+    errors of second order may bring. `errors_p_value`: how probable the errors of record and vehicle that it asks for
+    are under their tolerances.
     """
 
     ratio: float
     p_value: float
     gain: float
-    errors_p_value: float
+    errors_p_value: float = 1.0
 
 
 def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:

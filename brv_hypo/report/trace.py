@@ -17,7 +17,7 @@ from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
 TOLD = 4
 """Candidates shown for each step; all of them with `verbose`."""
 
-CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains")
+CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "cannot be told from")
 
 
 def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
@@ -39,7 +39,7 @@ def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
         parts.extend(term_table("model, by maximum likelihood", result.ml.terms))
     panel = Panel(
         Text(conclusion(result)),
-        title="Found: " + (", ".join(result.added) or "nothing"),
+        title="Found: " + (", ".join(result.findings) or "nothing"),
         title_align="left",
         border_style="yellow" if result.unexplained else "green",
         expand=False,
@@ -48,10 +48,20 @@ def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
 
 
 def conclusion(result: Trace) -> str:
-    """What was found, why the loop stopped, and what is left, in a sentence or two."""
-    found = f"Added {', '.join(result.added)}." if result.added else "Nothing was added."
-    why = f"The loop stopped: {result.stopped}."
-    return " ".join([found, why, *([result.unexplained] if result.unexplained else [])])
+    """What was found, what is hinted at, and what is left, in a sentence or two."""
+    found = f"Found: {', '.join(result.findings)}." if result.findings else "Nothing was found."
+    hinted = f"Hints, no findings: {', '.join(result.hints)}." if result.hints else ""
+    return " ".join(part for part in (found, hinted, _ending(result), result.unexplained) if part)
+
+
+def _ending(result: Trace) -> str:
+    """Why the loop stopped, where that says something of the flight."""
+    return {
+        "white": "What is left is noise.",
+        "nothing significant": "No effect explains more.",
+        "nothing improves held-out error": "No effect that was tried predicts more.",
+        "limit": "",
+    }[result.stopped]
 
 
 def residual_text(residual: Residual) -> str:
@@ -70,7 +80,7 @@ def _step(step: Step, verbose: bool) -> Iterable[RenderableType]:
     if step.candidates:
         yield candidate_table(step.candidates if verbose else step.candidates[:TOLD], step.added)
     if step.look_alikes:
-        yield Text(f"this flight cannot tell from it: {', '.join(step.look_alikes)}", "dim")
+        yield Text(f"as good a fit on this flight: {', '.join(step.look_alikes)}", "dim")
     yield Text(outcome_text(step), "bold" if step.added else "")
     if verbose:
         correlated = [
@@ -90,13 +100,14 @@ def candidate_table(candidates: Iterable[TriedCandidate], added: str | None) -> 
 
 
 def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:
-    """Effect, kind, F, adjusted p, and the share of the residual that it explains."""
+    """Effect, kind, F, adjusted p, the share of the residual that it explains, and its near-equals."""
     return (
         candidate.effect,
         candidate.kind,
         number(candidate.f_ratio),
         number(candidate.p_value_adjusted, 2),
         share(candidate.explains),
+        ", ".join(candidate.near_equals),
     )
 
 
@@ -108,6 +119,7 @@ def outcome_text(step: Step) -> str:
         return f"added nothing{refused}; error {number(before.fit)} in the fit, {number(before.held_out)} held out"
     after = step.error_after
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
+    what += f", a {step.standing}, named in {share(step.named_in)} of the repetitions"
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:
         ratio += f" ± {number(step.error_ratio_std_error, 2)}"

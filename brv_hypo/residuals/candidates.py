@@ -38,8 +38,9 @@ class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
     `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
-    `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the prediction
-    beyond what the model could take over, `in_rates` the fall of the whitened rates' squares.
+    `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the
+    prediction beyond what the model could take over,
+    `in_rates` the fall of the whitened rates' squares.
     """
 
     name: str
@@ -100,11 +101,8 @@ def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
     frame = problem.frame.with_mechanisms([mechanism])
     offered = _offers(problem, frame, mechanism)
     searched = len({column for offer in offered for column in offer})
-    return [
-        fit
-        for offer in offered
-        for fit in forward(problem, mechanism.name, (mechanism,), frame, groups_of(offer), searched)
-    ]
+    own = mechanism.name, (mechanism,), frame
+    return [fit for offer in offered for fit in forward(problem, *own, groups_of(offer), searched)]
 
 
 def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:

@@ -21,8 +21,7 @@ class ModelSource(_Result):
 class ErrorsOfPrediction(_Result):
     """Mean squares of the moment coefficients, both axes together.
 
-    `without` a model: as measured; less the `frozen` model; less the same model refitted here, its `own`; of the
-    `noise`.
+    `without` a model: as measured; less the `frozen` model; less the same model refitted here (`own`); of the `noise`.
     """
 
     without: float

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -28,8 +26,8 @@ class Trim(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Two terms: C_m0 and C_n0."""
-        one = np.ones_like(motion.alpha)
-        return _body_axes(motion, one + 0j, "C_m0", "1"), _body_axes(motion, 1j * one, "C_n0", "1")
+        one, nothing = np.ones_like(motion.alpha), np.zeros_like(motion.alpha)
+        return _body_axes(motion, one, nothing, "C_m0", "1"), _body_axes(motion, nothing, one, "C_n0", "1")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...]:
         """A c.g. that lies off the axis within its tolerance: offset times axial force coefficient over d."""
@@ -74,11 +72,10 @@ class DynamicImbalance(Mechanism):
         """Two terms: the products of inertia over S d, -I_xz and I_xy."""
         p, q, r = motion.p, motion.q, motion.r
         change = np.zeros_like(p) if motion.roll_acceleration is None else motion.roll_acceleration
-        about_y = (p**2 - r**2 + 1j * (q * r - change)) / motion.dynamic_pressure
-        about_z = (change + q * r + 1j * (p**2 - q**2)) / motion.dynamic_pressure
+        pressure, units = motion.dynamic_pressure, "Pa s^2/rad^2"
         return (
-            _body_axes(motion, about_y, "-I_xz/(S d)", "Pa s^2/rad^2"),
-            _body_axes(motion, about_z, "I_xy/(S d)", "Pa s^2/rad^2"),
+            _body_axes(motion, (p**2 - r**2) / pressure, (q * r - change) / pressure, "-I_xz/(S d)", units),
+            _body_axes(motion, (change + q * r) / pressure, (p**2 - q**2) / pressure, "I_xy/(S d)", units),
         )
 
     def tolerance(self, flight: Flight) -> tuple[float, ...]:
@@ -89,9 +86,9 @@ class DynamicImbalance(Mechanism):
         return size * y, size * z
 
 
-def _body_axes(motion: Motion, moment: NDArray[Any], name: str, units: str) -> Term:
-    """A term from its moment about body y + i z."""
-    plane = plane_from_body(np.asarray(moment, dtype=complex), motion.windward_meridian)
+def _body_axes(motion: Motion, about_y: FloatArray, about_z: FloatArray, name: str, units: str) -> Term:
+    """A term from its moments about body y and z."""
+    plane = plane_from_body(np.asarray(about_y + 1j * about_z, dtype=complex), motion.windward_meridian)
     return Term(name, plane.real, plane.imag, units)
 
 
