@@ -119,7 +119,8 @@ def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> st
     if left.errors_p_value < IMPROBABLE_ERRORS:
         return (
             f"None of the hypotheses is adequate: {leader.name} fits best, but only with errors of instruments or "
-            "vehicle that their tolerances hardly allow. Check the tolerances (--instruments), or look with `brv-hypo trace`."
+            "vehicle that their tolerances hardly allow. Check the tolerances (--instruments), or look with "
+            "`brv-hypo trace`."
         )
     return (
         f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "
