@@ -152,7 +152,7 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
 
         def entry(value: float) -> Entry:
             factor = Factor(of=quantity, function="step", at=value, width=0.1 * spacing)
-            name = f"{axis} alpha, step at {quantity} {value:.5g}"
+            name = f"{axis} alpha, step at {quantity} {value:.12g}"
             return Entry(
                 f"{what} at {_QUANTITY[quantity]} {value:.5g}",
                 (FiledTerm(name=name, axis=axis, factors=(factor, *_alpha(1)), units="1/rad"),),
@@ -174,7 +174,7 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
         at = low + k * width
         hat = Factor(of=quantity, function="bump", at=at, width=width)
         where = f"around {_QUANTITY[quantity]} {at:.4g}"
-        label = f"hat at {quantity} {at:.5g}"
+        label = f"hat at {quantity} {at:.12g}"
         found.append(
             Entry(
                 f"a change of the stiffness {where}",
