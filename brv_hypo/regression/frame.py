@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.frames import body_from_plane
