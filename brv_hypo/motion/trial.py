@@ -14,6 +14,7 @@ from dataclasses import replace
 from brv_hypo.flight.assemble import masked_flight
 from brv_hypo.flight.faults import RecordFault, RecordTrial
 from brv_hypo.flight.record import Flight
+from brv_hypo.flight.schema import MINIMUM_SAMPLES
 from brv_hypo.motion.consistency import Consistency, Record, consistency, made_ready
 from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
 
@@ -51,8 +52,10 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     """The flight with faulty stretches masked (the same object where there are none), and what the trial found.
 
     Raises nothing that reading the flight did not: a fault that leaves too little of a channel is reported as
-    decisive, and the channel left as it is.
+    decisive, and the channel left as it is. A window of a sound record that is too short for any record is not tried.
     """
+    if flight.time.size < MINIMUM_SAMPLES:
+        return flight, RecordTrial(sound=True, faults=())
     masked, faults = masked_flight(flight)
     found = (*faults, *_contradictions(masked))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)

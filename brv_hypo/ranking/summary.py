@@ -113,7 +113,9 @@ def refused(flights: Sequence[Flight], record: RecordSummary, method: str) -> Co
     worst = record.faults[0]
     return Comparison(
         flights=tuple(flight_summary(flight) for flight in flights),
-        reconstruction=ReconstructionSummary(method=method, alpha_rms_sigma_rad=None, phi_w_rms_sigma_rad=None),
+        reconstruction=ReconstructionSummary(
+            method=method, alpha_rms_sigma_rad=None, phi_w_rms_sigma_rad=None
+        ),
         baseline=BaselineSummary(terms=()),
         record=record,
         ranking=(),

@@ -80,7 +80,9 @@ def judge(
         equivalent=tuple(dict.fromkeys([leader.name, *standing, *contesting])),
         probability=chances,
         adequacy=Adequacy(ratio=left.ratio, p_value=left.p_value, adequate=adequate),
-        limits=tuple(MechanismLimit(mechanism=x.mechanism, share_of_moment_95=x.share_of_moment) for x in limits),
+        limits=tuple(
+            MechanismLimit(mechanism=x.mechanism, share_of_moment_95=x.share_of_moment) for x in limits
+        ),
         stability=stability,
         reason="",
     )
@@ -107,7 +109,11 @@ def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict
     gains = {
         name: lost * (chance / total if total > 0.0 else 1.0 / len(rivals)) for name, chance in rivals.items()
     }
-    return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
+    return {
+        **chances,
+        leader: chances[leader] - lost,
+        **{name: rivals[name] + gains[name] for name in rivals},
+    }
 
 
 def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> str:

@@ -19,7 +19,10 @@ TEMPERATURES = (0.05, 500.0)
 
 
 class CalibrationBin(Statistic):
-    """Flights whose leader's probability lies in [low, high); the last bin holds its upper end."""
+    """Flights whose largest probability lies in [low, high); the last bin holds its upper end.
+
+    `right`: what has it, something outside the list included, is what was planted.
+    """
 
     low: float
     high: float
@@ -99,7 +102,8 @@ def _brier(outcome: Outcome) -> float:
 
 
 def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin:
-    leaders = [(max(outcome.probability.values()), outcome.right) for outcome in outcomes]
+    named = [max(outcome.probability.items(), key=lambda item: item[1]) for outcome in outcomes]
+    leaders = [(p, name == outcome.planted) for (name, p), outcome in zip(named, outcomes, strict=True)]
     inside = [(p, right) for p, right in leaders if low <= p < high or p == high == EDGES[-1]]
     return CalibrationBin(
         low=low,

@@ -173,7 +173,7 @@ class TestCompare:
     def test_probabilities_sum_to_one_over_the_hypotheses(self, compared):
         verdict = compared[1]["verdict"]
         assert sum(verdict["probability"].values()) == pytest.approx(1.0)
-        assert set(verdict["probability"]) == {"none", "damping"}
+        assert set(verdict["probability"]) == {"none", "damping", "other"}
         assert set(verdict["equivalent"]) <= {"none", "damping"}
         assert verdict["winner"] in (None, *verdict["equivalent"])
 

@@ -80,3 +80,12 @@ def test_a_stuck_gyro_ends_a_segment(flights):
 def test_the_measured_entry_of_opportunity_is_sound(start, stop):
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"), start=start, stop=stop)
     assert try_record(flight)[1].sound
+
+
+def test_a_window_too_short_to_try_is_left_to_who_asks_for_it(flights):
+    """The record is valid; that its window cannot answer is no fault of it."""
+    window = next(iter(flights.values())).window(100.0, 100.01)
+    tried, trial = try_record(window)
+    assert tried is window
+    assert trial.sound
+    assert trial.faults == ()

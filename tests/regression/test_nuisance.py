@@ -11,23 +11,78 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.compare import prepare
+from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.nuisance import Nuisances
+from brv_hypo.regression.problem import Problem
 from tests.flights import nominal
 
-GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
+SEEDS = (1, 2)
+"""Of the noise that is added."""
+SHARE = 0.05
+"""Of a column's rms, and of a whitened row's noise, that its own noise may be."""
 
 
 def noisier(flight: Flight, seed: int) -> Flight:
-    """The flight with noise added, about as much as it has."""
+    """The flight with as much noise again on gyros and accelerometers, by its third differences."""
     rng = np.random.default_rng(seed)
-    channels = {
-        name: getattr(flight, name)
-        + np.std(np.diff(getattr(flight, name), 3)) / np.sqrt(20.0) * rng.standard_normal(flight.samples)
-        for name in (*GYROS, *ACCELEROMETERS)
-    }
+    channels = {}
+    for name in ("p", "q", "r", "ax", "ay", "az"):
+        channel = getattr(flight, name)
+        sigma = np.std(np.diff(channel, 3)) / np.sqrt(20.0)
+        channels[name] = channel + sigma * rng.standard_normal(flight.samples)
     return replace(flight, **channels)
 
 
 @cache
-def carried(seed: int) -> Nuisances:
-    return prepare([reconstruct(noisier(nominal().flight, seed))], CompareConfig()).rows.nuisances
+def problem(seed: int) -> Problem:
+    return prepare([reconstruct(noisier(nominal().flight, seed))], CompareConfig())
+
+
+def carried(found: Nuisances) -> dict[str, int]:
+    """Where the histories of record effects and of the vehicle's tolerances stand; motion and force are free."""
+    return {item.label: k for k, item in enumerate(found.items) if item.name not in ("motion", "force")}
+
+
+def both(seed: int) -> Rows:
+    """The carried histories (rows, effects), by label."""
+    found = problem(seed).rows.nuisances
+    places = [place for _, place in sorted(carried(found).items())]
+    return Rows(found.rows.rates[:, places], found.rows.force[:, places])
+
+
+def test_every_seed_carries_the_same_effects_each_once() -> None:
+    one, other = (problem(seed).rows.nuisances for seed in SEEDS)
+    assert set(carried(one)) == set(carried(other))
+    assert len({item.label for item in one.items}) == len(one.items)
+
+
+@pytest.mark.parametrize("channel", ["rates", "force"])
+def test_two_seeds_of_the_noise_give_nearly_the_same_columns(channel: str) -> None:
+    one, other = (getattr(both(seed), channel) for seed in SEEDS)
+    size = np.linalg.norm(one, axis=0)
+    assert np.all(np.linalg.norm(one - other, axis=0) <= SHARE * size)
+
+
+def test_the_noise_of_a_column_is_far_below_that_of_the_rows() -> None:
+    """One sigma of a tolerance moves no whitened row by noise that a fit could take for the row's own."""
+    one, other = (problem(SEEDS[0]).rows.white_histories(both(seed)) for seed in SEEDS)
+    size, apart = np.sqrt(np.mean(one**2, axis=0)), np.sqrt(np.mean((one - other) ** 2, axis=0))
+    assert np.all(apart <= SHARE * np.maximum(size, 1.0))
+
+
+def test_what_has_a_prior_has_the_size_of_the_tolerance() -> None:
+    known = nominal().flight.instruments
+    sizes = {(item.name, item.component): item.size for item in problem(SEEDS[0]).rows.nuisances.items}
+    assert sizes["gyro_bias", "q"] == pytest.approx(known.gyro_bias[1])
+    assert sizes["accel_scale", "z"] == pytest.approx(known.accel_scale[2])
+    assert sizes["dynamic_pressure_scale", "scale"] == pytest.approx(known.dynamic_pressure_scale[0])
+    assert sizes["inertia_ratio", "ratio"] == pytest.approx(known.inertia_ratio[0])
+
+
+def test_the_normal_force_is_free_and_the_rest_is_bounded() -> None:
+    found = problem(SEEDS[0]).rows.nuisances
+    free = {found.items[k].name for k in set(range(len(found.items))) - set(found.bounded.tolist())}
+    assert free <= {"motion", "force"}
+    assert "force" in free
+    assert found.present.size == found.bounded.size
+    assert np.all(np.isfinite(found.present))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.ranking.verdict import TEMPERATURE, probabilities
+from brv_hypo.ranking.constants import TEMPERATURE
+from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.study import StudyConfig, summarise
 from brv_hypo.study.calibration import best_temperature, calibration, log_loss
 from brv_hypo.study.confusion import confusion, false_alarms
@@ -72,7 +73,9 @@ def drawn_from(temperature: float, flights: int, seed: int) -> list:
     found = []
     for _ in range(flights):
         information = dict(zip(names, random.uniform(0.0, 12.0 * temperature, 3), strict=True))
-        chances = probabilities(information, temperature)
+        chances = probabilities(
+            {name: value * TEMPERATURE / temperature for name, value in information.items()}
+        )
         planted = str(random.choice(names, p=list(chances.values())))
         first = max(chances, key=lambda name: chances[name])
         found.append(outcome(planted, first, probability=chances, information=information))
@@ -100,6 +103,14 @@ def test_calibrated_verdicts_fill_the_bins_at_their_own_probability():
 def test_a_certain_verdict_is_counted_in_the_last_bin():
     last = calibration([outcome("lag", "lag")]).bins[-1]
     assert (last.right.count, last.right.total) == (1, 1)
+
+
+def test_a_flight_given_to_something_else_is_no_right_verdict_on_its_leader():
+    """The planted mechanism ranks first, but the verdict is that none of the list is at work."""
+    chances = {"none": 0.0, "lag": 0.05, "other": 0.95}
+    given = outcome("lag", "lag", probability=chances, information={"none": 0.0, "lag": -10.0})
+    (found,) = [item for item in calibration([given]).bins if item.right.total]
+    assert (found.low, found.mean_probability, found.right.count) == (0.9, 0.95, 0)
 
 
 def test_flights_that_are_all_right_set_no_temperature():
