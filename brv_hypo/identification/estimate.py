@@ -174,11 +174,6 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         reported = plain if white else max(plain, coloured)
         return Estimate(shown or name, size * theta[name], reported, plain, coloured, units)
 
-    single = len(problem.flights) == 1
-
-    def shown(name: str, flight: int) -> str:
-        return name if single else of_flight(name, flight)
-
     innovations = tuple(
         record.innovations(record.segment.y - v)
         for record, v in zip(problem.records, found.innovations, strict=True)
@@ -200,11 +195,11 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         ),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
         instruments=tuple(
-            estimate(of_flight(value.name, flight), value.units, shown(value.name, flight), value.size)
+            estimate(of_flight(value.name, flight), value.units, _shown(problem, value.name, flight), value.size)
             for value, flight in problem.tolerated
         ),
         environment=tuple(
-            estimate(of_flight(name, flight), "m/s^2", shown(name, flight))
+            estimate(of_flight(name, flight), "m/s^2", _shown(problem, name, flight))
             for flight in problem.flights
             for name in GRAVITY
         ),
@@ -226,12 +221,18 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
 
 def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]:
     """What the data want further off than its tolerance lets expect."""
-    sigmas = {of_flight(value.name, flight): value for value, flight in problem.tolerated}
-    return [
-        f"{name} is {theta[name] * value.size:.3g} {value.units}, {abs(theta[name]):.1f} times its tolerance"
-        for name, value in sigmas.items()
-        if abs(theta[name]) > _BEYOND_TOLERANCE
-    ]
+    found = []
+    for value, flight in problem.tolerated:
+        sigmas = theta[of_flight(value.name, flight)]
+        if abs(sigmas) > _BEYOND_TOLERANCE:
+            times = f"{abs(sigmas):.1f} times its tolerance"
+            found.append(f"{_shown(problem, value.name, flight)} is {sigmas * value.size:.3g} {value.units}, {times}")
+    return found
+
+
+def _shown(problem: Problem, name: str, flight: int) -> str:
+    """The name of a flight's parameter as a reader knows it."""
+    return name if len(problem.flights) == 1 else of_flight(name, flight)
 
 
 def _prior_misfit(problem: Problem, theta: Mapping[str, float]) -> float:
