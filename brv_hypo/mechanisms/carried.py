@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 from brv_hypo.flight.record import Flight
@@ -38,6 +39,15 @@ def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
         for effect in carried_effects()
         for component in effect.components(flight)
     )
+
+
+def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
+    """The record with what is known of carried effects' components (SI) taken out; other names are passed over."""
+    for effect in carried_effects():
+        for component in effect.components(flight):
+            if (effect.name, component.name) in errors:
+                flight = effect.perturb(flight, component.name, -errors[effect.name, component.name])
+    return flight
 
 
 def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import MechanismError, UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.isolation import checked_terms, without_faulty
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
@@ -33,10 +33,11 @@ from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
-from brv_hypo.regression.build import baseline_columns, build_problem
+from brv_hypo.regression.build import baseline_columns, build_problem, errors_found
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.held_out import HeldOut, held_out
+from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 from brv_hypo.regression.search import on_grid
@@ -161,13 +162,30 @@ def answerable(
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried."""
+    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried.
+
+    What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
+    again where what the data say of them is taken out.
+    """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < SMALLEST_RECORD:
         raise UnanswerableError(
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
+    problem = _problem(reconstructions, config)
+    found = errors_found(problem)
+    again = [
+        reconstruct(without(rec.flight, errors), ReconstructionConfig(method=config.method))
+        for rec, errors in zip(reconstructions, found, strict=True)
+    ]
+    return _problem(again, config, found)
+
+
+def _problem(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, taken: Sequence[Errors] | None = None
+) -> Problem:
+    """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
     offset = 1 if config.offset_degree is None else config.offset_degree
     slope = 2 if config.slope_degree is None else config.slope_degree
     settings = ReconstructionConfig(method=config.method)
@@ -190,6 +208,7 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
         config.max_terms,
         config.exact_terms,
         config.refine,
+        taken,
     )
 
 

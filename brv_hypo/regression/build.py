@@ -17,8 +17,8 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import whole
 from brv_hypo.regression.frame import RateFrame, whiten
 from brv_hypo.regression.linear import solve_scaled
-from brv_hypo.regression.noise import first_noise, settled_noise
-from brv_hypo.regression.nuisance import nuisances
+from brv_hypo.regression.noise import first_noise, free_moment, settled_noise
+from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import ForceModel, LinearisedFlight, start_of
 from brv_hypo.regression.whitening import difference
@@ -49,24 +49,56 @@ def build_problem(
     max_terms: int,
     exact_terms: int,
     refine: bool = True,
+    taken: Sequence[Errors] | None = None,
 ) -> Problem:
     """The problem of reconstructed flights, linearised about the baseline's fit, under the record's own noise.
 
-    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis.
+    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis; `taken`, one a
+    flight, is what was taken out of its record before it was reconstructed.
     """
     values = first_values(frame, baseline)
+    moments: tuple[Errors, ...] = tuple({} for _ in records)
     for _ in range(_ROUNDS):
         flights = [
-            linearised(record, reconstruction, frame, baseline, values)
-            for record, reconstruction in zip(records, frame.reconstructions, strict=True)
+            linearised(record, reconstruction, *_with_vehicle(frame, baseline, values, vehicle, known))
+            for record, reconstruction, known in zip(records, frame.reconstructions, moments, strict=True)
         ]
         force, seen = on_rows(frame, flights)
-        carried = nuisances(frame, flights, effects, vehicle)
+        carried = nuisances(frame, flights, effects, vehicle, taken=taken)
         rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
-        known = frame.with_mechanisms([GivenColumns()])
-        problem = Problem(known, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
-        values, _ = problem.solution(known, baseline)
+        given = frame.with_mechanisms([GivenColumns()])
+        problem = Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+        values, others = problem.solution(given, baseline)
+        moments = carried.values(others, len(records))
     return problem.under(settled_noise(problem))
+
+
+def errors_found(problem: Problem) -> tuple[Errors, ...]:
+    """What the data say of every flight's errors beside a free, smooth moment, in SI: one mapping a flight."""
+    frame, free = free_moment(problem)
+    _, others = problem.solution(frame, (*problem.baseline, *free))
+    return problem.rows.nuisances.values(others, len(problem.records))
+
+
+def _with_vehicle(
+    frame: RateFrame,
+    baseline: tuple[Column, ...],
+    values: FloatArray,
+    vehicle: Sequence[Mechanism],
+    known: Errors,
+) -> tuple[RateFrame, tuple[Column, ...], FloatArray]:
+    """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known.
+
+    An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
+    """
+    always = TimeFunction("constant")
+    own = {
+        Column(mechanism.name, term.name, (), always, term.units): known[mechanism.name, term.name]
+        for mechanism in vehicle
+        for term in mechanism.terms(frame.motions[0], {})
+        if (mechanism.name, term.name) in known
+    }
+    return frame.with_mechanisms(vehicle), (*baseline, *own), np.append(values, list(own.values()))
 
 
 def first_values(frame: RateFrame, columns: tuple[Column, ...]) -> FloatArray:

@@ -41,6 +41,10 @@ class Nuisance:
         return f"{self.name} {self.component} [flight {self.flight}]"
 
 
+Errors = Mapping[tuple[str, str], float]
+"""Values (SI) of one flight's errors, by effect (or mechanism) and component (or term)."""
+
+
 @dataclass(frozen=True)
 class Nuisances:
     """The unknowns and their histories on the rows of a frame (rows, unknowns)."""
@@ -58,6 +62,13 @@ class Nuisances:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
 
+    def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
+        """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
+        found: list[dict[tuple[str, str], float]] = [{} for _ in range(flights)]
+        for item, value in zip(self.items, fitted, strict=True):
+            found[item.flight][item.name, item.component] = float(value) * item.size + item.taken_out
+        return tuple(found)
+
 
 def nuisances(
     frame: RateFrame,
@@ -65,14 +76,14 @@ def nuisances(
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
     free: frozenset[tuple[str, str]] = frozenset(),
-    taken: Mapping[tuple[str, str], float] | None = None,
+    taken: Sequence[Errors] | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
-    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior; `taken` what was
-    taken out of the records before they were linearised (SI). What has no influence on a flight is left out.
+    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior; `taken`, one
+    a flight, what was taken out of its record before. What has no influence on a flight is left out.
     """
-    taken = taken or {}
+    known_before = taken or tuple({} for _ in flights)
     items: list[Nuisance] = []
     rows: list[Rows] = []
 
@@ -99,7 +110,7 @@ def nuisances(
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
                 key, size = (effect.name, component.name), component.size
-                found = known.get(key, 0.0) + taken.get(key, 0.0)
+                found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
                 present = np.nan if key in free else -found / size
                 item = Nuisance(*key, number, component.units, size, present, found)
                 add(item, on_frame(frame, number, history))

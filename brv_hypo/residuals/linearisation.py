@@ -9,7 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects
+from brv_hypo.mechanisms.carried import without
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
@@ -93,10 +93,7 @@ def see(flight: Flight, model: Model, config: TraceConfig, taken: Taken | None =
     What the reconstruction finds of the remaining errors within their tolerances is taken out too.
     """
     taken = taken or {}
-    for effect in carried_effects():
-        for component in effect.components(flight):
-            if (effect.name, component.name) in taken:
-                flight = effect.perturb(flight, component.name, -taken[effect.name, component.name])
+    flight = without(flight, taken)
     for applied in model.applied:
         flight = applied.effect.perturb(flight, applied.component, -applied.value)
     settings = ReconstructionConfig(method=config.method)

@@ -60,7 +60,7 @@ def problem_of(
     free = frozenset((applied.effect.name, applied.component) for applied in model.applied)
     effects = [effect for effect in carried_effects() if effect.name not in _own(model)]
     carried = (*effects, *(_own(model).values()))
-    unknown = nuisances(frame, [flight], carried, carried_mechanisms(seen.flight), free, seen.taken)
+    unknown = nuisances(frame, [flight], carried, carried_mechanisms(seen.flight), free, [seen.taken])
     force, _ = on_rows(frame, [flight])
     time = frame.time
     problem = Problem(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion import reconstruct
