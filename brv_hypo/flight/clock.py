@@ -104,21 +104,25 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
 def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
     """The largest jump (n,) of some channels before each sample, in robust standard deviations."""
     largest = np.zeros(channels[0].size if channels else 0)
-    weights = _weights()
+    slopes, weights = _weights()
     for values in channels:
         if values.size < 4 * JUMP_FLANK:
             continue
         jump = np.full(values.size, np.nan)
-        jump[JUMP_FLANK : values.size - JUMP_FLANK + 1] = np.correlate(values, weights, "valid")
+        inside = slice(JUMP_FLANK, values.size - JUMP_FLANK + 1)
+        jump[inside] = np.correlate(values, weights, "valid")
         finite = jump[np.isfinite(jump)]
         scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else 0.0
         if scale > 0.0:
+            # A kink (a moment that sets in) lies within half a step, and makes no more of a jump than this.
+            kink = np.abs(np.correlate(values, slopes, "valid"))
+            jump[inside][np.abs(jump[inside]) < kink] = 0.0
             largest = np.maximum(largest, np.nan_to_num(np.abs(jump)) / scale)
     return largest
 
 
-def _weights() -> FloatArray:
-    """Of the samples about a place: the parabola after it less that before it, half a step away from both."""
+def _weights() -> tuple[FloatArray, FloatArray]:
+    """Of the samples about a place, half a step away: slope and value of the parabola after it less that before."""
     columns = np.vander(np.arange(JUMP_FLANK) + 0.5, 3)
-    after = np.linalg.pinv(columns)[-1]
-    return np.concatenate([-after[::-1], after])
+    _, slope, value = np.linalg.pinv(columns)
+    return np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])

@@ -17,6 +17,7 @@ from brv_hypo.flight.bursts import find_bursts
 from brv_hypo.flight.clock import joint_jumps, stamped_steps
 from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.resample import runs
+from brv_hypo.flight.spikes import find_spikes
 from brv_hypo.flight.stuck import constant_runs, flat_tops, is_constant
 
 INERTIAL = ("p", "q", "r", "ax", "ay", "az")
@@ -91,14 +92,19 @@ def _without_steps(
 
 
 def _jumps(time: FloatArray, channels: Mapping[str, FloatArray]) -> list[RecordFault]:
-    """Places where gyros and accelerometers jump together."""
+    """Places where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count."""
+    despiked = {
+        name: np.where(find_spikes(channels[name]), np.nan, channels[name])
+        for name in INERTIAL
+        if name in channels
+    }
     action = (
         "rates and forces jump together, as no motion does: the clock stepped, or samples were lost or repeated, "
         "without a trace in the stamps. Give a window that leaves this out (--start, --stop) or pass --accept-record"
     )
     return [
         RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, True)
-        for at in joint_jumps(channels)
+        for at in joint_jumps(despiked)
     ]
 
 

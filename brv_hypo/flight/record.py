@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.faults import RecordFault
 from brv_hypo.flight.instruments import Instruments, of_grade
+
+if TYPE_CHECKING:  # faults are found by what reads records
+    from brv_hypo.flight.faults import RecordFault
 
 CHANNELS = ("p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure")
 OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")

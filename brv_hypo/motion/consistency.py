@@ -25,7 +25,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.derive import standard_density
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.motion.corrections import Correction
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.noise import white_noise_level
@@ -51,6 +51,8 @@ WIND_MEMORY = 0.5
 # 1-sigma share of gravity along the path: what the altitude leaves open, and what is open where there is none.
 GRAVITY_DOUBT = 0.2
 GRAVITY_UNKNOWN = 1.0
+# 1-sigma of the deceleration by lift, in what it is where the normal force has the slope of any body.
+LIFT_DOUBT = 1.0
 # 1-sigma of the speed that a segment starts with, m/s, which is left open; samples that tell the deceleration.
 ANY_SPEED = 1e3
 AXIAL_SAMPLES = 60
@@ -318,8 +320,9 @@ def _fit(observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[Com
 def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
     """True over sensed deceleration, from the change of the speed, and the standard deviation of that.
 
-    Least squares weighted by what else changes the airspeed: wind that wanders, gravity along the path, noise. A short
-    or gentle record cannot tell them apart, and has a large deviation.
+    Least squares weighted by what else changes the airspeed: wind that wanders, gravity along the path, the normal
+    force times the angle of attack it takes, noise. A short or gentle record cannot tell them apart, and has a
+    large deviation.
     """
     information, right = 0.0, 0.0
     for piece in pieces:
@@ -333,6 +336,8 @@ def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tu
         apart = np.abs(time[:, None] - time) / (WIND_MEMORY * time[-1])
         covariance = record.wind_sigma**2 * np.exp(-apart) + ANY_SPEED**2
         covariance += (doubt * record.gravity) ** 2 * np.outer(time, time)
+        lift = LIFT_DOUBT * _slowed_by_lift(record.flight.vehicle, piece)[::every]
+        covariance += np.outer(lift, lift)
         covariance += (record.velocity_sigma * correction.air[0]) ** 2 * np.eye(time.size)
         sensed = _running(piece.time, piece.forces[0])[::every]
         weighted = np.linalg.solve(covariance, sensed)
@@ -341,6 +346,14 @@ def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tu
     if not information > 0.0:
         return 1.0, np.inf
     return right / information, float(1.0 / np.sqrt(information))
+
+
+def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
+    """Speed (n,) m/s that the normal force takes: f^2 over q_inf S C_N / m, and never more than f."""
+    normal = np.hypot(piece.forces[1], piece.forces[2])
+    stiffness = NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
+    angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
+    return _running(piece.time, normal * angle)
 
 
 def _running(time: FloatArray, values: FloatArray) -> FloatArray:

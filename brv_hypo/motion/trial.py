@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.assemble import masked_flight
 from brv_hypo.flight.faults import RecordFault, RecordTrial
 from brv_hypo.flight.record import Flight
@@ -51,12 +52,17 @@ UNRELATED_WORDS = (
 def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     """The flight with faulty stretches masked (the same object where there are none), and what the trial found.
 
-    Raises nothing that reading the flight did not: a fault that leaves too little of a channel is reported as
-    decisive, and the channel left as it is. A window of a sound record that is too short for any record is not tried.
+    Never raises: a fault that leaves too little of a channel is reported as decisive, and the channel left as it is;
+    so is a flight that is no valid record, or of which masking leaves nothing. A window of a sound record that is too
+    short for any record is not tried.
     """
     if flight.time.size < MINIMUM_SAMPLES:
         return flight, RecordTrial(sound=True, faults=())
-    masked, faults = masked_flight(flight)
+    try:
+        masked, faults = masked_flight(flight)
+    except FlightRecordError as error:
+        unusable = _fault(flight, "record", "unusable", str(error))
+        return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     found = (*faults, *_contradictions(masked))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial

@@ -103,3 +103,14 @@ def test_samples_lost_without_a_trace_are_found():
     assert ("time", "clock step") in kinds(
         time[: kept.size], {name: values[kept] for name, values in found.items()}
     )
+
+
+@pytest.mark.parametrize("within", [0.1, 0.5, 0.9])
+def test_a_kink_of_the_rates_with_a_jump_of_the_forces_is_no_clock_step(within):
+    """A moment that sets in: the accelerometers off the centre of gravity jump, the gyros do not."""
+    _, found = channels()
+    late = np.maximum(np.arange(SAMPLES) - 400.0 - within, 0.0)
+    scale = 100.0 * np.std(np.diff(found["q"]))
+    found["q"] = found["q"] + scale * late
+    found["az"] = found["az"] + 50.0 * np.std(found["az"]) * (late > 0.0)
+    assert joint_jumps(found) == ()

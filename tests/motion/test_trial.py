@@ -58,6 +58,32 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
     assert "--accept-record" in trial.faults[0].action
 
 
+@pytest.mark.parametrize("turns", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("phase", [0.0, 2.0, 4.0])
+@pytest.mark.parametrize("name", ["cone", "slender"])
+def test_wind_along_the_path_raises_no_alarm(flights, name, turns, phase):
+    """Airspeed shows a slow wind as a deceleration that is not sensed."""
+    flight = flights[name]
+    wind = 6.0 * np.sin(2.0 * np.pi * turns * (flight.time - flight.time[0]) / np.ptp(flight.time) + phase)
+    assert try_record(replace(flight, velocity=flight.velocity + wind))[1].sound
+
+
+def test_isolated_spikes_never_decide(flights):
+    rng, flight = np.random.default_rng(5), flights["cone"]
+    spoilt = {name: getattr(flight, name).copy() for name in ("p", "q", "r", "ax", "ay", "az")}
+    for values in spoilt.values():
+        values[rng.choice(flight.samples, flight.samples // 200, replace=False)] += 100.0 * np.std(values)
+    trial = try_record(replace(flight, **spoilt))[1]
+    assert trial.faults
+    assert not any(fault.decisive for fault in trial.faults)
+
+
+def test_a_flight_of_which_nothing_can_be_used_is_reported(flights):
+    kept, trial = try_record(flights["cone"].window(None, flights["cone"].time[7]))
+    assert kept.samples == 8
+    assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [("record", "unusable", True)]
+
+
 def test_noise_in_place_of_forces_raises_no_alarm(flights):
     rng = np.random.default_rng(4)
     flight = flights["cone"]
