@@ -36,6 +36,8 @@ _CLOSE = 0.3
 _POOR_START = 2.0
 """Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several
 minima."""
+_FIRST_STEPS = 2
+"""Steps with the knots held from a poor start: the first takes up what is linear, errors of the record above all."""
 _KNOTS_MOVED = 0.5
 """The same for the knots, in blocks."""
 _BEYOND_TOLERANCE = 3.0
@@ -81,7 +83,7 @@ def _search(
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     iterations = 0
     if _misfit(problem) > _POOR_START:
-        first = problem.solve(fixed=problem.structure.knots, progress=progress)
+        first = problem.solve(fixed=problem.structure.knots, max_iterations=_FIRST_STEPS, progress=progress)
         iterations += first.iterations
         problem = _refreshed(problem, first)
     found = problem.solve(progress=progress)
