@@ -58,6 +58,7 @@ def compare(
     UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
     """
     config, say = config or CompareConfig(), progress or (lambda message: None)
+    _hypotheses(config)  # an unknown name is refused whatever the record is like
     say("trying the record")
     trials = [try_record(flight) for flight in flights]
     record = record_summary([trial for _, trial in trials])

@@ -107,7 +107,7 @@ def test_derivative_is_that_of_another_simulation(
     state = body.first_state(0.0)
     matrix = np.array(dynamics._matrix(state[6:10].tolist()))
     theirs = np.concatenate([state[3:6], state[0:3], matrix.ravel(), state[10:13]])
-    rate, (_, _, pressure, xi, moment, *_) = other._derivative(scenario, theirs)
+    rate, (_, _, pressure, xi, moment, *_) = other._derivative(scenario, 0.0, theirs)
     mine, look = body.derivative(0.0, state), body.look(0.0, state)
     np.testing.assert_allclose(mine[3:6], rate[:3], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(mine[10:13], rate[15:18], rtol=1e-9, atol=1e-12)
