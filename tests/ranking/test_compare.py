@@ -39,7 +39,8 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     """8 Hz, Martian, inertia up to a factor: a moment fixed in the body fits best, but more than noise is left."""
     comparison = opportunity
     assert comparison.ranking[0].mechanism == "bodyfixed"
-    assert comparison.ranking[0].prediction_ratio < 0.5
+    # Of a baseline that has the errors of the record within their tolerances too.
+    assert comparison.ranking[0].prediction_ratio < 0.6
     verdict = comparison.verdict
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "none adequate", ())
     assert verdict.probability["other"] > 0.9
