@@ -22,7 +22,8 @@ from brv_hypo.identification.inputs import SmoothInputs
 from brv_hypo.identification.readings import lever_force
 from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Course
-from brv_hypo.mechanisms import Mechanism, installed, record_effects
+from brv_hypo.mechanisms import Mechanism
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import theta_grid
 from brv_hypo.motion.frames import body_from_plane
@@ -162,9 +163,7 @@ def _of_flight(
 def _of_effects(
     flight: Flight, reconstruction: Reconstruction, smooth: SmoothInputs
 ) -> Iterator[tuple[Tolerated, dict[str, FloatArray | float]]]:
-    for effect in record_effects():
-        if not effect.carried:
-            continue
+    for effect in carried_effects():
         for component in effect.components(flight):
             more, less = (
                 effect.perturb(flight, component.name, sign * component.size) for sign in (1.0, -1.0)
@@ -281,7 +280,6 @@ def _of_moments(
 
 
 def tolerated_mechanisms(flight: Flight) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
-    """The installed mechanisms whose moments the flight's tolerances allow, with 1 sigma of each coefficient."""
-    items = (entry.item for entry in installed().values())
-    found = ((item, item.tolerance(flight)) for item in items if isinstance(item, Mechanism))
+    """The carried mechanisms whose moments the flight's tolerances allow, with 1 sigma of each coefficient."""
+    found = ((item, item.tolerance(flight)) for item in carried_mechanisms(flight))
     return tuple((item, sizes) for item, sizes in found if sizes is not None)

@@ -17,6 +17,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.config import TraceConfig
@@ -27,7 +28,7 @@ from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Predi
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, restored
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.residuals.summary import flight_summary, term_estimates
+from brv_hypo.residuals.summary import term_estimates
 
 # Stretches of the record whose errors are told apart.
 _REGIONS = 8

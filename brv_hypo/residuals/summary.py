@@ -9,7 +9,8 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.columns import BASELINE, Column
-from brv_hypo.ranking.result import FlightSummary, TermEstimate
+from brv_hypo.ranking.result import TermEstimate
+from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
@@ -62,19 +63,6 @@ def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
         final_residual=final,
         discovered=None if end.discovery is None else end.discovery.file,
         picture=_picture(before, end),
-    )
-
-
-def flight_summary(flight: Flight) -> FlightSummary:
-    """The flight as results tell it."""
-    return FlightSummary(
-        path=flight.path,
-        samples=flight.samples,
-        start_s=float(flight.time[0]),
-        stop_s=float(flight.time[-1]),
-        sample_rate_hz=flight.sample_rate,
-        title=flight.title,
-        notes=flight.notes,
     )
 
 
