@@ -44,7 +44,7 @@ def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
     assert {row["mechanism"] for row in json.loads(done.stdout)["ranking"]} == {"none", "own"}
 
 
-@pytest.mark.parametrize("arguments", [["-q"], ["--json", "-"]])
+@pytest.mark.parametrize("arguments", [pytest.param(["-q"], marks=pytest.mark.slow), ["--json", "-"]])
 def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments):
     (tmp_path / "bad.py").write_text(GOOD.replace('print("talking")', "raise OSError('gone')"))
     common = ("compare", simulated_file, "--mechanisms", "bodyfixed", *arguments)

@@ -76,6 +76,7 @@ def test_an_error_of_the_record_far_beyond_its_tolerance_is_measured_and_said(pa
     assert f"{name} is" in found.message
 
 
+@pytest.mark.slow
 def test_errors_within_tolerance_leave_the_estimates_within_their_errors():
     for simulated, flight in flights("bodyfixed", 2, seed=40, tolerances=1.0):
         work = trial(simulated, flight)

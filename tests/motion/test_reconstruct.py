@@ -107,6 +107,7 @@ def test_biases_within_the_tolerances_are_borne_and_found(truths: dict[str, Trut
         assert bias[axis].std_error < bias[axis].size
 
 
+@pytest.mark.slow
 def test_stated_sigmas_count_what_the_tolerances_allow() -> None:
     """Every error drawn at its tolerance: stated sigmas neither claim more nor give up what the record tells.
 
