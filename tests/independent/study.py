@@ -33,7 +33,7 @@ class Outcome:
     """One flight: what was planted, what the oracle could know, what the program said.
 
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism.
-    `stated` are stated over true rms errors of alpha, meridian and moments.
+    `stated` are stated over true rms errors of alpha and meridian.
     """
 
     seed: int
@@ -47,7 +47,7 @@ class Outcome:
     equivalent: tuple[str, ...]
     chance: float
     limit: float
-    stated: tuple[float, float, float]
+    stated: tuple[float, float]
 
 
 def fly(seed: int, number: int, grade: str, factor: float, unlisted: int) -> Outcome | str:
@@ -85,16 +85,14 @@ def _share(made: Made) -> float:
     return float(np.sqrt(np.mean(np.abs(made.true.contribution) ** 2)) / whole)
 
 
-def _stated(made: Made) -> tuple[float, float, float]:
-    """Stated over true rms errors of alpha, of the meridian where alpha is not small, and of the moments."""
+def _stated(made: Made) -> tuple[float, float]:
+    """Stated over true rms errors of alpha, and of the meridian where alpha is not small."""
     found, true = reconstruct(made.flight), made.true
     alpha = _ratio(found.alpha_sigma, found.motion.alpha - true.alpha)
     clear = true.alpha > 0.2 * np.sqrt(np.mean(true.alpha**2))
     turned = np.angle(np.exp(1j * (found.motion.windward_meridian - true.meridian)))
     meridian = _ratio(found.phi_w_sigma[clear], turned[clear])
-    usable = found.moments.usable
-    error = np.abs(found.moments.body - true.moment)[usable] / np.sqrt(2.0)
-    return alpha, meridian, _ratio(found.moments.sigma[usable], error)
+    return alpha, meridian
 
 
 def _ratio(sigma: np.ndarray, error: np.ndarray) -> float:
@@ -120,7 +118,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield _count("outside the list: 'none adequate' or undecided", [o.winner is None for o in other])
     yield _count("outside the list: a mechanism is named", [o.winner not in (None, "none") for o in other])
     yield _count("records refused", [o.outcome == "record fault" for o in outcomes])
-    for k, what in enumerate(("alpha", "meridian", "moments")):
+    for k, what in enumerate(("alpha", "meridian")):
         ratios = np.array([o.stated[k] for o in outcomes])
         yield (
             f"stated over true error of {what}: median {np.median(ratios):.2f}, "

@@ -79,9 +79,15 @@ def test_isolated_spikes_never_decide(flights):
 
 
 def test_a_flight_of_which_nothing_can_be_used_is_reported(flights):
-    kept, trial = try_record(flights["cone"].window(None, flights["cone"].time[7]))
-    assert kept.samples == 8
+    flight = flights["cone"]
+    kept, trial = try_record(replace(flight, q=np.full(flight.samples, np.nan)))
+    assert kept.samples == flight.samples
     assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [("record", "unusable", True)]
+
+
+def test_a_window_too_short_for_any_record_stands_untried(flights):
+    kept, trial = try_record(flights["cone"].window(None, flights["cone"].time[7]))
+    assert (kept.samples, trial.sound, trial.faults) == (8, True, ())
 
 
 def test_noise_in_place_of_forces_raises_no_alarm(flights):
