@@ -13,7 +13,7 @@ from typing import ParamSpec
 
 import typer
 
-from brv_hypo.cli.signals import LINE, WORDS, code_of, end_workers, unwinding
+from brv_hypo.cli.signals import LINE, WORDS, code_of, code_that_arrived, end_workers, unwinding
 from brv_hypo.errors import BrvHypoError, UsageError
 from brv_hypo.files.printed import printable
 
@@ -46,6 +46,10 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             code = code_of(interrupt)
             _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
         except Exception as fault:
+            arrived = code_that_arrived()
+            if arrived is not None:
+                end_workers()
+                _end(LINE.format(WORDS[arrived]), arrived)
             if isinstance(fault, OSError) and fault.errno in FULL:
                 _abandon_output()
                 _end(

@@ -18,6 +18,7 @@ LINE = "brv-hypo: {}; no half-written output is left"
 WORDS = {130: "interrupted", 143: "terminated"}
 
 _unwinds = False
+_code: int | None = None  # of the signal that arrived
 
 
 class Terminated(KeyboardInterrupt):
@@ -41,6 +42,11 @@ def unwinding() -> Iterator[None]:
         _unwinds = False
 
 
+def code_that_arrived() -> int | None:
+    """The exit code of the signal that arrived, if any: a library that was just starting may make it another error."""
+    return _code
+
+
 def code_of(interrupt: KeyboardInterrupt) -> int:
     """The exit code of a signal's exception."""
     return CODES[signal.SIGTERM] if isinstance(interrupt, Terminated) else CODES[signal.SIGINT]
@@ -57,9 +63,10 @@ def end_workers() -> None:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
+    global _code
     for each in CODES:  # one is enough: a second must not disturb the unwinding of the first
         signal.signal(each, signal.SIG_IGN)
-    code = CODES[signal.Signals(number)]
+    code = _code = CODES[signal.Signals(number)]
     if not _unwinds:
         _leave(code)
     clock = threading.Timer(GRACE_SECONDS, _leave, [code])

@@ -10,6 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
+import typer
+
+from brv_hypo.cli import signals
+from brv_hypo.cli.guard import guarded
 
 STUDY = """
 title: long
@@ -126,3 +130,16 @@ def test_what_swallows_the_signal_is_ended_after_the_grace(number):
     assert code == CODES[number][0]
     assert 1.0 < seconds < LIMIT_SECONDS
     assert len(errors.splitlines()) == 1
+
+
+def test_what_a_library_makes_of_a_signal_is_the_signal(monkeypatch, capsys):
+    """A signal in the middle of an import comes back as an ImportError."""
+
+    def command():
+        raise ImportError("initialization failed")
+
+    monkeypatch.setattr(signals, "_code", CODES[signal.SIGTERM][0])
+    with pytest.raises(typer.Exit) as ended_with:
+        guarded(command)()
+    assert ended_with.value.exit_code == 143
+    assert "terminated" in capsys.readouterr().err
