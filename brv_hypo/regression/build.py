@@ -60,7 +60,7 @@ def build_problem(
     moments: tuple[Errors, ...] = tuple({} for _ in records)
     for _ in range(_ROUNDS):
         flights = [
-            linearised(record, reconstruction, *_with_vehicle(frame, baseline, values, vehicle, known))
+            linearised(record, reconstruction, *with_vehicle(frame, baseline, values, vehicle, known))
             for record, reconstruction, known in zip(records, frame.reconstructions, moments, strict=True)
         ]
         force, seen = on_rows(frame, flights)
@@ -80,7 +80,7 @@ def errors_found(problem: Problem) -> tuple[Errors, ...]:
     return problem.rows.nuisances.values(others, len(problem.records))
 
 
-def _with_vehicle(
+def with_vehicle(
     frame: RateFrame,
     baseline: tuple[Column, ...],
     values: FloatArray,

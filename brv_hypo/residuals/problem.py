@@ -11,8 +11,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.model.columns import Column, default_knots
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.build import linearised, on_rows
+from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
@@ -26,21 +25,10 @@ from brv_hypo.residuals.linearisation import Model, Seen
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> LinearisedFlight:
-    """The flight, linearised about the model with coefficients (columns,), and what is known of the vehicle's errors.
-
-    An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
-    """
+    """The flight, linearised about the model with coefficients (columns,), and the vehicle's errors as far as known."""
     vehicle = carried_mechanisms(seen.flight)
-    motion, always = seen.reconstruction.motion, TimeFunction("constant")
-    known = {
-        Column(mechanism.name, term.name, (), always, term.units): seen.taken[mechanism.name, term.name]
-        for mechanism in vehicle
-        for term in mechanism.terms(motion, {})
-        if (mechanism.name, term.name) in seen.taken
-    }
-    frame = seen.frame.with_mechanisms(vehicle)
-    columns, coefficients = (*model.columns, *known), np.append(values, list(known.values()))
-    return linearised(seen.record, seen.reconstruction, frame, columns, coefficients)
+    known = with_vehicle(seen.frame, model.columns, values, vehicle, seen.taken)
+    return linearised(seen.record, seen.reconstruction, *known)
 
 
 def problem_of(
