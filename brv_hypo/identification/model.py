@@ -22,7 +22,6 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.identification.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.identification.knots import averaged, kink, on_grid
 from brv_hypo.identification.moments import MomentModel, Values
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
@@ -43,6 +42,7 @@ from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Delayed
 from brv_hypo.model.columns import Column
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
+from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion
 
 GRAVITY = ("gravity x", "gravity y", "gravity z")

@@ -17,14 +17,15 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.inputs import SmoothInputs
 from brv_hypo.identification.placing import FEWEST_NODES, Meridian, derolled_crossflow, knots_of
 from brv_hypo.identification.readings import noise_free_flights
 from brv_hypo.identification.record_errors import RecordErrors, Tolerated, record_errors
+from brv_hypo.identification.structure import input_course
 from brv_hypo.likelihood import Segment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
@@ -199,7 +200,8 @@ def _node_record(
     if local.shape[1] > 1:
         for knot in knots:
             outputs[:, np.abs(nodes - knot) < context.block] = np.nan
-    courses = (*(error.course for error in inputs.errors), *errors.courses(time, samples, turn, local))
+    smoothed = (input_course(error, part.flight) for error in inputs.errors)
+    courses = (*smoothed, *errors.courses(time, samples, turn, local))
     segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, courses=courses)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
     return NodeRecord(context, segment, time, turn, measured, expected, nearest, samples, errors.values)

@@ -13,16 +13,16 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.identification.model import GRAVITY, RATE_ERRORS, VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
 from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
 from brv_hypo.identification.record_errors import Tolerated
-from brv_hypo.identification.structure import Structure, of_flight, structure_of
+from brv_hypo.identification.structure import Structure, input_course, of_flight, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
+from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.wind import gravity_magnitude
 from brv_hypo.regression.frame import RateFrame
 
@@ -160,7 +160,7 @@ def build_problem(
     Raises UnanswerableError where no segment is long enough.
     """
     size = block_size(frame, columns, values, config.quadrature)
-    inputs = tuple(smooth_inputs(r, number) for number, r in enumerate(frame.reconstructions))
+    inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     records = node_records(frame, columns, values, inputs, size, delays_of(columns))
     if not records:
         raise UnanswerableError(
@@ -212,7 +212,8 @@ def _nuisances(
         size = gravity_magnitude(reconstruction.flight) or _UNKNOWN_GRAVITY
         for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
             found[of_flight(name, index)] = (min(max(value, -size), size), 0.0, size)
-        found |= {weight: (0.0, 0.0, 1.0) for error in inputs[index].errors for weight in error.weights}
+        for error in inputs[index].errors:
+            found |= dict.fromkeys(input_course(error, index).weights, (0.0, 0.0, 1.0))
     return found
 
 

@@ -18,7 +18,6 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.inputs import SmoothInputs
 from brv_hypo.identification.readings import lever_force
 from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Course
@@ -27,6 +26,7 @@ from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import theta_grid
 from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
 

@@ -10,8 +10,10 @@ from typing import Literal
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood import Course
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
+from brv_hypo.motion.smoothing import InputError
 
 Kind = Literal["theta", "start", "stop"]
 
@@ -104,6 +106,12 @@ def unique(names: Sequence[str]) -> tuple[str, ...]:
 def of_flight(name: str, flight: int) -> str:
     """The parameter's name for one flight: each flight has its own instruments."""
     return f"{name} [flight {flight}]"
+
+
+def input_course(error: InputError, flight: int) -> Course:
+    """What smoothing left of an input's noise, as the course by whose name the equations of motion know it."""
+    name = of_flight(error.name, flight)
+    return Course(name, tuple(f"{name} {k}" for k in range(error.count)), error.shapes)
 
 
 def _movers(

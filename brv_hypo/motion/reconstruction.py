@@ -11,6 +11,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.smoothing import InputError
 
 Method = Literal["joint", "velocity", "rates", "polar"]
 
@@ -60,7 +61,8 @@ class Reconstruction:
     axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force; `gyro_sigma` rad/s
     and `accel_sigma` m/s^2 are the white-noise levels estimated from the record. `status` is "ok" or
     "degraded"; `warnings` say what limits the result and what would help. `effects` are the errors that the
-    record was allowed to have; `corrected` is the flight with what was found of them taken out.
+    record was allowed to have; `corrected` is the flight with what was found of them taken out. `input_errors` are
+    what smoothing left of the noise of inputs, where `flight` holds them smoothed.
     """
 
     flight: Flight
@@ -77,6 +79,7 @@ class Reconstruction:
     corrected: Flight
     status: Literal["ok", "degraded"]
     warnings: tuple[str, ...]
+    input_errors: tuple[InputError, ...] = ()
 
     @property
     def plane_moments(self) -> ComplexArray:

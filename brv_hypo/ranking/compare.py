@@ -37,7 +37,7 @@ from brv_hypo.regression.build import baseline_columns, build_problem, errors_fo
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.held_out import HeldOut, held_out
-from brv_hypo.regression.nuisance import Errors
+from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 from brv_hypo.regression.search import on_grid
@@ -174,17 +174,17 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
-    problem = _problem(reconstructions, config)
-    found = errors_found(problem)
+    first = _problem(reconstructions, config)
     again = [
         reconstruct(without(rec.flight, errors), ReconstructionConfig(method=config.method))
-        for rec, errors in zip(reconstructions, found, strict=True)
+        for rec, errors in zip(reconstructions, errors_found(first), strict=True)
     ]
-    return _problem(again, config, found)
+    problem = _problem(again, config, first)
+    return problem.under(settled_noise(problem))
 
 
 def _problem(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, taken: Sequence[Errors] | None = None
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, before: Problem | None = None
 ) -> Problem:
     """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
     offset = 1 if config.offset_degree is None else config.offset_degree
@@ -209,7 +209,7 @@ def _problem(
         config.max_terms,
         config.exact_terms,
         config.refine,
-        taken,
+        before,
     )
 
 

@@ -17,14 +17,12 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import whole
 from brv_hypo.regression.frame import RateFrame, whiten
 from brv_hypo.regression.linear import solve_scaled
-from brv_hypo.regression.noise import first_noise, free_moment, settled_noise
+from brv_hypo.regression.noise import first_noise, free_moment
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import ForceModel, LinearisedFlight, start_of
 from brv_hypo.regression.whitening import difference
 
-# How often the flight is linearised: the first coefficients know nothing of the errors that are carried.
-_ROUNDS = 2
 # Residual of the normal force, in units of its median, from which a sample is a spike.
 _OUTLIER = 7.2
 
@@ -49,28 +47,32 @@ def build_problem(
     max_terms: int,
     exact_terms: int,
     refine: bool = True,
-    taken: Sequence[Errors] | None = None,
+    before: Problem | None = None,
 ) -> Problem:
-    """The problem of reconstructed flights, linearised about the baseline's fit, under the record's own noise.
+    """The problem of reconstructed flights, linearised about the baseline's fit, under the white noise of the records.
 
-    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis; `taken`, one a
-    flight, is what was taken out of its record before it was reconstructed.
+    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis. `before` is
+    the problem of the same flights from whose records nothing was taken out yet: its fit is linearised about, and
+    what it found of their errors (`errors_found`) was taken out.
     """
-    values = first_values(frame, baseline)
-    moments: tuple[Errors, ...] = tuple({} for _ in records)
-    for _ in range(_ROUNDS):
-        flights = [
-            linearised(record, reconstruction, *with_vehicle(frame, baseline, values, vehicle, known))
-            for record, reconstruction, known in zip(records, frame.reconstructions, moments, strict=True)
-        ]
-        force, seen = on_rows(frame, flights)
-        carried = nuisances(frame, flights, effects, vehicle, taken=taken)
-        rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
-        given = frame.with_mechanisms([GivenColumns()])
-        problem = Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
-        values, others = problem.solution(given, baseline)
-        moments = carried.values(others, len(records))
-    return problem.under(settled_noise(problem))
+    nothing: tuple[Errors, ...] = tuple({} for _ in records)
+    taken = nothing if before is None else errors_found(before)
+    values, moments = (first_values(frame, baseline), nothing) if before is None else baseline_fit(before)
+    flights = [
+        linearised(record, reconstruction, *with_vehicle(frame, baseline, values, vehicle, known))
+        for record, reconstruction, known in zip(records, frame.reconstructions, moments, strict=True)
+    ]
+    force, seen = on_rows(frame, flights)
+    carried = nuisances(frame, flights, effects, vehicle, taken=taken)
+    rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
+    given = frame.with_mechanisms([GivenColumns()])
+    return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+
+
+def baseline_fit(problem: Problem) -> tuple[FloatArray, tuple[Errors, ...]]:
+    """Coefficients of the baseline and errors of every flight (SI), fitted together."""
+    values, others = problem.solution(problem.frame, problem.baseline)
+    return values, problem.rows.nuisances.values(others, len(problem.records))
 
 
 def errors_found(problem: Problem) -> tuple[Errors, ...]:

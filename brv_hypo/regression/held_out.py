@@ -26,8 +26,9 @@ _RIDGE = 1e-10
 class HeldOut:
     """Errors on held-out blocks, pitch and yaw together.
 
-    `mean_square` of the moment coefficients over all blocks; `by_block` (blocks,) of the whitened rates,
-    whose noise hides less.
+    `mean_square` of the moment coefficients over all blocks; `by_block` (blocks,) the score of the whitened rates,
+    whose noise hides less: -2 ln of their predictive density given the rest, constants left out. What the rest does
+    not settle widens the density, so that an error which was to be expected counts for little.
     """
 
     mean_square: float
@@ -60,7 +61,7 @@ def held_out(problem: Problem, frame: RateFrame, columns: Sequence[Column], coun
     square, size = 0.0, 0
     by_block = []
     for without in left_out(problem, frame, columns, count):
-        by_block.append(without.error)
+        by_block.append(without.score)
         values = without.values
         left = problem.left(frame, columns, values[: len(columns)], values[first_other:])
         moments = residual_moments(frame, problem.records, left.rates)
@@ -72,13 +73,13 @@ def held_out(problem: Problem, frame: RateFrame, columns: Sequence[Column], coun
 
 @dataclass(frozen=True)
 class Without:
-    """A fit without one block: coefficients and unknowns `values`, the block's mean square whitened rate `error`, and
-    the residual sum of squares of all the `rest`.
+    """A fit without one block: coefficients and unknowns `values`, the `score` of its whitened rates (see `HeldOut`),
+    and the residual sum of squares of all the `rest`.
     """
 
     block: int
     values: FloatArray
-    error: float
+    score: float
     rest: float
 
 
@@ -96,8 +97,18 @@ def left_out(
         out = of_row == block
         if not out.any():
             continue
-        own = design[out]
-        values = solve(normal - own.T @ own, right - own.T @ response[out], assume_a="sym")
-        error = response[out & is_rate] - design[out & is_rate] @ values
+        own, rates = design[out], design[out & is_rate]
+        others = normal - own.T @ own
+        values = solve(others, right - own.T @ response[out], assume_a="sym")
         rest = response[~out] - design[~out] @ values
-        yield Without(block, values / scale, float(np.mean(error**2)), float(rest @ rest))
+        score = _score(response[out & is_rate] - rates @ values, rates, others)
+        yield Without(block, values / scale, score, float(rest @ rest))
+
+
+def _score(error: FloatArray, design: FloatArray, normal: FloatArray) -> float:
+    """e' S^-1 e + ln |S| of errors (rows,) of unit noise, S = I + X N^-1 X' with the uncertainty of what was fitted."""
+    with_block = normal + design.T @ design
+    seen = design.T @ error
+    known = error @ error - seen @ solve(with_block, seen, assume_a="sym")
+    wider = np.linalg.slogdet(with_block)[1] - np.linalg.slogdet(normal)[1]
+    return float(known + wider)

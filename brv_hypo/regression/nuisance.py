@@ -97,6 +97,10 @@ def nuisances(
         names, histories, values = linearised.unknowns_of_motion()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
+        for error in linearised.reconstruction.input_errors:
+            for k, history in enumerate(linearised.input_noise(error)):
+                item = Nuisance(error.name, str(k), number, "1", 1.0, 0.0)
+                add(item, on_frame(frame, number, history))
         force = linearised.force.columns(linearised.record, linearised.crossflow)
         nothing = np.zeros(force.shape[0], dtype=complex)
         for k, column in enumerate(force.T):

@@ -17,18 +17,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, effective, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel, with_smooth_inputs
 from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.smoothing import InputError
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -109,20 +108,36 @@ class LinearisedFlight:
         rate = record.transverse_rate
         quiet = replace(
             flight,
-            p=_smooth(flight, flight.p),
+            p=smooth_channel(flight, flight.p),
             q=rate.real,
             r=rate.imag,
-            ax=_smooth(flight, flight.ax),
+            ax=smooth_channel(flight, flight.ax),
             ay=flight.ay - noise.real,
             az=flight.az - noise.imag,
-            dynamic_pressure=_smooth(flight, flight.dynamic_pressure),
-            velocity=_smooth(flight, flight.velocity),
+            dynamic_pressure=smooth_channel(flight, flight.dynamic_pressure),
+            velocity=smooth_channel(flight, flight.velocity),
         )
         return replace(perturbed(record, quiet), transverse_rate=rate)
 
     @cached_property
     def _at_noise_free(self) -> Rows:
         return self._propagated(self._noise_free, self.start)
+
+    def input_noise(self, error: InputError) -> list[Rows]:
+        """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
+
+        A weight is what the record, as smoothed, has of that shape too much.
+        """
+        flight = self.record.flight
+        rows = []
+        for shape in error.shapes(flight.time):
+            moved = (
+                replace(flight, p=flight.p + shape)
+                if error.name == ROLL_RATE
+                else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + shape))
+            )
+            rows.append(self._propagated(perturbed(self.record, moved), self.start) - self.here)
+        return rows
 
     def unknowns_of_motion(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
@@ -237,7 +252,7 @@ def linearisation_point(
     The motion has the slow part alone of what the reconstruction lets the attitude wander: the faster part follows
     errors as they turn with the body, and here those are unknowns of their own.
     """
-    flight = with_smooth_air(reconstruction.corrected)
+    flight, errors = with_smooth_inputs(reconstruction)
     record = inertial_record(flight, config)
     motion = replace(
         reconstruction.motion,
@@ -247,26 +262,8 @@ def linearisation_point(
         velocity=flight.velocity,
         dynamic_pressure=flight.dynamic_pressure,
     )
-    return record, _without_wander(record, replace(reconstruction, flight=flight, motion=motion))
-
-
-def with_smooth_air(flight: Flight) -> Flight:
-    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
-
-    The density is far smoother than the pressure, which follows drag and lift through the speed.
-    """
-    speed = _smooth(flight, flight.velocity)
-    density = flight.dynamic_pressure / speed**2
-    least = 1e-6 * float(np.max(density))
-    logarithm = _smooth(flight, np.log(np.maximum(density, least)))
-    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
-
-
-def _smooth(flight: Flight, channel: FloatArray) -> FloatArray:
-    """A channel (n,) through the filter of least mean-square error."""
-    noise = white_noise_level(channel, flight.segments)
-    sigma = max(noise, 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
-    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
+    smooth = replace(reconstruction, flight=flight, motion=motion, input_errors=errors)
+    return record, _without_wander(record, smooth)
 
 
 def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:

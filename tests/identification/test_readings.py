@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.identification.inputs import smooth_inputs
 from brv_hypo.identification.readings import lever_force, noise_free_flights
+from brv_hypo.motion.inputs import smooth_inputs
 
 RNG = np.random.default_rng(3)
 OMEGA, CHANGE = RNG.standard_normal((2, 3, 20))
@@ -21,7 +21,7 @@ def test_lever_force_is_that_of_the_conventions():
 def test_noise_free_readings_differ_from_the_measured_ones_by_the_instruments_noise(bodyfixed):
     simulated, work, _ = bodyfixed
     frame = work.frame
-    inputs = tuple(smooth_inputs(r, i) for i, r in enumerate(frame.reconstructions))
+    inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     predicted, moments = (f(work.columns) @ work.values for f in (frame.columns, frame.moments))
     (quiet,) = noise_free_flights(frame, predicted, moments, inputs)
     instruments = simulated.config.instruments

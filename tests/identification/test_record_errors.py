@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.identification.inputs import smooth_inputs
 from brv_hypo.identification.readings import lever_force, noise_free_flights
 from brv_hypo.identification.record_errors import (
     ACCELEROMETERS,
@@ -20,6 +19,7 @@ from brv_hypo.identification.record_errors import (
     record_errors,
 )
 from brv_hypo.identification.structure import of_flight
+from brv_hypo.motion.inputs import smooth_inputs
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def linearised(bodyfixed):
     """The noise-free flight, its inputs and its errors."""
     _, work, _ = bodyfixed
     frame = work.frame
-    inputs = tuple(smooth_inputs(r, i) for i, r in enumerate(frame.reconstructions))
+    inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     predicted, moments = (f(work.columns) @ work.values for f in (frame.columns, frame.moments))
     flights = noise_free_flights(frame, predicted, moments, inputs)
     return flights[0], inputs[0], record_errors(frame, flights, inputs, frozenset({"bodyfixed"}))[0]

@@ -1,9 +1,5 @@
 """Measured inputs freed of noise: roll rate, speed and pressure enter the equations of motion, and their
-noise accumulates.
-
-What is left of it is slow: a few shapes in time per input, scaled so that the weight of each is known
-beforehand to be of unit standard deviation. The weights are parameters with just that prior, so that standard
-errors know of them.
+noise accumulates. What is left of it is slow (`smoothing`).
 """
 
 from __future__ import annotations
@@ -11,70 +7,25 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.linalg import eigh
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.structure import of_flight
-from brv_hypo.likelihood import Course
 from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.smoothing import InputError, Smooth, smoothed
 
-_INTERVALS = 64
-_SAMPLES_PER_INTERVAL = 6
-_ROUGHNESS = np.logspace(-14.0, 15.0, 117)
-_RIDGE = 1e-14
-_LEAST_ROUGHNESS = 1e-15
-_ORDER = 3
-_MOST_SHAPES = 10
-"""Shapes of an input's error; finer ones have less effect on the motion than the gyros' noise."""
 _PASSES = 3
 _LEAST_DENSITY = 1e-3
 """Of the largest: where the pressure is lost in its noise its logarithm means nothing."""
 
+# What a spline that follows its input may leave, in white noise of the channel.
+_FOLLOWED = 1.2
+
 ROLL_RATE = "roll rate noise"
 PRESSURE = "pressure noise"
-
-
-@dataclass(frozen=True)
-class Smooth:
-    """A smoothed signal: `values` (n,), and the independent shapes of its error as coefficients of a spline.
-
-    `scale` (coefficients, shapes) has shapes of unit standard deviation, the smoothest first.
-    """
-
-    values: FloatArray
-    scale: FloatArray
-
-
-@dataclass(frozen=True)
-class InputError:
-    """What smoothing leaves of an input's noise, as a course of unit weights: rad/s of the roll rate, a
-    fraction of the pressure.
-
-    `scale` are the shapes as coefficients of a cubic spline over `span` (s).
-    """
-
-    name: str
-    span: tuple[float, float]
-    scale: FloatArray
-
-    @property
-    def course(self) -> Course:
-        """The course, by whose name the equations of motion know it."""
-        return Course(self.name, self.weights, self.shapes)
-
-    @property
-    def weights(self) -> tuple[str, ...]:
-        """Names of the weights."""
-        return tuple(f"{self.name} {k}" for k in range(self.scale.shape[1]))
-
-    def shapes(self, time: FloatArray) -> FloatArray:
-        """The shapes (count, n) at times (n,) s."""
-        place = np.clip((time - self.span[0]) / (self.span[1] - self.span[0]), 0.0, 1.0)
-        return np.asarray((_splines(place, self.scale.shape[0]) @ self.scale).T, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -93,9 +44,15 @@ class SmoothInputs:
     errors: tuple[InputError, ...]
 
 
-def smooth_inputs(reconstruction: Reconstruction, number: int) -> SmoothInputs:
-    """The inputs of flight `number`, at its reconstructed motion."""
+def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
+    """The inputs of a flight, at its reconstructed motion; those of a flight that holds them smoothed as they are."""
     flight, motion = reconstruction.flight, reconstruction.motion
+    if reconstruction.input_errors:
+        roll = running_integral(flight.time, flight.p)
+        axes = _gravity_axes(reconstruction, roll)
+        return SmoothInputs(
+            flight.p, roll, axes, flight.velocity, flight.dynamic_pressure, reconstruction.input_errors
+        )
     span = (float(flight.time[0]), float(flight.time[-1]))
     roll_rate = smoothed(flight.p)
     speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
@@ -104,11 +61,56 @@ def smooth_inputs(reconstruction: Reconstruction, number: int) -> SmoothInputs:
     waves = scale_heights_risen(flight, _lifted(reconstruction, roll, axes))
     density = log_density(flight, speed, waves)
     errors = (
-        InputError(of_flight(ROLL_RATE, number), span, roll_rate.scale),
-        InputError(of_flight(PRESSURE, number), span, density.scale),
+        InputError(ROLL_RATE, span, roll_rate.scale),
+        InputError(PRESSURE, span, density.scale),
     )
     pressure = np.exp(density.values) * speed**2
     return SmoothInputs(roll_rate.values, roll, axes, speed, pressure, errors)
+
+
+def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
+    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that.
+
+    An input that varies faster than its spline goes through the local filter, and states no error.
+    """
+    flight = reconstruction.corrected
+    inputs = smooth_inputs(replace(reconstruction, flight=flight, input_errors=()))
+    errors = {error.name: error for error in inputs.errors}
+    followed = {}
+    if _follows(flight.p, inputs.roll_rate, flight):
+        followed[ROLL_RATE] = errors[ROLL_RATE]
+        flight = replace(flight, p=inputs.roll_rate)
+    if _follows(flight.dynamic_pressure, inputs.pressure, flight) and _follows(flight.velocity, inputs.speed, flight):
+        followed[PRESSURE] = errors[PRESSURE]
+        flight = replace(flight, velocity=inputs.speed, dynamic_pressure=inputs.pressure)
+    else:
+        flight = with_smooth_air(flight)
+    return flight, tuple(followed.values())
+
+
+def _follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
+    """Whether a spline leaves no more than the channel's white noise."""
+    left = np.concatenate([(measured - smooth)[a:b] for a, b in flight.segments])
+    return bool(np.std(left) <= _FOLLOWED * white_noise_level(measured, flight.segments))
+
+
+def with_smooth_air(flight: Flight) -> Flight:
+    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
+
+    The density is far smoother than the pressure, which follows drag and lift through the speed.
+    """
+    speed = smooth_channel(flight, flight.velocity)
+    density = flight.dynamic_pressure / speed**2
+    least = 1e-6 * float(np.max(density))
+    logarithm = smooth_channel(flight, np.log(np.maximum(density, least)))
+    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
+
+
+def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
+    """A channel (n,) through the filter of least mean-square error."""
+    noise = white_noise_level(channel, flight.segments)
+    sigma = max(noise, 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
+    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
 
 def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
@@ -173,40 +175,3 @@ def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
     return replace(found, values=np.log(density))
 
 
-def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
-    """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,).
-
-    Roughness (third differences of the coefficients) and noise are those of greatest likelihood (Wahba,
-    Ann. Statist. 13:1378, 1985): error bands then hold on average, the bias of smoothing included. What varies
-    faster than the spline can is taken for noise.
-    """
-    n = values.size
-    weight = np.ones(n) if weight is None else weight / np.sqrt(np.mean(weight**2))
-    count = min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
-    basis = _splines(np.linspace(0.0, 1.0, n), count)
-    weighted = weight[:, None] * basis
-    normal = weighted.T @ weighted
-    normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
-    penalty = np.diff(np.eye(count), _ORDER, axis=0)
-    rough, modes = eigh(penalty.T @ penalty, normal)
-    relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
-    relative[:_ORDER] = 0.0
-    level = float(np.mean(values))
-    seen = weight * (values - level)
-    size = modes.T @ (weighted.T @ seen)
-    rest = max(float(seen @ seen - size @ size), 0.0)
-    shrink = 1.0 / (1.0 + _ROUGHNESS[:, None] * relative)
-    power = (rest + (1.0 - shrink[:, _ORDER:]) @ size[_ORDER:] ** 2) / (n - _ORDER)
-    power = np.maximum(power, 1e-28 * float(np.mean((weight * values) ** 2)) + 1e-300)
-    misfit = (n - _ORDER) * np.log(power) + np.sum(np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[_ORDER:])), axis=1)
-    best = int(np.argmin(misfit))
-    scale = modes * np.sqrt(power[best] * shrink[best])
-    return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale[:, :_MOST_SHAPES])
-
-
-def _splines(place: FloatArray, count: int) -> FloatArray:
-    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and as evenly three more on each
-    side.
-    """
-    knots = np.arange(-3, count + 1) / (count - 3)
-    return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)

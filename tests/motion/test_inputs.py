@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.identification.inputs import (
-    PRESSURE,
-    ROLL_RATE,
-    InputError,
-    log_density,
-    smooth_inputs,
-    smoothed,
-)
+from brv_hypo.identification.structure import input_course
 from brv_hypo.motion import reconstruct
+from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE, log_density, smooth_inputs
+from brv_hypo.motion.smoothing import InputError, smoothed
 from tests.flights import nominal
 
 TIME = np.linspace(0.0, 6.0, 1201)
@@ -39,7 +34,7 @@ def test_a_constant_stays_what_it_is():
 @pytest.mark.parametrize("weight", ["even", "growing"])
 def test_what_noise_leaves_is_as_large_as_stated(turns: float, weight: str, monkeypatch: pytest.MonkeyPatch):
     """Over draws, the square of the true error is that of all shapes."""
-    monkeypatch.setattr("brv_hypo.identification.inputs._MOST_SHAPES", 100)
+    monkeypatch.setattr("brv_hypo.motion.smoothing._MOST_SHAPES", 100)
     clean = np.exp(0.2 * TIME) + 0.05 * np.sin(turns * TIME)
     weights = np.ones_like(TIME) if weight == "even" else np.exp(0.3 * TIME)
     draws = np.random.default_rng(5)
@@ -65,8 +60,8 @@ def test_the_density_is_found_where_pressure_is_lost_in_noise():
 
 def test_the_errors_are_courses_of_their_flight():
     flight = nominal().flight
-    inputs = smooth_inputs(reconstruct(flight), 2)
-    names = [error.course.name for error in inputs.errors]
-    assert names == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]
-    for error in inputs.errors:
-        assert error.course.shapes(flight.time[:7]).shape == (len(error.weights), 7)
+    inputs = smooth_inputs(reconstruct(flight))
+    courses = [input_course(error, 2) for error in inputs.errors]
+    assert [course.name for course in courses] == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]
+    for course, error in zip(courses, inputs.errors, strict=True):
+        assert course.shapes(flight.time[:7]).shape == (len(course.weights), 7) == (error.count, 7)

@@ -1,0 +1,96 @@
+"""Cubic smoothing splines, and what they leave of the noise as a few independent shapes in time.
+
+The weight of each shape is known beforehand to be of unit standard deviation: a parameter with just that prior lets
+standard errors know of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import eigh
+
+from brv_hypo.arrays import FloatArray
+
+_INTERVALS = 64
+_SAMPLES_PER_INTERVAL = 6
+_ROUGHNESS = np.logspace(-14.0, 15.0, 117)
+_RIDGE = 1e-14
+_LEAST_ROUGHNESS = 1e-15
+_ORDER = 3
+_MOST_SHAPES = 10
+"""Shapes of an input's error; finer ones have less effect on the motion than the gyros' noise."""
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A smoothed signal: `values` (n,), and the independent shapes of its error as coefficients of a spline.
+
+    `scale` (coefficients, shapes) has shapes of unit standard deviation, the smoothest first.
+    """
+
+    values: FloatArray
+    scale: FloatArray
+
+
+@dataclass(frozen=True)
+class InputError:
+    """What smoothing leaves of an input's noise: rad/s of the roll rate, a fraction of the pressure.
+
+    `scale` are shapes of unit standard deviation, as coefficients of a cubic spline over `span` (s).
+    """
+
+    name: str
+    span: tuple[float, float]
+    scale: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of shapes."""
+        return int(self.scale.shape[1])
+
+    def shapes(self, time: FloatArray) -> FloatArray:
+        """The shapes (count, n) at times (n,) s."""
+        place = np.clip((time - self.span[0]) / (self.span[1] - self.span[0]), 0.0, 1.0)
+        return np.asarray((_splines(place, self.scale.shape[0]) @ self.scale).T, dtype=float)
+
+
+def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
+    """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,).
+
+    Roughness (third differences of the coefficients) and noise are those of greatest likelihood (Wahba,
+    Ann. Statist. 13:1378, 1985): error bands then hold on average, the bias of smoothing included. What varies
+    faster than the spline can is taken for noise.
+    """
+    n = values.size
+    weight = np.ones(n) if weight is None else weight / np.sqrt(np.mean(weight**2))
+    count = min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
+    basis = _splines(np.linspace(0.0, 1.0, n), count)
+    weighted = weight[:, None] * basis
+    normal = weighted.T @ weighted
+    normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
+    penalty = np.diff(np.eye(count), _ORDER, axis=0)
+    rough, modes = eigh(penalty.T @ penalty, normal)
+    relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
+    relative[:_ORDER] = 0.0
+    level = float(np.mean(values))
+    seen = weight * (values - level)
+    size = modes.T @ (weighted.T @ seen)
+    rest = max(float(seen @ seen - size @ size), 0.0)
+    shrink = 1.0 / (1.0 + _ROUGHNESS[:, None] * relative)
+    power = (rest + (1.0 - shrink[:, _ORDER:]) @ size[_ORDER:] ** 2) / (n - _ORDER)
+    power = np.maximum(power, 1e-28 * float(np.mean((weight * values) ** 2)) + 1e-300)
+    misfit = (n - _ORDER) * np.log(power) + np.sum(np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[_ORDER:])), axis=1)
+    best = int(np.argmin(misfit))
+    scale = modes * np.sqrt(power[best] * shrink[best])
+    return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale[:, :_MOST_SHAPES])
+
+
+def _splines(place: FloatArray, count: int) -> FloatArray:
+    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and as evenly three more on each
+    side.
+    """
+    knots = np.arange(-3, count + 1) / (count - 3)
+    return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)
