@@ -7,46 +7,40 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.errors import MechanismError, UnanswerableError
+from brv_hypo.errors import MechanismError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.isolation import checked_terms, without_faulty
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.mechanisms.registry import parse_hypothesis
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import default_knots, theta_grid
+from brv_hypo.model.columns import theta_grid
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.constants import OTHER_FLOOR, SECOND_ORDER
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
+from brv_hypo.ranking.preparation import about, prepare
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
-from brv_hypo.regression.build import baseline_columns, build_problem, errors_found
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
-from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.held_out import HeldOut, held_out
-from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.response import linearisation_point
 from brv_hypo.regression.search import on_grid
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]
-SMALLEST_RECORD = 60
 # Numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads.
-REPETITIONS = (5, 8)
+REPETITIONS = (8, 12)
 
 
 def compare(
@@ -87,6 +81,7 @@ def _compare(
     say("linearising what the record may err by")
     problem = prepare(reconstructions, config)
     fits = _fitted(problem, hypotheses, say)
+    problem, fits = _about_leader(problem, fits, reconstructions, config, say)
     problem = with_efficiency(problem, fits)
     fits = [refit(problem, fit) for fit in fits]
     criteria = criteria_of(problem, fits, config.held_out_blocks)
@@ -138,6 +133,26 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     return fits
 
 
+def _about_leader(
+    problem: Problem,
+    fits: Sequence[HypothesisFit],
+    reconstructions: Sequence[Reconstruction],
+    config: CompareConfig,
+    say: Progress,
+) -> tuple[Problem, list[HypothesisFit]]:
+    """The problem linearised about the leader's fit, where it explains so much that errors of second order may show.
+
+    The fits are then to be fitted anew.
+    """
+    leader = min(fits, key=lambda fit: fit.information)
+    null = next(fit for fit in fits if not fit.mechanisms)
+    if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR:
+        return problem, list(fits)
+    say(f"linearising about {leader.name}")
+    problem = about(problem, leader, reconstructions, config)
+    return problem, [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+
+
 def with_efficiency(problem: Problem, fits: Sequence[HypothesisFit]) -> Problem:
     """The problem with the effective share of samples that the leader's residual shows."""
     leader = refit(problem, min(fits, key=lambda fit: fit.information))
@@ -160,68 +175,6 @@ def answerable(
         except MechanismError as error:
             warnings.append(f"{name} is left out: {error}")
     return kept, tuple(warnings)
-
-
-def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried.
-
-    What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
-    again where what the data say of them is taken out.
-    """
-    samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
-    if samples < SMALLEST_RECORD:
-        raise UnanswerableError(
-            f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
-            "mechanisms apart. Widen --start and --stop."
-        )
-    first = _problem(reconstructions, config)
-    again = [
-        reconstruct(without(rec.flight, errors), ReconstructionConfig(method=config.method))
-        for rec, errors in zip(reconstructions, errors_found(first), strict=True)
-    ]
-    problem = _problem(again, config, first)
-    return problem.under(settled_noise(problem))
-
-
-def _problem(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, before: Problem | None = None
-) -> Problem:
-    """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
-    offset = 1 if config.offset_degree is None else config.offset_degree
-    slope = 2 if config.slope_degree is None else config.slope_degree
-    settings = ReconstructionConfig(method=config.method)
-    points = [linearisation_point(reconstruction, settings) for reconstruction in reconstructions]
-    records = [record for record, _ in points]
-    frame = _frame([point for _, point in points], offset, slope)
-    span = frame.time
-    knots = (
-        default_knots(float(span.min()), float(span.max()), config.knot_count)
-        if config.knots is None
-        else np.asarray(config.knots, dtype=float)
-    )
-    return build_problem(
-        frame,
-        records,
-        baseline_columns(frame),
-        carried_effects(),
-        carried_mechanisms(reconstructions[0].flight),
-        knots,
-        config.max_terms,
-        config.exact_terms,
-        config.refine,
-        before,
-    )
-
-
-def _frame(reconstructions: Sequence[Reconstruction], offset_degree: int, slope_degree: int) -> RateFrame:
-    times = [rec.flight.time for rec in reconstructions]
-    static = StaticMoment(
-        start=min(float(t[0]) for t in times),
-        stop=max(float(t[-1]) for t in times),
-        offset_degree=offset_degree,
-        slope_degree=slope_degree,
-    )
-    return build_frame(reconstructions, [static, PitchDamping()])
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:

@@ -13,8 +13,6 @@ STANDING_PROBABILITY = 0.02
 OTHER_PRIOR = 0.2
 # Widens the posterior for what the linearised likelihood does not know (second-order errors of motion and instruments).
 TEMPERATURE = 1.5
-# Standard errors by which a rival must predict held-out blocks better to contest the leader: 5 %, two-sided.
-CONTESTING_SIGMAS = 2.0
 # Fall of 2 ln L that the weakest "something else" is expected to bring: the detection limit's F.
 DETECTABLE = 25.0
 # Sizes of "something else" tried above the weakest one, each twice the one before: to 64 times.

@@ -9,7 +9,6 @@ import numpy as np
 
 from brv_hypo.ranking.adequacy import Misfit
 from brv_hypo.ranking.constants import (
-    CONTESTING_SIGMAS,
     IMPROBABLE_ERRORS,
     OTHER_PRIOR,
     STANDING_PROBABILITY,
@@ -27,8 +26,8 @@ NONE = "none"
 class Score:
     """What the verdict rests on: the information criterion and the held-out errors of one hypothesis.
 
-    `prediction_error` is in moment coefficients, `by_block` in whitened rates, where it is sharper. `impossible` says
-    which value no body can have, if any.
+    `prediction_error` is in moment coefficients, `by_block` the score of the whitened rates (`HeldOut`).
+    `impossible` says which value no body can have, if any.
     """
 
     name: str
@@ -69,15 +68,13 @@ def judge(
     possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
     adequate = chances[OTHER] < 0.5 and possible
     rivals = [score for score in scores if score is not leader]
-    contesting = [score.name for score in rivals if _predicts_better(score, leader)]
     null = next((score for score in scores if score.name == NONE), None)
-    if null is not None and leader is not null and np.mean(leader.by_block) >= np.mean(null.by_block):
-        contesting.append(NONE)
+    beaten = null is None or leader is null or np.sum(leader.by_block) < np.sum(null.by_block)
     standing = [s.name for s in rivals if chances[s.name] >= STANDING_PROBABILITY]
     verdict = Verdict(
         winner=None,
         outcome="undecided",
-        equivalent=tuple(dict.fromkeys([leader.name, *standing, *contesting])),
+        equivalent=tuple(dict.fromkeys([leader.name, *standing, *([] if beaten else [NONE])])),
         probability=chances,
         adequacy=Adequacy(ratio=left.ratio, p_value=left.p_value, adequate=adequate),
         limits=tuple(
@@ -89,11 +86,11 @@ def judge(
     if not adequate:
         reason = _inadequate(leader, left, chances)
         return verdict.model_copy(update={"outcome": "none adequate", "equivalent": (), "reason": reason})
-    if chances[leader.name] >= WINNING_PROBABILITY and not contesting:
+    if chances[leader.name] >= WINNING_PROBABILITY and beaten:
         named = {"winner": leader.name, "outcome": "named", "equivalent": (leader.name,)}
         reason = _won(leader, null, chances, verdict.limits)
         return verdict.model_copy(update={**named, "reason": reason})
-    return verdict.model_copy(update={"reason": _undecided(verdict, leader, contesting)})
+    return verdict.model_copy(update={"reason": _undecided(verdict, leader, beaten)})
 
 
 def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
@@ -152,11 +149,11 @@ def _won(
     return f"{leader.name} explains the moments best (probability {chance}){gain}."
 
 
-def _undecided(verdict: Verdict, leader: Score, contesting: Sequence[str]) -> str:
-    if contesting:
+def _undecided(verdict: Verdict, leader: Score, beaten: bool) -> str:
+    if not beaten:
         return (
-            f"The data do not name one hypothesis: {leader.name} leads on the information criterion, but "
-            f"{' and '.join(dict.fromkeys(contesting))} predicts the held-out blocks as well or better."
+            f"The data do not name one hypothesis: {leader.name} leads on the information criterion, but the baseline "
+            "alone predicts the held-out blocks as well or better."
         )
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= STANDING_PROBABILITY else []))
     shares = ", ".join(
@@ -167,13 +164,3 @@ def _undecided(verdict: Verdict, leader: Score, contesting: Sequence[str]) -> st
 
 def _share(chance: float) -> str:
     return "above 0.99" if chance > 0.99 else f"{chance:.2f}"
-
-
-def _predicts_better(rival: Score, leader: Score) -> bool:
-    """The rival's error is lower, and over the blocks, in pairs, by more than its standard errors."""
-    if rival.prediction_error >= leader.prediction_error:
-        return False
-    gain = np.asarray(leader.by_block) - np.asarray(rival.by_block)
-    if gain.size < 3:
-        return False
-    return bool(gain.mean() > CONTESTING_SIGMAS * gain.std(ddof=1) / np.sqrt(gain.size))

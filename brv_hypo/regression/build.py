@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,6 +38,20 @@ def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
     )
 
 
+@dataclass(frozen=True)
+class LinearisationPoint:
+    """A moment model with its `values` (columns,) to linearise about, and every flight's errors (SI) beside it.
+
+    `acting` are the errors by which the vehicle's own moments act; `taken` what was taken out of the records.
+    """
+
+    mechanisms: tuple[Mechanism, ...]
+    columns: tuple[Column, ...]
+    values: FloatArray
+    acting: tuple[Errors, ...]
+    taken: tuple[Errors, ...]
+
+
 def build_problem(
     frame: RateFrame,
     records: Sequence[InertialRecord],
@@ -47,32 +62,44 @@ def build_problem(
     max_terms: int,
     exact_terms: int,
     refine: bool = True,
-    before: Problem | None = None,
+    point: LinearisationPoint | None = None,
 ) -> Problem:
-    """The problem of reconstructed flights, linearised about the baseline's fit, under the white noise of the records.
+    """The problem of reconstructed flights, linearised about a moment model, under the white noise of the records.
 
-    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis. `before` is
-    the problem of the same flights from whose records nothing was taken out yet: its fit is linearised about, and
-    what it found of their errors (`errors_found`) was taken out.
+    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis. Without a
+    `point` the model is the baseline's first fit, and nothing was taken out of the records.
     """
-    nothing: tuple[Errors, ...] = tuple({} for _ in records)
-    taken = nothing if before is None else errors_found(before)
-    values, moments = (first_values(frame, baseline), nothing) if before is None else baseline_fit(before)
+    if point is None:
+        nothing: tuple[Errors, ...] = tuple({} for _ in records)
+        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing, nothing)
+    known = frame.with_mechanisms(point.mechanisms)
+    if point.mechanisms:
+        known = known.with_in_plane_moment(point.columns, point.values)
     flights = [
-        linearised(record, reconstruction, *with_vehicle(frame, baseline, values, vehicle, known))
-        for record, reconstruction, known in zip(records, frame.reconstructions, moments, strict=True)
+        linearised(
+            record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting)
+        )
+        for record, reconstruction, acting in zip(records, known.reconstructions, point.acting, strict=True)
     ]
     force, seen = on_rows(frame, flights)
-    carried = nuisances(frame, flights, effects, vehicle, taken=taken)
+    carried = nuisances(frame, flights, effects, vehicle, taken=point.taken)
     rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
     given = frame.with_mechanisms([GivenColumns()])
     return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
 
 
-def baseline_fit(problem: Problem) -> tuple[FloatArray, tuple[Errors, ...]]:
-    """Coefficients of the baseline and errors of every flight (SI), fitted together."""
-    values, others = problem.solution(problem.frame, problem.baseline)
-    return values, problem.rows.nuisances.values(others, len(problem.records))
+def point_of(
+    problem: Problem, frame: RateFrame, columns: tuple[Column, ...], mechanisms: tuple[Mechanism, ...] = ()
+) -> LinearisationPoint:
+    """The point at a model's fit and the errors that go with it."""
+    values, others = problem.solution(frame, columns)
+    errors = problem.rows.nuisances.values(others, len(problem.records))
+    return LinearisationPoint(mechanisms, columns, values, errors, errors)
+
+
+def baseline_point(problem: Problem, taken: tuple[Errors, ...]) -> LinearisationPoint:
+    """The point at the baseline's fit, with other errors taken out of the records than those that go with it."""
+    return replace(point_of(problem, problem.frame, problem.baseline), taken=taken)
 
 
 def errors_found(problem: Problem) -> tuple[Errors, ...]:

@@ -7,7 +7,7 @@ from functools import cache
 from brv_hypo.mechanisms import find
 from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.compare import prepare
+from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import SimulatedFlight

@@ -17,7 +17,7 @@ from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion import reconstruct
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.compare import prepare
+from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.simulation import simulate
 from tests.flights import nominal

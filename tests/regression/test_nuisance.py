@@ -11,7 +11,7 @@ import pytest
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.compare import prepare
+from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.problem import Problem

@@ -12,7 +12,7 @@ from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
 from brv_hypo.motion import reconstruct
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.compare import prepare
+from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.problem import Problem
 from tests.flights import flown

@@ -11,7 +11,7 @@ from brv_hypo.mechanisms import find
 from brv_hypo.model.columns import Column
 from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.compare import prepare
+from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.problem import Problem
