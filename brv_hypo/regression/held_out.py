@@ -87,6 +87,7 @@ def left_out(
     problem: Problem, frame: RateFrame, columns: Sequence[Column], count: int
 ) -> Iterator[Without]:
     """The columns fitted without each block in turn."""
+    problem = problem.untied()
     design = problem.whole_design(frame, columns)
     scale = lengths(design)
     design, response = design / scale, problem.raw_response

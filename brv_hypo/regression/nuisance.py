@@ -47,10 +47,15 @@ Errors = Mapping[tuple[str, str], float]
 
 @dataclass(frozen=True)
 class Nuisances:
-    """The unknowns and their histories on the rows of a frame (rows, unknowns)."""
+    """The unknowns and their histories on the rows of a frame (rows, unknowns).
+
+    `noise` (rows, unknowns) rad/s is what one unit of an unknown is of the gyros' own noise; zero but for the random
+    walk that this noise makes of the attitude.
+    """
 
     items: tuple[Nuisance, ...]
     rows: Rows
+    noise: ComplexArray
 
     @property
     def bounded(self) -> IntArray:
@@ -61,6 +66,11 @@ class Nuisances:
     def present(self) -> FloatArray:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
+
+    @property
+    def tied(self) -> IntArray:
+        """Which of them are made of the noise that is seen in the rates."""
+        return np.flatnonzero(np.any(self.noise != 0.0, axis=0))
 
     def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
@@ -86,17 +96,24 @@ def nuisances(
     known_before = taken or tuple({} for _ in flights)
     items: list[Nuisance] = []
     rows: list[Rows] = []
+    noise: list[ComplexArray] = []
+    silent = np.zeros(frame.observed.size, dtype=complex)
 
-    def add(item: Nuisance, history: Rows) -> None:
+    def add(item: Nuisance, history: Rows, own: ComplexArray = silent) -> None:
         if np.any(history.rates) or np.any(history.force):
             items.append(item)
             rows.append(history)
+            noise.append(own)
 
     for number, linearised in enumerate(flights):
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
-        names, histories, values = linearised.unknowns_of_motion()
+        names, histories, values = linearised.start_and_gravity()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
+        names, histories, values, walked = linearised.random_walk()
+        for name, history, value, own in zip(names, histories, values, walked, strict=True):
+            item = Nuisance("motion", name, number, "1", 1.0, float(value))
+            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(own, own)).rates)
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):
                 item = Nuisance(error.name, str(k), number, "1", 1.0, 0.0)
@@ -121,7 +138,7 @@ def nuisances(
         for mechanism in vehicle:
             for item, rates in _tolerated(frame, number, mechanism):
                 add(item, Rows(rates, np.zeros_like(rates)))
-    return Nuisances(tuple(items), side_by_side(rows))
+    return Nuisances(tuple(items), side_by_side(rows), np.stack(noise, axis=1))
 
 
 def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:

@@ -25,6 +25,8 @@ from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
 GIVEN = "given"
+# Largest share of a direction's noise that goes to unknowns: what is left keeps the rows regular.
+_MOST_TIED = 0.995
 # Values of histories that are held at once: 16 bytes each, several times over.
 _AT_ONCE = 2_000_000
 
@@ -49,11 +51,17 @@ def given_column(name: str, units: str = "1") -> Column:
 
 @dataclass(frozen=True)
 class WhitenedRows:
-    """A part of the record at unit noise; constants of integration and nuisances are what is projected out."""
+    """A part of the record at unit noise; constants of integration and nuisances are what is projected out.
+
+    `ties`: the random walk of the attitude is the integral of the very noise that the rates show, and no unknown beside
+    it. What belongs to the walk is taken to its unknowns, and the rates have that much less noise of their own. It
+    mixes rows of all times: where rows are left out, the walk has to be taken as independent, which only loses.
+    """
 
     part: Part
     noise: Noise
     nuisances: Nuisances
+    ties: bool = True
 
     @cached_property
     def rates(self) -> int:
@@ -69,14 +77,43 @@ class WhitenedRows:
     def _whitening(self) -> Whitening:
         return Whitening(self.part, self.noise)
 
+    @cached_property
+    def own_noise(self) -> FloatArray:
+        """Whitened rates (rate rows, tied unknowns) of what one unit of each tied unknown is of the noise."""
+        tied = self.nuisances.tied if self.ties else np.zeros(0, dtype=np.int64)
+        return self._whitening.rates(self.nuisances.noise[self.part.rows][:, tied])
+
+    @cached_property
+    def _sharpening(self) -> tuple[FloatArray, FloatArray]:
+        """Directions (rate rows, rank) of the noise that is in unknowns, and what they gain as it leaves the rates."""
+        directions, share, _ = np.linalg.svd(self.own_noise, full_matrices=False)
+        share = np.minimum(share, _MOST_TIED)
+        return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
+
+    def _sharpened(self, rates: FloatArray) -> FloatArray:
+        """Whitened rates (rate rows, columns) at unit noise once that of the tied unknowns is theirs."""
+        directions, gain = self._sharpening
+        return np.asarray(rates + directions @ (gain[:, np.newaxis] * (directions.T @ rates)), dtype=float)
+
     def white_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
         whole = self.part.rows.size == rates.shape[0]
-        return self._whitening.rates(rates if whole else rates[self.part.rows])
+        return self._sharpened(self._whitening.rates(rates if whole else rates[self.part.rows]))
 
     def white_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
-        return self._whitening.both(histories.at(self.part.rows))
+        white = self._whitening.both(histories.at(self.part.rows))
+        white[: self.rates] = self._sharpened(white[: self.rates])
+        return white
+
+    def of_observed(self, rates: ComplexArray, force: ComplexArray) -> FloatArray:
+        """What was observed (frame rows,) as rows, with the present values of what has a prior."""
+        out = self.of_histories(Rows(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
+        out[2 * self.rates :] = self.nuisances.present
+        if self.ties:
+            present = np.array([self.nuisances.items[k].present for k in self.nuisances.tied])
+            out[: self.rates] -= self._sharpened(self.own_noise @ present[:, np.newaxis])[:, 0]
+        return out
 
     def of_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows."""
@@ -94,8 +131,10 @@ class WhitenedRows:
     def nuisance_design(self) -> FloatArray:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
         constants = np.zeros((self.size, 2 * len(self.part.levels)))
-        constants[: self.rates] = self._whitening.rates(self.part.constants())
+        constants[: self.rates] = self._sharpened(self._whitening.rates(self.part.constants()))
         histories = self.of_histories(self.nuisances.rows)
+        if self.ties:
+            histories[: self.rates, self.nuisances.tied] -= self._sharpened(self.own_noise)
         bounded = self.nuisances.bounded
         histories[2 * self.rates + np.arange(bounded.size), bounded] = 1.0
         return np.column_stack([constants, histories])
@@ -145,10 +184,7 @@ class Problem:
     @cached_property
     def raw_response(self) -> FloatArray:
         """Rates, force and present values of what has a prior, whitened (rows,)."""
-        observed = Rows(self.frame.observed[:, np.newaxis], self.force[:, np.newaxis])
-        out = self.rows.of_histories(observed)[:, 0]
-        out[2 * self.rows.rates :] = self.rows.nuisances.present
-        return out
+        return self.rows.of_observed(self.frame.observed, self.force)
 
     @cached_property
     def samples(self) -> int:
@@ -198,6 +234,10 @@ class Problem:
     def on(self, part: Part) -> Problem:
         """The same columns and noise on another part of the record."""
         return replace(self, rows=replace(self.rows, part=part))
+
+    def untied(self) -> Problem:
+        """The same with the walk of the attitude independent of the rates' noise, so that rows may be left out."""
+        return replace(self, rows=replace(self.rows, ties=False))
 
     def under(self, noise: Noise) -> Problem:
         """The same under another noise."""

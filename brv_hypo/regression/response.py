@@ -139,11 +139,10 @@ class LinearisedFlight:
             rows.append(self._propagated(perturbed(self.record, moved), self.start) - self.here)
         return rows
 
-    def unknowns_of_motion(self) -> tuple[list[str], list[Rows], FloatArray]:
+    def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
 
-        Direction of the velocity at the start (two, no prior: NaN), gravity (three, prior its size), and twice `modes`
-        sines of the random walk that the gyros' white noise makes of the attitude (Karhunen-Loeve; prior 1).
+        Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
         size = gravity_magnitude(self.record.flight) or FREE_GRAVITY
@@ -158,18 +157,30 @@ class LinearisedFlight:
             names.append(f"gravity {name}")
             rows.append((self._propagated(self.record, moved) - self.here).times(size / _PULL))
             present.append(value / size)
+        return names, rows, np.array(present)
+
+    def random_walk(self) -> tuple[list[str], list[Rows], FloatArray, list[ComplexArray]]:
+        """Names, derivatives and present values of what the gyros' white noise makes of the attitude, and that noise.
+
+        Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
+        is in the derolled rates: the integral of -i times it is the walk, so that a walk is seen in the rates as well.
+        """
         direction = wind_direction(self.record, self.start)
         turn = wind_to_body(self.record, direction)
-        walk = _walk(self.record, walk_modes(self.record, self.reconstruction))
+        count = walk_modes(self.record, self.reconstruction)
+        walk, noise = _walk(self.record, count), _walk_noise(self.record, count)
         offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
         weights = np.linalg.lstsq(walk, offset, rcond=None)[0]
-        for number, (mode, weight) in enumerate(zip(walk.T, weights, strict=True)):
+        derolled = turn * np.exp(1j * self.record.spin_angle)
+        names, rows, present, own = [], [], [], []
+        for number, weight in enumerate(weights):
             for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag)):
-                moved_flow = self.crossflow + part * turn * mode
+                moved_flow = self.crossflow + part * turn * walk[:, number]
                 names.append(f"walk {label} {number}")
                 rows.append(self._residual(self.record, moved_flow) - self.here)
                 present.append(float(value))
-        return names, rows, np.array(present)
+                own.append(1j * part * derolled * noise[:, number])
+        return names, rows, np.array(present), own
 
     def _propagated(self, record: InertialRecord, start: WindStart) -> Rows:
         """The residual had the record read so and the motion started there."""
@@ -320,3 +331,9 @@ def _walk(record: InertialRecord, count: int) -> FloatArray:
     )
 
 
+def _walk_noise(record: InertialRecord, count: int) -> FloatArray:
+    """The gyros' noise (n, count) rad/s of which the sines of `_walk` are the integrals."""
+    duration = record.time[-1]
+    order = np.pi * (np.arange(count) + 0.5)
+    size = record.gyro_sigma * np.sqrt(2.0 * record.flight.step / duration)
+    return np.asarray(size * np.cos(np.outer(record.time / duration, order)), dtype=float)
