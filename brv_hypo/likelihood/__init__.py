@@ -11,7 +11,7 @@ Data flow through: segment and parameters (checked input), derivatives (complex 
 interpolation and collocation (Hermite-Simpson defects, as the sparse rows of `blocks`), elimination (the states, by
 one `band`, or by condensation of a recursion in time where delays reach far or records are long), step (Gauss-Newton
 in theta), merit (how far), start (smoothed states; cutting: long records in pieces), beginnings (the best of several),
-noise and filtering (B, R, Q), search, then uncertainty, initial and assessment (covariance, initial states,
+noise, filtering and scoring (B, R, Q), search, then uncertainty, initial and assessment (covariance, initial states,
 coloured residuals, near-null directions, whiteness).
 
 Commands: `python -m brv_hypo.likelihood.benchmark` (speed) and `.study` (coverage, convergence, delays), both

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.initial import by_initial_states, initial_state_errors, linearised
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.scoring import directions_of, noise_errors
 from brv_hypo.likelihood.search import Options, Outcome, residuals
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
+    Sensitivity,
     SingularStatesError,
     information_factor,
     sensitivities,
@@ -29,8 +32,14 @@ from brv_hypo.likelihood.uncertainty import (
 
 _LAGS = 20
 """Lags of the whiteness test."""
+_LOOSER = 3.0
+"""How much more loosely an unseen initial state is tied, to see which errors depend on that."""
+_SAME_ERROR = 0.01
+"""Relative change of a standard error at that which counts as none."""
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
+
+Segments = tuple[Sensitivity, ...]
 
 
 def assess(outcome: Outcome, options: Options) -> FitResult:
@@ -47,16 +56,19 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    try:
-        segments = outcome.segments or sensitivities(problem, iterate)
-    except SingularStatesError:
-        segments = ()
+    segments, loose = _sensitivities(outcome)
     rows = () if np.any(problem.process_noise) else tuple(segment.residual() for segment in segments)
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
+    if loose:
+        white, coloured = (
+            _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
+        )
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
+    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    noise = noise_errors(problem, iterate, wanted)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
     measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
@@ -74,6 +86,8 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         ),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
+        noise_std_error=noise.measurement,
+        process_noise_std_error=noise.process,
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
@@ -85,7 +99,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         derivatives=problem.model.method,
         samples=samples,
         linear=linearised(problem, iterate, starts, rows, estimated),
-        remarks=_remarks(together, measured, tests, options),
+        remarks=(*_remarks(together, measured, tests, options), *noise.remarks),
     )
 
 
@@ -120,6 +134,40 @@ def _covariances(
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured
+
+
+def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
+    """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
+
+    The second is empty where nothing had to be tied.
+    """
+    problem, iterate = outcome.problem, outcome.iterate
+    try:
+        return outcome.segments or sensitivities(problem, iterate), ()
+    except SingularStatesError:
+        pass
+    try:
+        return (
+            sensitivities(problem, iterate, anchored=True),
+            sensitivities(replace(problem, size=_LOOSER * problem.size), iterate, anchored=True),
+        )
+    except SingularStatesError:
+        return (), ()
+
+
+def _undisturbed(
+    problem: Problem, loose: Segments, estimated: IntArray, covariance: FloatArray, triangle: FloatArray
+) -> FloatArray:
+    """The covariance of the parameters that do not notice how loosely an unseen state is tied; nan for others."""
+    p = covariance.shape[0]
+    both = [
+        np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
+        for each in (triangle, information_factor(problem, loose)[:p, :p])
+    ]
+    lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
+    found = covariance.copy()
+    found[lost] = found[:, lost] = np.nan
+    return found
 
 
 def _remarks(

@@ -46,7 +46,11 @@ class FitResult:
         noise_covariance: covariance of the measurement noise; B itself in output error.
         process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in
             output error.
-        iterations: Gauss-Newton steps taken.
+        noise_std_error: with process noise, standard errors of the outputs' noise standard deviations, the roots of
+            `noise_covariance`'s diagonal, (n_outputs,); nan where given, or where one went to 0 (see remarks),
+            and in output error.
+        process_noise_std_error: the same of `process_noise`, (n_states,).
+        iterations: Gauss-Newton steps taken in theta.
         history: NLLF, violation of the dynamics, step length and fraction after each iteration.
         identifiability: condition, and near-null directions by name.
         whiteness: test of each output's innovations.
@@ -76,6 +80,8 @@ class FitResult:
     innovation_covariance: FloatArray
     noise_covariance: FloatArray
     process_noise: FloatArray
+    noise_std_error: FloatArray
+    process_noise_std_error: FloatArray
     iterations: int
     history: tuple[Progress, ...]
     identifiability: Identifiability
