@@ -253,7 +253,7 @@ def _named(
         if left <= ROUNDING_MULTIPLE * EPS * (length + float(np.abs(weights).sum())):
             aliases.append(Alias(last, tuple((int(c), float(w)) for c, w in named)))
             continue
-        together = tuple(int(c) for c, _ in named if c not in forced) + (last,)
+        together = (*(int(c) for c, _ in named if c not in forced), last)
         refused.append(
             Refusal(
                 together,
