@@ -9,8 +9,9 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.colour import coloured_covariance, inflation
+from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
-from brv_hypo.likelihood.initial import by_initial_states, initial_state_errors, linearised
+from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.scoring import directions_of, noise_errors
@@ -46,7 +47,9 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     """The result of a search; errors are nan where they cannot be had."""
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
-    innovations, nllf = _innovations(problem, iterate)
+    sampled = slice(None, None, options.mesh_steps)
+    refined, nllf = _innovations(problem, iterate)
+    innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
     seen = np.isfinite(together)
     samples = int(seen.sum())
@@ -57,7 +60,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
     segments, loose = _sensitivities(outcome)
-    rows = () if np.any(problem.process_noise) else tuple(segment.residual() for segment in segments)
+    rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
@@ -65,6 +68,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = (
             _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
         )
+    shift = mesh_shift(problem, iterate, segments, white)
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
@@ -92,15 +96,22 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         history=outcome.history,
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
         whiteness=tests,
-        states=iterate.x,
+        states=tuple(x[:, sampled] for x in iterate.x),
         initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=linearised(problem, iterate, starts, rows, estimated),
+        linear=linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
+        mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
+        mesh_steps=options.mesh_steps,
         remarks=(*_remarks(together, measured, tests, options), *noise.remarks),
     )
+
+
+def _sampled(starts: Starts, where: slice) -> Starts:
+    """What the initial states do, at the samples alone."""
+    return tuple(None if start is None else (start[0][where], start[1]) for start in starts)
 
 
 def _covariances(

@@ -28,8 +28,8 @@ class FitResult:
     """A maximum-likelihood fit; p free parameters in the order of `names`.
 
     Attributes:
-        status: a `Status`, which equals its text: "converged", "iteration limit", "stalled", "undetermined" (a
-            state that no output sees) or "diverged"; `status.remedy` says what to try.
+        status: a `Status`, which equals its text: "converged", "coarse mesh", "iteration limit", "stalled",
+            "undetermined" (a state that no output sees) or "diverged"; `status.remedy` says what to try.
         message: cause and remedy where it did not converge.
         names: the free parameters; a per-segment parameter b is b[0], b[1], ...
         theta: estimate by name, those held fixed included.
@@ -64,6 +64,9 @@ class FitResult:
         samples: number of measured values, all outputs and segments.
         linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
             the samples; None with process noise.
+        mesh_shift: how far the discretisation moves an estimate at most, in standard errors, by an estimate of the
+            dynamics' errors between samples; nan where that is not known (delays, records of many thousand samples).
+        mesh_steps: steps of the dynamics between samples.
         beginnings: the searches that were compared, the first of them first; this is the best of them.
         remarks: what makes the errors mean something else than they say, though the search converged.
     """
@@ -93,6 +96,8 @@ class FitResult:
     derivatives: Method
     samples: int
     linear: Linearised | None
+    mesh_shift: float = float("nan")
+    mesh_steps: int = 1
     beginnings: tuple[Beginning, ...] = ()
     remarks: tuple[str, ...] = ()
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -72,8 +72,9 @@ class Options:
     noise: Shape
     estimate_noise: bool
     estimate_process_noise: bool
-    floor: FloatArray
     progress: Callable[[Progress], None] | None = None
+    mesh_steps: int = 1
+    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
