@@ -22,6 +22,7 @@ from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid, check_alike
 from brv_hypo.likelihood.start import begin, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem
+from brv_hypo.likelihood.tied import Tie, check_ties, completed_result, with_ties
 
 
 def fit(
@@ -46,6 +47,7 @@ def fit(
     tolerance: float = 1e-5,
     near_start: bool = False,
     mesh_steps: int | None = None,
+    tied: Mapping[str, Tie] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> FitResult:
     """Maximum-likelihood parameters of x' = f(x, u, theta, t), y = h(x, u, theta, t) + noise, by collocation.
@@ -88,6 +90,8 @@ def fit(
         mesh_steps: steps of the dynamics between samples; None raises them from 1 until the estimated effect of the
             discretisation is below a tenth of every standard error, and says so in the status where 32 are not
             enough; with `near_start` it stays at 1.
+        tied: parameters that follow from others, name to function of the others by name; the functions see them in
+            theta, the result carries them with their errors.
         progress: called after each iteration.
 
     Returns:
@@ -108,15 +112,18 @@ def fit(
         estimate_process_noise=estimate_process_noise,
         progress=progress,
     )
+    ties = dict(tied or {})
+    check_ties(ties, theta0, per_segment)
     task = _Task(
-        dynamics, outputs, theta0, process_noise, dict(bounds or {}), tuple(fixed), tuple(per_segment),
-        dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine), noise_covariance, derivatives,
-        near_start, options,
+        with_ties(dynamics, ties), with_ties(outputs, ties), theta0, process_noise, dict(bounds or {}),
+        tuple(fixed), tuple(per_segment), dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine),
+        noise_covariance, derivatives, near_start, options,
     )  # fmt: skip
     if mesh_steps is None and not near_start:
-        return refine(segments, task.solve)
+        return completed_result(refine(segments, task.solve), ties)
     steps = mesh_steps or 1
-    return task.solve([finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments, steps)
+    meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
+    return completed_result(task.solve(meshed, steps), ties)
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
+from brv_hypo.likelihood.fit_report import fit_report
 from brv_hypo.likelihood.leave_out import Linearised
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_SHOWN = 6
+"""Parameters that the short form of a result shows."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +32,7 @@ class Beginning:
     log_likelihood: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitResult:
     """A maximum-likelihood fit; p free parameters in the order of `names`.
 
@@ -115,6 +124,38 @@ class FitResult:
             )
         change = dict(zip(self.names, self.linear.change_without(left_out).tolist(), strict=True))
         return {name: value + change.get(name, 0.0) for name, value in self.theta.items()}
+
+    def report(self) -> str:
+        """The fit as text: status, noise, parameters with their errors, correlations, warnings."""
+        return fit_report(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A table by parameter: value, std_error (the one to report), std_error_white, free, at_bound.
+
+        Needs pandas (extra "tables").
+        """
+        import pandas as pd  # here: an optional package
+
+        names = list(self.theta)
+        nan = float("nan")
+        return pd.DataFrame(
+            {
+                "value": [self.theta[n] for n in names],
+                "std_error": [self.std_error_coloured.get(n, nan) for n in names],
+                "std_error_white": [self.std_error.get(n, nan) for n in names],
+                "free": [n in self.names for n in names],
+                "at_bound": [n in self.at_bound for n in names],
+            },
+            index=pd.Index(names, name="parameter"),
+        )
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{name}={self.theta[name]:.4g}" for name in self.names[:_SHOWN])
+        more = ", ..." if len(self.names) > _SHOWN else ""
+        return f"FitResult({self.status}, log_likelihood={self.log_likelihood:.6g}, {shown}{more})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.report())}</pre>"
 
     @property
     def converged(self) -> bool:
