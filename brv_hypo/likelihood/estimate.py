@@ -149,7 +149,9 @@ class _Task:
     def solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
         """The fit on one mesh; across long gaps once more from the stretches between them."""
         found, model = self._solve(segments, steps)
-        between = () if self.near_start or self.per_segment or self.delays else stretches(segments)
+        smoothed = self.process_noise is not None and bool(np.any(self.process_noise))  # bridges gaps itself
+        plain = not (self.near_start or self.per_segment or self.delays or smoothed)
+        between = stretches(segments) if plain else ()
         if not between:
             return found
         pieces = pieces_of(segments, between)

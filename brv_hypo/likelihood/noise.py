@@ -7,11 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
 Shape = Literal["diagonal", "full"]
 
 _ROUNDING = 1e-14
+_BITS = 62
+"""Outputs whose pattern of gaps fits one integer."""
 _FIRST_GUESS = 100.0
 """Least first guess of a noise variance over the least believed."""
 _THIRD_DIFFERENCE = 20.0
@@ -121,9 +123,22 @@ def _patterns(measured: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:
     if measured.all():
         yield np.ones(measured.shape[0], bool), np.ones(measured.shape[1], bool)
         return
-    codes = np.packbits(measured, axis=0).T
-    for code in np.unique(codes, axis=0):
-        where = np.all(codes == code, axis=1)
-        pattern = measured[:, np.argmax(where)]
+    codes = _codes(measured)
+    for code, first in zip(*np.unique(codes, return_index=True), strict=True):
+        pattern = measured[:, first]
         if pattern.any():
-            yield pattern, where
+            yield pattern, codes == code
+
+
+def _codes(measured: BoolArray) -> IntArray:
+    """A number for each sample, the same where the same outputs were measured, (n,)."""
+    codes = np.zeros(measured.shape[1], dtype=np.int64)
+    for first in range(0, len(measured), _BITS):
+        part = measured[first : first + _BITS]
+        value = (np.int64(1) << np.arange(len(part), dtype=np.int64)) @ part
+        codes = (
+            np.unique(np.stack([codes, value]), axis=1, return_inverse=True)[1].reshape(-1)
+            if first
+            else value
+        )
+    return codes
