@@ -5,14 +5,16 @@
     Course                 course.py     what varies along a segment with several parameters as weights
     FitResult              result.py     estimate, errors, likelihood, innovations
     Status                 status.py     how the search ended, with cause and remedy
+    profile_interval       profile.py    intervals where the likelihood is no parabola
     fit_single_shooting    shooting.py   the reference that `fit` is held against
 
-Data flow through: segment and parameters (checked input), derivatives (complex step or central differences),
-interpolation and collocation (Hermite-Simpson defects, as the sparse rows of `blocks`), elimination (the states, by
-one `band`, or by condensation of a recursion in time where delays reach far or records are long), step (Gauss-Newton
-in theta), merit (how far), start (smoothed states; cutting: long records in pieces), beginnings (the best of several),
-noise and filtering (B, R, Q), search, then uncertainty, initial and assessment (covariance, initial states,
-coloured residuals, near-null directions, whiteness).
+Data flow through: segment and parameters (checked input), tied (constraints among parameters), derivatives (complex
+step or central differences), interpolation and collocation (Hermite-Simpson defects, as the sparse rows of `blocks`),
+elimination (the states, by one `band`, or by condensation of a recursion in time where delays reach far or records
+are long), step (Gauss-Newton in theta), merit (how far), start (smoothed states; cutting: long records in pieces),
+beginnings (the best of several), bridging (long gaps), noise, filtering and scoring (B, R, Q), search, then
+uncertainty, initial, assessment (covariance, initial states, coloured residuals, near-null directions, whiteness) and
+discretisation (what the mesh does to the estimate), by which mesh asks for finer steps.
 
 Commands: `python -m brv_hypo.likelihood.benchmark` (speed) and `.study` (coverage, convergence, delays), both
 on the model problems of problems.py.
@@ -21,9 +23,21 @@ on the model problems of problems.py.
 from brv_hypo.likelihood.course import Course
 from brv_hypo.likelihood.derivatives import Delayed
 from brv_hypo.likelihood.estimate import fit
+from brv_hypo.likelihood.profile import ProfileInterval, profile_interval
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import History, Segment
 from brv_hypo.likelihood.shooting import fit_single_shooting
 from brv_hypo.likelihood.status import Status
 
-__all__ = ["Course", "Delayed", "FitResult", "History", "Segment", "Status", "fit", "fit_single_shooting"]
+__all__ = [
+    "Course",
+    "Delayed",
+    "FitResult",
+    "History",
+    "ProfileInterval",
+    "Segment",
+    "Status",
+    "fit",
+    "fit_single_shooting",
+    "profile_interval",
+]

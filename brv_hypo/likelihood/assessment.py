@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.colour import coloured_covariance, inflation
+from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
-from brv_hypo.likelihood.initial import by_initial_states, initial_state_errors, linearised
+from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.scoring import directions_of, noise_errors
 from brv_hypo.likelihood.search import Options, Outcome, residuals
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
+    Sensitivity,
     SingularStatesError,
     information_factor,
     sensitivities,
@@ -29,15 +33,23 @@ from brv_hypo.likelihood.uncertainty import (
 
 _LAGS = 20
 """Lags of the whiteness test."""
+_LOOSER = 3.0
+"""How much more loosely an unseen initial state is tied, to see which errors depend on that."""
+_SAME_ERROR = 0.01
+"""Relative change of a standard error at that which counts as none."""
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
+
+Segments = tuple[Sensitivity, ...]
 
 
 def assess(outcome: Outcome, options: Options) -> FitResult:
     """The result of a search; errors are nan where they cannot be had."""
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
-    innovations, nllf = _innovations(problem, iterate)
+    sampled = slice(None, None, options.mesh_steps)
+    refined, nllf = _innovations(problem, iterate)
+    innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
     seen = np.isfinite(together)
     samples = int(seen.sum())
@@ -47,16 +59,20 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    try:
-        segments = outcome.segments or sensitivities(problem, iterate)
-    except SingularStatesError:
-        segments = ()
-    rows = () if np.any(problem.process_noise) else tuple(segment.residual() for segment in segments)
+    segments, loose = _sensitivities(outcome)
+    rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
+    if loose:
+        white, coloured = (
+            _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
+        )
+    shift = mesh_shift(problem, iterate, segments, white)
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
+    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    noise = noise_errors(problem, iterate, wanted)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
     measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
@@ -74,19 +90,28 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         ),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
+        noise_std_error=noise.measurement,
+        process_noise_std_error=noise.process,
         iterations=len(outcome.history),
         history=outcome.history,
         identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
         whiteness=tests,
-        states=iterate.x,
+        states=tuple(x[:, sampled] for x in iterate.x),
         initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=linearised(problem, iterate, starts, rows, estimated),
-        remarks=_remarks(together, measured, tests, options),
+        linear=linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
+        mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
+        mesh_steps=options.mesh_steps,
+        remarks=(*_remarks(together, measured, tests, options), *noise.remarks),
     )
+
+
+def _sampled(starts: Starts, where: slice) -> Starts:
+    """What the initial states do, at the samples alone."""
+    return tuple(None if start is None else (start[0][where], start[1]) for start in starts)
 
 
 def _covariances(
@@ -120,6 +145,40 @@ def _covariances(
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured
+
+
+def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
+    """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
+
+    The second is empty where nothing had to be tied.
+    """
+    problem, iterate = outcome.problem, outcome.iterate
+    try:
+        return outcome.segments or sensitivities(problem, iterate), ()
+    except SingularStatesError:
+        pass
+    try:
+        return (
+            sensitivities(problem, iterate, anchored=True),
+            sensitivities(replace(problem, size=_LOOSER * problem.size), iterate, anchored=True),
+        )
+    except SingularStatesError:
+        return (), ()
+
+
+def _undisturbed(
+    problem: Problem, loose: Segments, estimated: IntArray, covariance: FloatArray, triangle: FloatArray
+) -> FloatArray:
+    """The covariance of the parameters that do not notice how loosely an unseen state is tied; nan for others."""
+    p = covariance.shape[0]
+    both = [
+        np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
+        for each in (triangle, information_factor(problem, loose)[:p, :p])
+    ]
+    lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
+    found = covariance.copy()
+    found[lost] = found[:, lost] = np.nan
+    return found
 
 
 def _remarks(

@@ -85,12 +85,16 @@ def eliminate_by_band(problem: Quadratic) -> BandSolution | None:
 
 
 def log_determinant(problem: Quadratic) -> float:
-    """log |det| of the matrix alone; nan where it is singular."""
+    """log |det| of the matrix alone, without the rows of free initial states' multipliers; nan where singular."""
     from scipy.linalg import lapack
 
-    band, width = _assemble(problem, _balance(problem.by_state))
+    weight = _balance(problem.by_state)
+    band, width = _assemble(problem, weight)
     lu, _, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    return float("nan") if info != 0 else float(np.sum(np.log(np.abs(lu[2 * width]))))
+    if info != 0:
+        return float("nan")
+    free = int(np.isinf(problem.variance).sum())
+    return float(np.sum(np.log(np.abs(lu[2 * width])))) + free * float(np.log(weight))
 
 
 def _balance(by_state: BlockRows) -> float:

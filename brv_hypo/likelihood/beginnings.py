@@ -66,7 +66,7 @@ def chosen(ends: Sequence[tuple[str, FitResult]]) -> FitResult:
     apart = [each for each in beginnings if not each.log_likelihood >= greatest - _APART]
     message = best.message
     if apart:
-        others = "; ".join(f"{b.log_likelihood:.6g} ({b.status}, noise from {b.source})" for b in apart)
+        others = "; ".join(f"{b.log_likelihood:.6g} ({b.status}, from {b.source})" for b in apart)
         message += (
             f". Beginnings disagree: log-likelihood {best.log_likelihood:.6g} here, elsewhere {others}. The model has "
             "several optima on these data: compare their residuals, and start from values that are known"

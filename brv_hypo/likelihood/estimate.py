@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.assessment import assess
-from brv_hypo.likelihood.beginnings import best_of, first_noises
+from brv_hypo.likelihood.beginnings import best_of, chosen, first_noises
+from brv_hypo.likelihood.bridging import bridged, pieces_of, stretches
 from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
+from brv_hypo.likelihood.mesh import finer, refine
 from brv_hypo.likelihood.noise import Shape, least_variance
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
@@ -19,6 +22,7 @@ from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid, check_alike
 from brv_hypo.likelihood.start import begin, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem
+from brv_hypo.likelihood.tied import Tie, check_ties, completed_result, with_ties
 
 
 def fit(
@@ -42,6 +46,8 @@ def fit(
     max_iterations: int = 50,
     tolerance: float = 1e-5,
     near_start: bool = False,
+    mesh_steps: int | None = None,
+    tied: Mapping[str, Tie] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> FitResult:
     """Maximum-likelihood parameters of x' = f(x, u, theta, t), y = h(x, u, theta, t) + noise, by collocation.
@@ -81,6 +87,11 @@ def fit(
         tolerance: step, as a fraction of the standard errors, at which the search ends.
         near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
             begins there, without the steps that bring a poor start near.
+        mesh_steps: steps of the dynamics between samples; None raises them from 1 until the estimated effect of the
+            discretisation is below a tenth of every standard error, and says so in the status where 32 are not
+            enough; with `near_start` it stays at 1.
+        tied: parameters that follow from others, name to function of the others by name; the functions see them in
+            theta, the result carries them with their errors.
         progress: called after each iteration.
 
     Returns:
@@ -90,43 +101,109 @@ def fit(
         UsageError: arguments that do not fit together: shapes, names, bounds, delays with process noise,
             functions that are not finite at the start.
     """
-    grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
-    if not grids:
-        raise UsageError("no segments were given; expected at least one")
-    check_alike(grids)
-    limits = _delay_bounds(delays, grids) | dict(bounds or {})
-    parameters = build_parameters(theta0, len(grids), limits, priors or {}, fixed, per_segment)
-    model = _model(dynamics, outputs, grids, parameters, tuple(delays), derivatives, frozenset(affine))
-    histories = states_from_outputs(model, grids, parameters, parameters.start)
-    n_states = grids[0].start.shape[0]
-    driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
-    if driving.shape != (n_states,) or np.any(driving < 0):
-        raise UsageError(
-            f"process_noise is {driving}; expected {n_states} values, one per state, none negative"
-        )
-    _refuse_late_process_noise(delays, driving)
-    problem = Problem(
-        model, grids, parameters, state_sizes(histories), driving, parameters.spread(reach or {}, np.inf)
-    )
-    y = np.concatenate([g.y for g in grids], axis=1)
+    if mesh_steps is not None and mesh_steps < 1:
+        raise UsageError(f"mesh_steps is {mesh_steps}; expected at least 1, or None to have it chosen")
+
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
         noise=noise,
         estimate_noise=noise_covariance is None,
         estimate_process_noise=estimate_process_noise,
-        floor=least_variance(y),
         progress=progress,
     )
+    ties = dict(tied or {})
+    check_ties(ties, theta0, per_segment)
+    task = _Task(
+        with_ties(dynamics, ties), with_ties(outputs, ties), theta0, process_noise, dict(bounds or {}),
+        tuple(fixed), tuple(per_segment), dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine),
+        noise_covariance, derivatives, near_start, options,
+    )  # fmt: skip
+    if mesh_steps is None and not near_start:
+        return completed_result(refine(segments, task.solve), ties)
+    steps = mesh_steps or 1
+    meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
+    return completed_result(task.solve(meshed, steps), ties)
 
-    def run(covariance: FloatArray) -> FitResult:
-        iterate = Iterate(histories, parameters.start, covariance)
-        return assess(search(*begin(problem, iterate, near_start), options), options)
 
-    if noise_covariance is not None:
-        return run(_known_covariance(noise_covariance, len(y)))
-    noises = first_noises(y)
-    return best_of(noises[:1] if near_start else noises, run, y.shape[1])
+@dataclass(frozen=True)
+class _Task:
+    """All that `fit` was asked for but the segments, which may come on several meshes."""
+
+    dynamics: Function
+    outputs: Function
+    theta0: Mapping[str, float]
+    process_noise: Sequence[float] | FloatArray | None
+    bounds: Mapping[str, tuple[float, float]]
+    fixed: tuple[str, ...]
+    per_segment: tuple[str, ...]
+    priors: Mapping[str, tuple[float, float]]
+    delays: tuple[str, ...]
+    reach: Mapping[str, float]
+    affine: frozenset[str]
+    noise_covariance: FloatArray | None
+    derivatives: str
+    near_start: bool
+    options: Options
+
+    def solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
+        """The fit on one mesh; across long gaps once more from the stretches between them."""
+        found, model = self._solve(segments, steps)
+        smoothed = self.process_noise is not None and bool(np.any(self.process_noise))  # bridges gaps itself
+        plain = not (self.near_start or self.per_segment or self.delays or smoothed)
+        between = stretches(segments) if plain else ()
+        if not between:
+            return found
+        pieces = pieces_of(segments, between)
+        part, _ = self._solve(pieces, steps)
+        if not part.converged:
+            return found
+        times = [np.asarray(piece.t, dtype=float)[::steps] for piece in pieces]
+        theta = {name: part.theta[name] for name in self.theta0}
+        whole = bridged(segments, between, times, part.states, model, theta)
+        again, _ = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
+        return chosen([("the whole record", found), ("the stretches between gaps", again)])
+
+    def _solve(self, segments: Sequence[Segment], steps: int) -> tuple[FitResult, Model]:
+        grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
+        if not grids:
+            raise UsageError("no segments were given; expected at least one")
+        check_alike(grids)
+        limits = _delay_bounds(self.delays, grids) | dict(self.bounds)
+        parameters = build_parameters(
+            self.theta0, len(grids), limits, self.priors, self.fixed, self.per_segment
+        )
+        model = _model(
+            self.dynamics, self.outputs, grids, parameters, self.delays, self.derivatives, self.affine
+        )
+        histories = states_from_outputs(model, grids, parameters, parameters.start)
+        n_states = grids[0].start.shape[0]
+        driving = _driving(self.process_noise, n_states)
+        _refuse_late_process_noise(self.delays, driving)
+        problem = Problem(
+            model, grids, parameters, state_sizes(histories), driving, parameters.spread(self.reach, np.inf)
+        )
+        y = np.concatenate([g.y for g in grids], axis=1)
+        options = replace(self.options, floor=least_variance(y), mesh_steps=steps)
+
+        def run(covariance: FloatArray) -> FitResult:
+            iterate = Iterate(histories, parameters.start, covariance)
+            return assess(search(*begin(problem, iterate, self.near_start), options), options)
+
+        if self.noise_covariance is not None:
+            return run(_known_covariance(self.noise_covariance, len(y))), model
+        noises = first_noises(y)
+        return best_of(noises[:1] if self.near_start else noises, run, y.shape[1]), model
+
+
+def _driving(process_noise: Sequence[float] | FloatArray | None, n_states: int) -> FloatArray:
+    """Process noise of each state, (n_states,)."""
+    driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
+    if driving.shape != (n_states,) or np.any(driving < 0):
+        raise UsageError(
+            f"process_noise is {driving}; expected {n_states} values, one per state, none negative"
+        )
+    return driving
 
 
 def _known_covariance(given: FloatArray, n_outputs: int) -> FloatArray:

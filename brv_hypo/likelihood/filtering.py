@@ -7,8 +7,7 @@ determinant. For linear dynamics, and to the order of Laplace's approximation ot
 
 with K the matrix of `band` and the initial state held. The last determinant is that of the dynamics
 alone: the square of that of D, which without delays is block triangular. At Q = 0 the two cancel and output
-error remains. Derivatives of the determinants are also the smoothed covariances that the estimates of R and Q
-need: no smoother has to be run.
+error remains. Q and R are found in `scoring`.
 """
 
 from __future__ import annotations
@@ -21,23 +20,18 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.band import log_determinant
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.noise import Shape
 from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
 
 _STEP = 1e-2
 """Central difference in standard errors of a parameter."""
-_RELATIVE = 1e-3
-"""Central difference of a noise variance, relative."""
-_LARGEST_MOVE = 1.0
-"""Largest change of the logarithm of a process noise variance in one iteration."""
 
 
 def determinant_term(problem: Problem, iterate: Iterate) -> float:
     """What integrating the states out adds to the objective; 0 for output error."""
     if not np.any(problem.process_noise):
         return 0.0
-    linear = _linearised(problem, iterate)
+    linear = linearised_states(problem, iterate)
     exact = sum(2.0 * float(np.linalg.slogdet(each.defect_by_state.blocks[:, 1])[1].sum()) for each in linear)
     return 0.5 * (_determinant(_held(problem, iterate, linear)) - exact)
 
@@ -63,56 +57,6 @@ def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[
     return gradient
 
 
-def output_spread(problem: Problem, iterate: Iterate, shape: Shape) -> FloatArray:
-    """Sum over samples of the covariance of the predicted outputs given all data, (n_outputs, n_outputs).
-
-    It is -R G R with G the derivative of log|det K| by R; off the diagonal only for a "full" shape.
-    """
-    r = iterate.covariance
-    n_outputs = r.shape[0]
-    gradient = np.zeros((n_outputs, n_outputs))
-    if np.any(problem.process_noise):
-        linear = _linearised(problem, iterate)
-        for a in range(n_outputs):
-            for b in range(a, n_outputs if shape == "full" else a + 1):
-                step = _RELATIVE * np.sqrt(r[a, a] * r[b, b])
-                change = np.zeros_like(r)
-                change[a, b] = change[b, a] = step
-                up, down = (
-                    _determinant(_held(problem, replace(iterate, covariance=r + sign * change), linear))
-                    for sign in (1.0, -1.0)
-                )
-                gradient[a, b] = gradient[b, a] = (up - down) / (2 * step) / (1.0 if a == b else 2.0)
-    return np.asarray(-r @ gradient @ r)
-
-
-def updated_process_noise(problem: Problem, iterate: Iterate) -> tuple[FloatArray, float]:
-    """A scoring step in each log variance of process noise, and the largest move in standard errors.
-
-    The score is that of the marginal likelihood (Fisher's identity), its information half the squared
-    sensitivity of the innovations' covariance, both from derivatives of log|det K|.
-    """
-    noise = problem.process_noise.copy()
-    count = sum(g.n - 1 for g in problem.grids)
-    squares = _disturbance_squares(problem, iterate)
-    held = _held(problem, iterate, _linearised(problem, iterate))
-    middle = _determinant(held)
-    largest = 0.0
-    for i in np.flatnonzero(noise):
-        ends = []
-        for sign in (1.0, -1.0):
-            factor = np.ones_like(noise)
-            factor[i] = np.exp(sign * 0.1)
-            ends.append(_determinant([replace(q, variance=q.variance * factor) for q in held]))
-        first, second = (ends[0] - ends[1]) / 0.2, (ends[0] - 2 * middle + ends[1]) / 0.01
-        score = 0.5 * (squares[i] - first)
-        information = max(0.5 * (first - second), 1e-3 * count)
-        move = float(np.clip(score / information, -_LARGEST_MOVE, _LARGEST_MOVE))
-        noise[i] *= np.exp(0.5 * move)
-        largest = max(largest, abs(move) * np.sqrt(information))
-    return noise, largest
-
-
 def _disturbance_squares(problem: Problem, iterate: Iterate) -> FloatArray:
     """Sum of squares of each state's process noise over its variance, (n_states,); 0 where there is none."""
     total = np.zeros_like(problem.process_noise)
@@ -129,7 +73,7 @@ def _determinant(held: Sequence[Quadratic]) -> float:
     return float(sum(log_determinant(q) for q in held))
 
 
-def _linearised(problem: Problem, iterate: Iterate) -> list[Linearisation]:
+def linearised_states(problem: Problem, iterate: Iterate) -> list[Linearisation]:
     """Every segment about its states, without derivatives by theta."""
     return [
         linearise_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta), ())
@@ -178,7 +122,7 @@ class Filtered:
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ...]:
     """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on."""
     found = []
-    for grid, linear in zip(problem.grids, _linearised(problem, iterate), strict=True):
+    for grid, linear in zip(problem.grids, linearised_states(problem, iterate), strict=True):
         after = np.linalg.inv(linear.defect_by_state.blocks[:, 1])
         transition = -after @ linear.defect_by_state.blocks[:, 0]
         shift = -(after @ linear.defect[:, :, None])[:, :, 0]

@@ -7,11 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
 Shape = Literal["diagonal", "full"]
 
 _ROUNDING = 1e-14
+_BITS = 62
+"""Outputs whose pattern of gaps fits one integer."""
 _FIRST_GUESS = 100.0
 """Least first guess of a noise variance over the least believed."""
 _THIRD_DIFFERENCE = 20.0
@@ -39,7 +41,6 @@ def estimate_covariance(
     shape: Shape,
     previous: FloatArray,
     floor: FloatArray,
-    spread: FloatArray | float = 0.0,
 ) -> FloatArray:
     """B of Eq. 3.11, the mean of v v', (n_outputs, n_outputs), full or diagonal.
 
@@ -51,16 +52,14 @@ def estimate_covariance(
         previous: the covariance before, (n_outputs, n_outputs).
         floor: least variance of each output, (n_outputs,): noise-free data must not end in a division by
             zero.
-        spread: sum over samples of the predicted outputs' own covariance (process noise), same shape.
     """
     n_outputs = residual.shape[0]
     v = np.where(measured, residual, 0.0)
-    spread = np.broadcast_to(spread, (n_outputs, n_outputs))
     if shape == "diagonal":
         count = np.maximum(measured.sum(axis=1), 1)
-        variance = ((v**2).sum(axis=1) + np.diag(spread)) / count
+        variance = (v**2).sum(axis=1) / count
         return np.diag(np.maximum(variance, floor))
-    total = spread.copy()
+    total = np.zeros((n_outputs, n_outputs))
     for pattern, where in _patterns(measured):
         seen, gap = np.flatnonzero(pattern), np.flatnonzero(~pattern)
         filled = v[:, where].copy()
@@ -78,13 +77,21 @@ def estimate_covariance(
 def negative_log_likelihood(residual: FloatArray, measured: BoolArray, covariance: FloatArray) -> float:
     """NLLF of Eq. 3.10 with erratum E8: 1/2 sum(v' B^-1 v + log det B), over what was measured."""
     v = np.where(measured, residual, 0.0)
-    total = 0.0
+    total = 0.5 * log_determinants(measured, covariance)
     for pattern, where in _patterns(measured):
-        seen = covariance[np.ix_(pattern, pattern)]
         part = v[pattern][:, where]
-        total += 0.5 * float(np.sum(part * np.linalg.solve(seen, part)))
-        total += 0.5 * float(where.sum() * np.linalg.slogdet(seen)[1])
+        total += 0.5 * float(np.sum(part * np.linalg.solve(covariance[np.ix_(pattern, pattern)], part)))
     return total
+
+
+def log_determinants(measured: BoolArray, covariance: FloatArray) -> float:
+    """Sum over samples of log det of the covariance of what was measured, `measured` (n_outputs, n)."""
+    return float(
+        sum(
+            where.sum() * np.linalg.slogdet(covariance[np.ix_(pattern, pattern)])[1]
+            for pattern, where in _patterns(measured)
+        )
+    )
 
 
 def noise_from_differences(y: FloatArray) -> FloatArray:
@@ -116,9 +123,22 @@ def _patterns(measured: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:
     if measured.all():
         yield np.ones(measured.shape[0], bool), np.ones(measured.shape[1], bool)
         return
-    codes = np.packbits(measured, axis=0).T
-    for code in np.unique(codes, axis=0):
-        where = np.all(codes == code, axis=1)
-        pattern = measured[:, np.argmax(where)]
+    codes = _codes(measured)
+    for code, first in zip(*np.unique(codes, return_index=True), strict=True):
+        pattern = measured[:, first]
         if pattern.any():
-            yield pattern, where
+            yield pattern, codes == code
+
+
+def _codes(measured: BoolArray) -> IntArray:
+    """A number for each sample, the same where the same outputs were measured, (n,)."""
+    codes = np.zeros(measured.shape[1], dtype=np.int64)
+    for first in range(0, len(measured), _BITS):
+        part = measured[first : first + _BITS]
+        value = (np.int64(1) << np.arange(len(part), dtype=np.int64)) @ part
+        codes = (
+            np.unique(np.stack([codes, value]), axis=1, return_inverse=True)[1].reshape(-1)
+            if first
+            else value
+        )
+    return codes

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
+from brv_hypo.likelihood.fit_report import fit_report
 from brv_hypo.likelihood.leave_out import Linearised
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+_SHOWN = 6
+"""Parameters that the short form of a result shows."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +32,13 @@ class Beginning:
     log_likelihood: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitResult:
     """A maximum-likelihood fit; p free parameters in the order of `names`.
 
     Attributes:
-        status: a `Status`, which equals its text: "converged", "iteration limit", "stalled", "undetermined" (a
-            state that no output sees) or "diverged"; `status.remedy` says what to try.
+        status: a `Status`, which equals its text: "converged", "coarse mesh", "iteration limit", "stalled",
+            "undetermined" (a state that no output sees) or "diverged"; `status.remedy` says what to try.
         message: cause and remedy where it did not converge.
         names: the free parameters; a per-segment parameter b is b[0], b[1], ...
         theta: estimate by name, those held fixed included.
@@ -46,7 +55,11 @@ class FitResult:
         noise_covariance: covariance of the measurement noise; B itself in output error.
         process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in
             output error.
-        iterations: Gauss-Newton steps taken.
+        noise_std_error: with process noise, standard errors of the outputs' noise standard deviations, the roots of
+            `noise_covariance`'s diagonal, (n_outputs,); nan where given, or where one went to 0 (see remarks),
+            and in output error.
+        process_noise_std_error: the same of `process_noise`, (n_states,).
+        iterations: Gauss-Newton steps taken in theta.
         history: NLLF, violation of the dynamics, step length and fraction after each iteration.
         identifiability: condition, and near-null directions by name.
         whiteness: test of each output's innovations.
@@ -60,6 +73,9 @@ class FitResult:
         samples: number of measured values, all outputs and segments.
         linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
             the samples; None with process noise.
+        mesh_shift: how far the discretisation moves an estimate at most, in standard errors, by an estimate of the
+            dynamics' errors between samples; nan where that is not known (delays, records of many thousand samples).
+        mesh_steps: steps of the dynamics between samples.
         beginnings: the searches that were compared, the first of them first; this is the best of them.
         remarks: what makes the errors mean something else than they say, though the search converged.
     """
@@ -76,6 +92,8 @@ class FitResult:
     innovation_covariance: FloatArray
     noise_covariance: FloatArray
     process_noise: FloatArray
+    noise_std_error: FloatArray
+    process_noise_std_error: FloatArray
     iterations: int
     history: tuple[Progress, ...]
     identifiability: Identifiability
@@ -87,6 +105,8 @@ class FitResult:
     derivatives: Method
     samples: int
     linear: Linearised | None
+    mesh_shift: float = float("nan")
+    mesh_steps: int = 1
     beginnings: tuple[Beginning, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -104,6 +124,38 @@ class FitResult:
             )
         change = dict(zip(self.names, self.linear.change_without(left_out).tolist(), strict=True))
         return {name: value + change.get(name, 0.0) for name, value in self.theta.items()}
+
+    def report(self) -> str:
+        """The fit as text: status, noise, parameters with their errors, correlations, warnings."""
+        return fit_report(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A table by parameter: value, std_error (the one to report), std_error_white, free, at_bound.
+
+        Needs pandas (extra "tables").
+        """
+        import pandas as pd  # here: an optional package
+
+        names = list(self.theta)
+        nan = float("nan")
+        return pd.DataFrame(
+            {
+                "value": [self.theta[n] for n in names],
+                "std_error": [self.std_error_coloured.get(n, nan) for n in names],
+                "std_error_white": [self.std_error.get(n, nan) for n in names],
+                "free": [n in self.names for n in names],
+                "at_bound": [n in self.at_bound for n in names],
+            },
+            index=pd.Index(names, name="parameter"),
+        )
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{name}={self.theta[name]:.4g}" for name in self.names[:_SHOWN])
+        more = ", ..." if len(self.names) > _SHOWN else ""
+        return f"FitResult({self.status}, log_likelihood={self.log_likelihood:.6g}, {shown}{more})"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.report())}</pre>"
 
     @property
     def converged(self) -> bool:

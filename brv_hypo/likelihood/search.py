@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -16,11 +16,10 @@ from brv_hypo.likelihood.filtering import (
     determinant_gradient,
     determinant_term,
     disturbance_cost,
-    output_spread,
-    updated_process_noise,
 )
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.scoring import directions_of, scored
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.step import (
     Iterate,
@@ -39,7 +38,10 @@ _FEASIBLE = 1e-7
 _SETTLED_CHANGE = 2e-3
 """Relative change of a noise variance that counts as settled."""
 _SETTLED_MOVE = 0.05
-"""The same for a process noise variance, in standard errors of its logarithm."""
+"""The same with process noise, in standard errors of the variances' logarithms."""
+_NOISE_STEPS = 10
+_NEAR_NOISE = 1.0
+"""Steps that bring process noise near its estimate before theta moves, and how near, in standard errors."""
 _CREEP = 0.1
 _CREEPING_STEPS = 3
 """Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
@@ -70,8 +72,9 @@ class Options:
     noise: Shape
     estimate_noise: bool
     estimate_process_noise: bool
-    floor: FloatArray
     progress: Callable[[Progress], None] | None = None
+    mesh_steps: int = 1
+    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,8 @@ class Outcome:
 
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
+    if options.estimate_process_noise:
+        problem, iterate = _noise_first(problem, iterate, options)
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
 
@@ -168,20 +173,36 @@ def _sensitivities(
         return sensitivities(problem, iterate, anchored=True), error
 
 
-def _update_noise(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate, bool]:
-    """Noise covariance by Eq. 3.11 and, where asked for, process noise; and whether both have settled."""
-    settled = True
-    if options.estimate_process_noise:
-        noise, move = updated_process_noise(problem, iterate)
-        problem = replace(problem, process_noise=noise)
-        settled = move < _SETTLED_MOVE
-    if options.estimate_noise:
-        difference = np.concatenate(residuals(problem, iterate), axis=1)
-        old = iterate.covariance
-        spread = output_spread(problem, iterate, options.noise)
-        new = estimate_covariance(
-            difference, np.isfinite(difference), options.noise, old, options.floor, spread
-        )
-        iterate = replace(iterate, covariance=new)
-        settled = settled and float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0))) < _SETTLED_CHANGE
-    return problem, iterate, settled
+def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
+    """Variances brought near with theta held: far too loose or tight dynamics would lead theta astray.
+
+    Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
+    """
+    for how in (replace(options, estimate_noise=False), options):
+        for _ in range(_NOISE_STEPS):
+            try:
+                segments = sensitivities(problem, iterate)
+            except SingularStatesError:
+                return problem, iterate  # the search says so if they stay undetermined
+            iterate = moved(problem, iterate, gauss_newton_step(problem, iterate, segments, frozen=True), 1.0)
+            problem, iterate, near = _update_noise(problem, iterate, how, _NEAR_NOISE)
+            if near:
+                break
+    return problem, iterate
+
+
+def _update_noise(
+    problem: Problem, iterate: Iterate, options: Options, enough: float = _SETTLED_MOVE
+) -> tuple[Problem, Iterate, bool]:
+    """Noise covariance by Eq. 3.11 or, with process noise, the variances of both; and whether they have settled."""
+    if np.any(problem.process_noise):
+        wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+        problem, iterate, move = scored(problem, iterate, wanted)
+        return problem, iterate, move < enough
+    if not options.estimate_noise:
+        return problem, iterate, True
+    difference = np.concatenate(residuals(problem, iterate), axis=1)
+    old = iterate.covariance
+    new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
+    change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
+    return problem, replace(iterate, covariance=new), change < _SETTLED_CHANGE

@@ -9,6 +9,7 @@ class Status(StrEnum):
     """The value is what is shown and compared; each knows its cause and remedy."""
 
     CONVERGED = "converged"
+    COARSE = "coarse mesh"
     ITERATION_LIMIT = "iteration limit"
     STALLED = "stalled"
     UNDETERMINED = "undetermined"
@@ -32,6 +33,10 @@ class Status(StrEnum):
 
 _CAUSES = {
     Status.CONVERGED: ("the step is negligible against the standard errors", ""),
+    Status.COARSE: (
+        "the search converged, but the motion is too fast for the mesh, so that estimates and errors are wrong",
+        "Sample faster, eliminate the fastest state (let it follow the others at once), or raise mesh_steps",
+    ),
     Status.ITERATION_LIMIT: (
         "the iterations were not enough",
         "Look at the near-null directions in identifiability: parameters that the data do not separate; fix or bound "

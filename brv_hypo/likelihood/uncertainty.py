@@ -11,6 +11,10 @@ from brv_hypo.arrays import FloatArray, IntArray
 
 _NEAR_NULL = 1e-3
 """Singular value of column-scaled sensitivities, against the largest, of a near-null direction."""
+_NULL = 1e-13
+"""The same of a direction that is not seen at all: what is left is rounding."""
+_TOUCHED = 1e-8
+"""Square of a parameter's weight in such directions from which it is not determined."""
 _NAMED = 0.1
 """Least weight with which a parameter is named in a near-null direction."""
 
@@ -65,20 +69,20 @@ def covariance_from_information(
 ) -> FloatArray:
     """Inverse of the information matrix T'T plus priors, (p, p).
 
-    nan for parameters not in `estimated` (at a bound).
+    nan for parameters not in `estimated` (at a bound), and for those alone that a direction moves which the
+    data do not see.
     """
     p = prior_std.size
     system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, estimated]
     covariance = np.full((p, p), np.nan)
     norm = np.linalg.norm(system, axis=0)
-    seen = norm > 0
-    inverse = np.full((estimated.size, estimated.size), np.nan)
-    if seen.any():
-        upper = np.linalg.qr(system[:, seen] / norm[seen], mode="r")
-        if np.linalg.cond(upper) < 1.0 / np.finfo(float).eps:
-            root = np.linalg.inv(upper)
-            inverse[np.ix_(seen, seen)] = root @ root.T / np.outer(norm[seen], norm[seen])
-    covariance[np.ix_(estimated, estimated)] = inverse
+    _, singular, rotation = np.linalg.svd(system / np.where(norm > 0, norm, 1.0), full_matrices=False)
+    kept = singular > _NULL * singular.max(initial=0.0)
+    lost = 1.0 - np.sum(rotation[kept] ** 2, axis=0)
+    seen = np.flatnonzero((norm > 0) & (lost < _TOUCHED))
+    root = rotation[kept][:, seen].T / singular[kept]
+    where = estimated[seen]
+    covariance[np.ix_(where, where)] = root @ root.T / np.outer(norm[seen], norm[seen])
     return covariance
 
 

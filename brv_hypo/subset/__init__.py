@@ -21,7 +21,7 @@ A map, in the order in which data flow:
 from brv_hypo.subset.best import best_subsets
 from brv_hypo.subset.constraints import Group, at_most_one, together
 from brv_hypo.subset.criteria import Criteria
-from brv_hypo.subset.frame import Alias
+from brv_hypo.subset.frame import Alias, Refusal
 from brv_hypo.subset.result import Certificate, NearTies, PressBest, Subset, SubsetResult
 from brv_hypo.subset.stepwise import differences, stepwise
 
@@ -32,6 +32,7 @@ __all__ = [
     "Group",
     "NearTies",
     "PressBest",
+    "Refusal",
     "Subset",
     "SubsetResult",
     "at_most_one",

@@ -2,7 +2,8 @@
 
 R with the package leaps (Debian: r-cran-leaps) is called through Rscript where it is installed. Times
 are wall clock: for this package the whole of ``best_subsets``, best of ``--repeats`` after one call that
-loads the kernel; for leaps its ``regsubsets`` call alone, without the start of R.
+loads the kernel; for leaps its ``regsubsets`` call alone, without the start of R. ``--curve`` runs three problems
+over a range of noise, from R^2 0.3 to 0.9999: how hard a search is depends on that more than on anything else.
 """
 
 from __future__ import annotations
@@ -22,7 +23,13 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.subset import SubsetResult, best_subsets
 from brv_hypo.subset.fit import least_squares
-from brv_hypo.subset.problems import correlated_problem, delay_problem, polynomial_problem, spline_problem
+from brv_hypo.subset.problems import (
+    correlated_problem,
+    delay_problem,
+    polynomial_problem,
+    spline_problem,
+    with_r_squared,
+)
 
 # Prints the seconds, then one line a size: the columns chosen (1 is the first after the constant).
 LEAPS = """
@@ -34,6 +41,7 @@ cat(s, "\\n"); w <- summary(r)$which[, -1, drop = FALSE]
 for (i in seq_len(nrow(w))) cat(which(w[i, ]), "\\n")
 """
 
+CURVE_ROW = "{:20}{:>4}{:>8}{:>10}{:>10}{:>11}{:>9}  {}"
 ROW = "{:24}{:>4}{:>9}{:>10}{:>10}{:>11}{:>8}  {}"
 
 
@@ -63,6 +71,13 @@ CASES = (
     Case("40 correlated columns", correlated_problem, 39),
 )
 
+SHARES = (0.3, 0.6, 0.9, 0.99, 0.999, 0.9999)
+CURVES = (
+    Case("60 spline columns", lambda: spline_problem(noise=0.0), 10, target=300.0),
+    Case("80 spline columns", lambda: spline_problem(20, noise=0.0), 8, target=300.0),
+    Case("62 delay columns", lambda: delay_problem(noise=0.0), 10, target=150.0),
+)
+
 
 def main() -> None:
     """Run every case and print the table."""
@@ -70,14 +85,49 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3, help="timed calls of this package, best counts")
     parser.add_argument("--leaps-limit", type=float, default=900.0, help="seconds that leaps may take a case")
     parser.add_argument("--only", default="", help="only the cases whose name contains this")
+    parser.add_argument("--curve", action="store_true", help="the cases over a range of noise")
+    parser.add_argument("--limit", type=float, default=60.0, help="seconds for this package on the curve")
     options = parser.parse_args()
     with_leaps = shutil.which("Rscript") is not None
     load = os.getloadavg()[0]
     print(f"{os.cpu_count()} cores, load {load:.1f}; R leaps {'found' if with_leaps else 'absent'}")
+    leaps_limit = options.leaps_limit if with_leaps else 0.0
+    if options.curve:
+        _print_curve(options.only, options.limit, leaps_limit)
+        return
     print(ROW.format("problem", "k", "threads", "here [s]", "nodes", "leaps [s]", "ratio", "verdict"))
     for case in CASES:
         if options.only in case.name:
-            _run(case, options.repeats, options.leaps_limit if with_leaps else 0.0)
+            _run(case, options.repeats, leaps_limit)
+
+
+def _print_curve(only: str, limit_s: float, leaps_limit: float) -> None:
+    """One row for each problem and R^2; a limit that struck is shown as such, with the gap that was proved."""
+    print(CURVE_ROW.format("problem", "k", "R^2", "here [s]", "nodes", "leaps [s]", "ratio", "verdict"))
+    for case in CURVES:
+        if only not in case.name:
+            continue
+        for share in SHARES:
+            point = curve_point(case, share, limit_s)
+            X, y = with_r_squared(case.problem(), share)
+            answer = _leaps(X, y, case.terms, leaps_limit) if leaps_limit > 0.0 else None
+            theirs, ratio = "-", "-"
+            verdict = "" if point.certificate.exact else f"stopped, gap {point.certificate.gap:.2%}"
+            if answer is not None:
+                theirs, ratio = f"{answer.seconds:.3f}", f"{answer.seconds / point.certificate.seconds:.1f}"
+                verdict = verdict or _compared(X, y, point, answer)
+            elif leaps_limit > 0.0:
+                theirs, ratio = f">{leaps_limit:g}", f">{leaps_limit / point.certificate.seconds:.1f}"
+            certificate = point.certificate
+            row = (case.name, case.terms, f"{share:g}", f"{certificate.seconds:.4f}", certificate.nodes)
+            print(CURVE_ROW.format(*row, theirs, ratio, verdict), flush=True)
+
+
+def curve_point(case: Case, share: float, limit_s: float) -> SubsetResult:
+    """The case with noise that leaves the true model this R^2, searched for no longer than the limit."""
+    X, y = with_r_squared(case.problem(), share)
+    best_subsets(X, y, 3, kernel="numba-schur")  # loads the kernel
+    return best_subsets(X, y, case.terms, time_limit_s=limit_s)
 
 
 def _run(case: Case, repeats: int, leaps_limit: float) -> None:

@@ -62,7 +62,8 @@ def best_subsets(
     progress: called with (fraction of the tree done, nodes visited) now and then.
     inform: called with one sentence where the compiled kernel has to be loaded or compiled.
 
-    Subsets whose columns are linearly dependent are not returned. Raises UsageError on unfit input.
+    Subsets whose columns are linearly dependent, or so nearly that rounding would decide their coefficients, are not
+    returned; ``aliases`` and ``refused`` name them. Raises UsageError on unfit input.
 
     Method: branch and bound over includes and drops after Furnival and Wilson, Technometrics 16 (1974) 499,
     on Schur complements, branching at every drop on the largest rise of the bound.

@@ -12,7 +12,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.subset.board import Board
 from brv_hypo.subset.criteria import Reference, contiguous_blocks, evaluate, point_values
 from brv_hypo.subset.fit import LeastSquares, least_squares
-from brv_hypo.subset.frame import Frame, independent_columns
+from brv_hypo.subset.frame import Frame, dependencies
 from brv_hypo.subset.result import Certificate, Subset, SubsetResult
 
 
@@ -75,7 +75,8 @@ class Finisher:
             for size in range(1, board.max_size + 1)
             for _, positions in board.rows(size)
         )
-        return SubsetResult(subsets, certificate, self._frame.aliases, self.subset(()))
+        frame = self._frame
+        return SubsetResult(subsets, certificate, frame.aliases, self.subset(()), refused=frame.refused)
 
     def _fit(self, terms: tuple[int, ...], *, variances: bool = True) -> LeastSquares:
         return least_squares(self._frame.X[:, list(terms)], self._frame.y, variances=variances)
@@ -83,9 +84,7 @@ class Finisher:
     @cached_property
     def _reference(self) -> Reference:
         frame = self._frame
-        every = frame.forced + tuple(
-            int(c) for c in frame.candidates[independent_columns(frame.R, frame.noise)]
-        )
+        every = frame.forced + tuple(int(c) for c in frame.candidates[dependencies(frame.R, frame.noise)[0]])
         complete = self._fit(every, variances=False)
         at_point = (
             (None, None) if self._point is None else point_values(every, complete, frame.X, self._point)

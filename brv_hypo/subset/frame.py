@@ -24,10 +24,14 @@ EPS = float(np.finfo(np.float64).eps)
 SPAN_TOLERANCE = 1e-12
 # Distance of two unit columns below which they are one column under two names.
 ALIAS_TOLERANCE = 1e-11
-# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence, and the
-# multiple of its rounding error below which what is left of it counts as nothing.
+# Diagonal of the triangular factor of unit columns below which a column is looked at for dependence.
 WEAK_DIAGONAL = 1e-6
+# What is left of a column after others, in units of its rounding error: below the first it is nothing; below the
+# second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
 ROUNDING_MULTIPLE = 64.0
+MEANINGFUL_MULTIPLE = 2.0**16
+# Relative size of the terms of a combination that are named.
+NAMED_TERM = 1e-9
 
 
 class Alias(NamedTuple):
@@ -35,6 +39,17 @@ class Alias(NamedTuple):
 
     column: int
     combination: tuple[tuple[int, float], ...]
+
+
+class Refusal(NamedTuple):
+    """Columns that no subset holds together: of the last, only rounding is left after the others.
+
+    ``remainder`` is what is left of it, relative to its length; ``reason`` says so in words.
+    """
+
+    columns: tuple[int, ...]
+    remainder: float
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -60,6 +75,7 @@ class Frame:
     rank: int
     condition: float
     aliases: tuple[Alias, ...]
+    refused: tuple[Refusal, ...]
     constraints: Constraints
 
     @property
@@ -105,13 +121,15 @@ def build_frame(
 
     R, z, rss_full = _triangular_factor(units, rest)
     noise = (original[~inside] / norms[~inside])[keep]
-    rank = len(independent_columns(R, noise))
+    independent, involved = dependencies(R, noise)
+    rank = len(independent)
+    combinations, refused = _named(X64, kept_forced, [free[list(each)] for each in involved])
     singular = np.linalg.svd(R, compute_uv=False) if free.size else np.ones(1)
     condition = float(singular[0] / singular[-1]) if rank == free.size else float("inf")
     return Frame(
         X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
         rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=condition,
-        aliases=tuple(aliases),
+        aliases=(*aliases, *combinations), refused=refused,
         constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
     )  # fmt: skip
 
@@ -124,24 +142,26 @@ def triangle(columns: FloatArray) -> FloatArray:
 def dependency(R: FloatArray, noise: FloatArray) -> list[int]:
     """Positions of the columns in the first linear dependency of a triangular factor; empty for full rank.
 
-    What is left of a column after those before it, R_kk, is nothing where it is no more than the rounding
-    error of the combination that represents it.
+    What is left of a column after those before it, R_kk, is nothing where it is no more than a multiple of the
+    rounding error of the combination that represents it.
     """
     for k in np.flatnonzero(np.abs(R.diagonal()) <= WEAK_DIAGONAL).tolist():
         weights = np.append(np.linalg.solve(R[:k, :k], R[:k, k]), 1.0)
-        if abs(R[k, k]) <= ROUNDING_MULTIPLE * EPS * float(np.abs(weights) @ noise[: k + 1]):
+        if abs(R[k, k]) <= MEANINGFUL_MULTIPLE * EPS * float(np.abs(weights) @ noise[: k + 1]):
             return np.flatnonzero(np.abs(weights) > 1e-10 * np.abs(weights).max()).tolist()
     return []
 
 
-def independent_columns(R: FloatArray, noise: FloatArray) -> list[int]:
-    """Columns that span all of them, the last of each dependency left out."""
+def dependencies(R: FloatArray, noise: FloatArray) -> tuple[list[int], list[tuple[int, ...]]]:
+    """Positions of columns that span all of them, and of those in each dependency, whose last is left out."""
     kept = list(range(R.shape[1]))
+    found = []
     factor = R
     while involved := dependency(factor, noise[kept]):
+        found.append(tuple(kept[i] for i in involved))
         del kept[involved[-1]]
         factor = triangle(R[:, kept])
-    return kept
+    return kept, found
 
 
 def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -211,9 +231,46 @@ def _span_aliases(X: FloatArray, kept: tuple[int, ...], inside: IntArray) -> lis
     return [Alias(int(j), _combination(kept, weights[:, i])) for i, j in enumerate(inside)]
 
 
+def _named(
+    X: FloatArray, forced: tuple[int, ...], involved: Sequence[IntArray]
+) -> tuple[list[Alias], tuple[Refusal, ...]]:
+    """Dependencies of columns of X: combinations where nothing is left of the last, refusals where next to nothing.
+
+    Where there are fewer rows than columns everything depends on everything, and nothing is named.
+    """
+    aliases, refused = [], []
+    for columns in involved:
+        *others, last = columns.tolist()
+        base = [*forced, *others]
+        if len(base) >= X.shape[0]:
+            continue
+        scale = np.linalg.norm(X[:, base], axis=0)
+        weights = np.asarray(np.linalg.lstsq(X[:, base] / scale, X[:, last], rcond=None)[0], dtype=np.float64)
+        length = float(np.linalg.norm(X[:, last]))
+        left = float(np.linalg.norm(X[:, last] - X[:, base] @ (weights / scale)))
+        terms = np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0)
+        named = [(c, w) for c, w, t in zip(base, weights / scale, terms, strict=True) if t]
+        if left <= ROUNDING_MULTIPLE * EPS * (length + float(np.abs(weights).sum())):
+            aliases.append(Alias(last, tuple((int(c), float(w)) for c, w in named)))
+            continue
+        together = (*(int(c) for c, _ in named if c not in forced), last)
+        refused.append(
+            Refusal(
+                together,
+                left / length,
+                f"columns {list(together)} are refused together: after the others only {left / length:.1g} of column "
+                f"{last} is left, of which rounding takes all but a few digits; coefficients of the order of "
+                f"{length / left:.1g} would come of it. Leave one of them out, or form their difference in X itself",
+            )
+        )
+    return aliases, tuple(refused)
+
+
 def _combination(columns: Sequence[int], weights: FloatArray) -> tuple[tuple[int, float], ...]:
     largest = np.abs(weights).max(initial=0.0)
-    return tuple((int(c), float(w)) for c, w in zip(columns, weights, strict=True) if abs(w) > 1e-9 * largest)
+    return tuple(
+        (int(c), float(w)) for c, w in zip(columns, weights, strict=True) if abs(w) > NAMED_TERM * largest
+    )
 
 
 def _representatives(

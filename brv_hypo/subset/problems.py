@@ -49,10 +49,13 @@ def spline_problem(knots: int = 15, seed: int = 1, noise: float = 2e-5) -> tuple
     return X, y + _coloured_noise(rng, t.size, noise)
 
 
-def delay_problem(delays: int = 12, regions: int = 5, seed: int = 2) -> tuple[FloatArray, FloatArray]:
+def delay_problem(
+    delays: int = 12, regions: int = 5, seed: int = 2, noise: float = 0.3
+) -> tuple[FloatArray, FloatArray]:
     """Sticking terms C_mw(t - tau_i) sin(phi_w(t) - phi_w(t - tau_i)) by region (Equations 5.1 and 5.2).
 
-    Columns: the constant, the present in-plane moment, then delays x regions; 826 samples.
+    Columns: the constant, the present in-plane moment, then delays x regions; 826 samples. ``noise`` is that of
+    the response against its signal.
     """
     rng = np.random.default_rng(seed)
     t = TABLE_5_5_KNOTS[0] + SAMPLE_S * np.arange(826)
@@ -64,7 +67,17 @@ def delay_problem(delays: int = 12, regions: int = 5, seed: int = 2) -> tuple[Fl
     X = np.column_stack(columns)
     planted = rng.choice(np.arange(2, X.shape[1]), size=8, replace=False)
     signal = X[:, planted] @ rng.normal(1.0, 0.3, size=8)
-    return X, signal + _coloured_noise(rng, t.size, 0.3 * float(signal.std()))
+    return X, signal + _coloured_noise(rng, t.size, noise * float(signal.std()))
+
+
+def with_r_squared(
+    problem: tuple[FloatArray, FloatArray], share: float, seed: int = 5
+) -> tuple[FloatArray, FloatArray]:
+    """A problem without noise given white noise, so that the true model explains this share of the variance."""
+    X, signal = problem
+    rng = np.random.default_rng(seed)
+    sigma = float(signal.std()) * float(np.sqrt(1.0 / share - 1.0))
+    return X, signal + sigma * rng.standard_normal(signal.size)
 
 
 def polynomial_problem(seed: int = 3) -> tuple[FloatArray, FloatArray]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.criteria import Criteria
-from brv_hypo.subset.frame import Alias
+from brv_hypo.subset.frame import Alias, Refusal
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,9 @@ class SubsetResult:
     """Subsets by size, then by residual sum of squares.
 
     ``baseline`` is the forced model alone. ``aliases`` lists columns that equal a combination of others;
-    unless a rule names them they are not searched, and stand-ins of the same span can be read off here.
+    multiples of one column, and of forced ones, are not searched unless a rule names them, and stand-ins of the
+    same span can be read off here; of the columns of a longer combination no subset holds all. ``refused`` lists
+    columns so near to dependence that no subset holds them together either, with the reason.
     ``near_ties`` and ``press`` are filled where they were asked for.
     """
 
@@ -93,6 +95,7 @@ class SubsetResult:
     baseline: Subset
     near_ties: tuple[NearTies, ...] = ()
     press: tuple[PressBest, ...] = ()
+    refused: tuple[Refusal, ...] = ()
 
     def best(self, size: int) -> Subset:
         """The best subset of a size; KeyError where the search has none."""

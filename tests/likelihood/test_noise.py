@@ -75,3 +75,13 @@ def test_third_differences_see_the_noise_and_not_the_motion() -> None:
 def test_a_perfect_record_keeps_a_positive_variance() -> None:
     assert np.all(np.diag(noise_from_differences(np.zeros((2, 50)))) > 0)
     assert np.all(least_variance(np.zeros((2, 50))) > 0)
+
+
+@pytest.mark.parametrize("outputs", [3, 70])
+def test_samples_of_one_pattern_of_gaps_are_found_together(outputs: int) -> None:
+    rng = np.random.default_rng(5)
+    kinds = rng.random((outputs, 4)) > 0.4
+    which = rng.integers(0, 4, 50)
+    weights = whitening(np.eye(outputs), kinds[:, which])
+    for weight, kind in zip(weights, which, strict=True):
+        np.testing.assert_array_equal(weight, np.diag(kinds[:, kind].astype(float)))

@@ -9,7 +9,14 @@ import pytest
 
 from brv_hypo.likelihood.benchmark import Timing, growth_exponent, time_problem
 from brv_hypo.likelihood.problems import growing_body, short_period, spinning_body
-from brv_hypo.likelihood.study import coverage, cramer_rao, delay, growth_in_two_seconds, hard_motion
+from brv_hypo.likelihood.study import (
+    coverage,
+    cramer_rao,
+    delay,
+    filter_error,
+    growth_in_two_seconds,
+    hard_motion,
+)
 
 
 @pytest.mark.slow
@@ -34,6 +41,15 @@ def test_hard_motion_grows_twentyfold_and_is_fitted() -> None:
     assert growth_in_two_seconds(growing_body()) >= 20
     found = hard_motion(trials=6, seed=3, shooting=False)
     assert found.collocation.all()
+
+
+@pytest.mark.slow
+def test_filter_error_converges_quickly_with_errors_of_the_right_size() -> None:
+    found = filter_error(trials=8, seed=2, samples=400)
+    assert found.converged.all()
+    assert found.iterations.max() <= 15
+    for scores in (found.theta, found.process, found.measurement):
+        assert np.sqrt(np.mean(scores**2)) < 1.6
 
 
 @pytest.mark.slow

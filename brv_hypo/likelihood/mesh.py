@@ -1,0 +1,95 @@
+"""Segments on a finer mesh: several steps of the dynamics between samples, measured at the samples only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.interpolation import Interpolator
+from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.segment import Segment, build_grid
+from brv_hypo.likelihood.status import Status
+
+TOLERATED = 0.1
+"""Shift by the mesh, in standard errors, at which it is fine enough."""
+MOST_STEPS = 32
+"""Steps between samples at most."""
+_ORDER = 4.0
+"""Order of the collocation: how the error falls with the step."""
+_LARGEST_RAISE = 8
+"""Factor by which the steps are raised at once: far from fine the error does not follow its order yet."""
+
+
+def refine(segments: Sequence[Segment], run: Callable[[Sequence[Segment], int], FitResult]) -> FitResult:
+    """Fits on finer meshes until the shift is tolerable, or the steps are at their limit: then the status says so.
+
+    `run` fits segments on a mesh of that many steps between samples.
+    """
+    steps = 1
+    found = run(segments, steps)
+    while found.mesh_shift > TOLERATED and steps < MOST_STEPS:
+        steps = min(steps * _raise(found.mesh_shift), MOST_STEPS)
+        found = run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
+    if found.mesh_shift > TOLERATED and found.converged:
+        size = (
+            f"an estimate is off by {found.mesh_shift:.2g} standard errors with {steps} steps between samples"
+        )
+        return replace(found, status=Status.COARSE, message=f"{size}: {Status.COARSE.message}")
+    return found
+
+
+def _raise(shift: float) -> int:
+    """Factor for the steps, a power of two."""
+    wanted = (shift / TOLERATED) ** (1.0 / _ORDER) if np.isfinite(shift) else np.inf
+    return int(min(2.0 ** np.ceil(np.log2(max(wanted, 2.0))), _LARGEST_RAISE))
+
+
+def finer(segment: Segment, number: int, steps: int) -> Segment:
+    """The segment with `steps` - 1 samples between each two, at which nothing was measured."""
+    build_grid(segment, number)  # refuses what is unfit
+    t = np.asarray(segment.t, dtype=float)
+    inside = _inserted(t, steps)
+    middle = 0.5 * (inside[:-1] + inside[1:])
+    y = np.atleast_2d(np.asarray(segment.y, dtype=float))
+    fine = np.full((y.shape[0], inside.size), np.nan)
+    fine[:, ::steps] = y
+    x0 = np.asarray(segment.x0, dtype=float)
+    if x0.ndim == 2:
+        x0 = np.stack([np.interp(inside, t, row) for row in x0])
+    return replace(
+        segment, t=inside, y=fine, u=_inputs(segment, inside), u_mid=_inputs(segment, middle), x0=x0
+    )
+
+
+def _inserted(t: FloatArray, steps: int) -> FloatArray:
+    fractions = np.arange(steps) / steps
+    return np.append((t[:-1, None] + np.diff(t)[:, None] * fractions).ravel(), t[-1])
+
+
+def _inputs(segment: Segment, at: FloatArray) -> FloatArray:
+    """Inputs (n_inputs, len(at)) as the segment has them between its samples."""
+    t = np.asarray(segment.t, dtype=float)
+    u = np.asarray(segment.u, dtype=float)
+    u = u.reshape(0, t.size) if u.size == 0 else np.atleast_2d(u)
+    hold = (segment.hold,) * len(u) if isinstance(segment.hold, str) else tuple(segment.hold)
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
+    s = (at - t[before]) / (t[before + 1] - t[before])
+    last = np.where(at >= t[-1], t.size - 1, before)
+    if segment.u_mid is not None:
+        middle = np.asarray(segment.u_mid, dtype=float)[:, before]
+        end = np.where(np.array([kind == "zero" for kind in hold])[:, None], u[:, before], u[:, before + 1])
+        within = 2 * (s - 0.5) * (s - 1) * u[:, before] + 4 * s * (1 - s) * middle + 2 * s * (s - 0.5) * end
+        return np.where(at >= t[-1], u[:, -1:], within)
+    cubic = Interpolator(t).stencil(at).apply(u)
+    ways = {
+        "zero": u[:, last],
+        "linear": (1.0 - s) * u[:, before] + s * u[:, before + 1],
+        "cubic": cubic,
+    }
+    found = np.empty((len(u), at.size))
+    for row, kind in enumerate(hold):
+        found[row] = ways[kind][row]
+    return found

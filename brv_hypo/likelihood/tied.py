@@ -1,0 +1,92 @@
+"""Constraints among parameters: some are functions of others, with errors that follow from theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.derivatives import Function
+from brv_hypo.likelihood.result import FitResult
+
+Tie = Callable[[Mapping[str, Any]], Any]
+"""Of the free parameters by name; analytic, if derivatives are to be exact."""
+
+_STEP = 1e-3
+"""Central difference for the errors of tied parameters, in standard errors."""
+
+
+def with_ties(function: Function, ties: Mapping[str, Tie]) -> Function:
+    """The function, its theta completed by the tied parameters."""
+    if not ties:
+        return function
+
+    def completed(x: Any, u: Any, theta: Mapping[str, Any], t: Any, *delayed: Any) -> Any:
+        return function(x, u, dict(theta) | {name: tie(theta) for name, tie in ties.items()}, t, *delayed)
+
+    return completed
+
+
+def check_ties(ties: Mapping[str, Tie], theta0: Mapping[str, float], per_segment: Collection[str]) -> None:
+    """Refuse ties that mean nothing.
+
+    Raises:
+        UsageError: a tied parameter that is in theta0 too, a tie that is not finite there, per-segment parameters.
+    """
+    both = sorted(set(ties) & set(theta0))
+    if both:
+        raise UsageError(
+            f"tied names {both}, which theta0 has too; a tied parameter follows from others: leave it out"
+        )
+    if ties and per_segment:
+        raise UsageError(
+            f"tied {sorted(ties)} came together with per_segment {sorted(per_segment)}: a tied parameter has one "
+            "value. Compute it in the dynamics instead"
+        )
+    for name, tie in ties.items():
+        try:
+            value = float(tie(theta0))
+        except KeyError as missing:
+            raise UsageError(
+                f"tied {name!r} needs {missing}, which theta0 does not have; it has {sorted(theta0)}"
+            ) from missing
+        if not np.isfinite(value):
+            raise UsageError(f"tied {name!r} is {value} at the start; expected a finite value")
+
+
+def completed_result(result: FitResult, ties: Mapping[str, Tie]) -> FitResult:
+    """The result with the tied parameters in `theta` and both kinds of standard errors, to first order."""
+    if not ties:
+        return result
+    values = {name: float(tie(result.theta)) for name, tie in ties.items()}
+    rows = {name: _gradient(tie, result) for name, tie in ties.items()}
+    white, coloured = (
+        {name: _error(rows[name], covariance) for name in ties}
+        for covariance in (result.covariance, result.covariance_coloured)
+    )
+    return replace(
+        result,
+        theta=result.theta | values,
+        std_error=result.std_error | white,
+        std_error_coloured=result.std_error_coloured | coloured,
+    )
+
+
+def _gradient(tie: Tie, result: FitResult) -> FloatArray:
+    found = np.zeros(len(result.names))
+    for i, name in enumerate(result.names):
+        sigma = result.std_error[name]
+        step = _STEP * (sigma if np.isfinite(sigma) and sigma > 0 else max(abs(result.theta[name]), 1.0))
+        up, down = (tie(result.theta | {name: result.theta[name] + sign * step}) for sign in (1.0, -1.0))
+        found[i] = (up - down) / (2.0 * step)
+    return found
+
+
+def _error(row: FloatArray, covariance: FloatArray) -> float:
+    """nan where the tie depends on a parameter without an error."""
+    used = row != 0.0
+    return float(np.sqrt(row[used] @ covariance[np.ix_(used, used)] @ row[used]))

@@ -1,0 +1,100 @@
+"""Motion that is fast for its samples: the estimated effect of the mesh, refinement, and the status."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.likelihood import FitResult, Segment, Status, fit, mesh
+from brv_hypo.likelihood.mesh import finer
+
+SIGMA = 0.01
+INTERVAL = 0.05
+TIMES = np.linspace(0.0, 149 * INTERVAL, 150)
+
+
+def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    return np.stack([x[1], -theta["stiffness"] * x[0] - theta["damping"] * x[1]])
+
+
+def oscillator(frequency: float) -> tuple[Segment, dict[str, float]]:
+    """An oscillator in closed form, rad/s, 20 samples a second, its angle measured."""
+    truth = {"stiffness": frequency**2, "damping": 0.3}
+    decay, turn = 0.15, np.sqrt(frequency**2 - 0.15**2)
+    x: FloatArray = np.exp(-decay * TIMES) * (np.cos(turn * TIMES) + decay / turn * np.sin(turn * TIMES))
+    y = x + SIGMA * np.random.default_rng(0).standard_normal(TIMES.size)
+    return Segment(TIMES, np.zeros((0, TIMES.size)), y[None], np.array([1.0, 0.0])), truth
+
+
+def run(frequency: float, **options: Any) -> tuple[FitResult, dict[str, float]]:
+    segment, truth = oscillator(frequency)
+    start = {name: 0.95 * value for name, value in truth.items()}
+    return fit(dynamics, lambda x, u, theta, t: x[:1], [segment], start, **options), truth
+
+
+@pytest.mark.parametrize("frequency", [8.0, 20.0])
+def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency: float) -> None:
+    known = np.array([[SIGMA**2]])
+    coarse, _ = run(frequency, mesh_steps=1, noise_covariance=known)
+    fine, _ = run(frequency, mesh_steps=8, noise_covariance=known)
+    moved = max(abs(fine.theta[k] - coarse.theta[k]) / coarse.std_error[k] for k in coarse.names)
+    assert coarse.mesh_shift == pytest.approx(moved, rel=0.4)
+    assert fine.mesh_shift < 0.01 * coarse.mesh_shift
+
+
+@pytest.mark.parametrize("frequency", [4.0, 20.0, 40.0])
+def test_the_mesh_is_refined_until_the_estimate_is_right(frequency: float) -> None:
+    result, truth = run(frequency)
+    assert result.converged, result.message
+    assert (result.mesh_steps == 1) == (frequency < 10.0)
+    assert result.mesh_shift < 0.1
+    finest, _ = run(frequency, mesh_steps=32)
+    for name, value in truth.items():
+        assert abs(result.theta[name] - value) < 4.0 * result.std_error[name]
+        assert result.std_error[name] == pytest.approx(finest.std_error[name], rel=0.2)
+    assert result.states[0].shape == (2, TIMES.size)
+    assert result.innovations[0].shape == (1, TIMES.size)
+    assert all(test.lags == 20 for test in result.whiteness)
+
+
+def test_what_is_left_out_is_counted_in_samples_on_a_fine_mesh_too() -> None:
+    result, truth = run(20.0)
+    half = np.arange(TIMES.size) >= 100
+    without = result.theta_without([half])
+    segment, _ = oscillator(20.0)
+    segment = Segment(segment.t, segment.u, np.where(half, np.nan, segment.y), segment.x0)
+    again = fit(dynamics, lambda x, u, theta, t: x[:1], [segment], truth)
+    for name in truth:
+        assert without[name] == pytest.approx(again.theta[name], abs=0.5 * again.std_error[name])
+
+
+def test_a_mesh_that_stays_coarse_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh, "MOST_STEPS", 1)
+    result, _ = run(20.0)
+    assert result.status == Status.COARSE
+    assert not result.converged
+    assert result.mesh_shift > 1.0
+    assert "standard errors with 1 steps between samples" in result.message
+    assert Status.COARSE.remedy in result.message
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear", "cubic"])
+def test_a_finer_segment_has_the_inputs_of_the_coarse_one(hold: Any) -> None:
+    t = np.linspace(0.0, 2.0, 21)
+    u = np.stack([np.sin(2.0 * t), np.sign(np.sin(5.0 * t))])
+    segment = Segment(t, u, np.cos(t)[None], np.zeros(1), hold=hold)
+    fine = finer(segment, 0, 4)
+    np.testing.assert_allclose(fine.u[:, ::4], u)
+    np.testing.assert_array_equal(np.isfinite(fine.y[0]), np.arange(fine.t.size) % 4 == 0)
+    assert fine.u_mid is not None
+    if hold == "zero":
+        np.testing.assert_array_equal(fine.u[:, 1:4], np.repeat(u[:, :1], 3, axis=1))
+    else:
+        inside = np.interp(fine.t, t, u[0]) if hold == "linear" else np.sin(2.0 * fine.t)
+        np.testing.assert_allclose(fine.u[0], inside, atol=2e-4)
+    with pytest.raises(UsageError, match="mesh_steps"):
+        run(8.0, mesh_steps=0)

@@ -1,0 +1,67 @@
+"""Columns that depend on others: named, searched around, refused where only rounding tells them apart."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from brv_hypo.subset import best_subsets
+from tests.subset.brute_force import enumerate_subsets
+
+RNG = np.random.default_rng(11)
+ROWS = 80
+
+
+def columns() -> np.ndarray:
+    X = RNG.standard_normal((ROWS, 8))
+    X[:, 0] = 1.0
+    return X
+
+
+def test_the_sum_of_two_columns_is_named_and_the_search_stays_exact() -> None:
+    X = columns()
+    X[:, 5] = 2.0 * X[:, 2] - 3.0 * X[:, 4] + 0.5
+    X[:, 7] = X[:, 1] + 1e3 * X[:, 3] - X[:, 6]
+    y = X[:, 2] + X[:, 5] + RNG.standard_normal(ROWS)
+    result = best_subsets(X, y, 5)
+    named = {alias.column: dict(alias.combination) for alias in result.aliases}
+    assert named[5] == pytest.approx({0: 0.5, 2: 2.0, 4: -3.0})
+    assert named[7] == pytest.approx({1: 1.0, 3: 1e3, 6: -1.0})
+    assert result.refused == ()
+    expected = enumerate_subsets(X, y, (0,), range(1, 8), 5)
+    for subset in result.subsets:
+        assert subset.rss == pytest.approx(expected[subset.size][0][0], rel=1e-9)
+
+
+@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+@pytest.mark.parametrize("distance", [1e-13, 1e-12])
+def test_a_winner_next_to_dependence_is_refused_with_the_reason(distance: float, kernel: str) -> None:
+    X = columns()
+    hidden = RNG.standard_normal(ROWS)
+    X[:, 6] = X[:, 2] + X[:, 3] + distance * hidden
+    y = hidden + 0.01 * RNG.standard_normal(ROWS)
+    result = best_subsets(X, y, 4, kernel=kernel)
+    assert result.certificate.exact
+    (refusal,) = result.refused
+    assert set(refusal.columns) == {2, 3, 6}
+    assert distance / 10 < refusal.remainder < distance * 10
+    assert "refused together" in refusal.reason
+    assert all(np.abs(subset.coefficients).max() < 1e3 for subset in result.subsets)
+    allowed = [
+        subset
+        for size in range(1, 5)
+        for subset in combinations(range(1, 8), size)
+        if not {2, 3, 6} <= set(subset)
+    ]
+    expected = enumerate_subsets(X, y, (0,), range(1, 8), 4, lambda s: tuple(sorted(s)) in allowed)
+    for subset in result.subsets:
+        assert subset.rss == pytest.approx(expected[subset.size][0][0], rel=1e-9)
+
+
+def test_more_columns_than_rows_names_nothing() -> None:
+    X = np.random.default_rng(0).standard_normal((6, 12))
+    result = best_subsets(X, X[:, 3] + 1.0, 2, forced=())
+    assert result.aliases == ()
+    assert result.refused == ()

@@ -1,0 +1,41 @@
+"""Collinear knots at every level of noise: exact against brute force; the benchmark's curve in small."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.subset import best_subsets
+from brv_hypo.subset.benchmark import CURVES, curve_point
+from brv_hypo.subset.problems import delay_problem, spline_problem, with_r_squared
+from tests.subset.brute_force import enumerate_subsets
+
+
+@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.9999])
+@pytest.mark.parametrize("kind", ["spline", "delay"])
+def test_collinear_columns_are_searched_exactly_at_every_noise(kind: str, share: float, kernel: str) -> None:
+    clean = spline_problem(5, noise=0.0) if kind == "spline" else delay_problem(6, 3, noise=0.0)
+    X, y = with_r_squared(clean, share)
+    result = best_subsets(X, y, 4, kernel=kernel)
+    expected = enumerate_subsets(X, y, (0,), range(1, X.shape[1]), 4)
+    assert result.certificate.exact
+    for size in range(1, 5):
+        best, columns = expected[size][0]
+        assert result.best(size).rss == pytest.approx(best, rel=1e-9)
+        assert result.best(size).columns == columns
+
+
+@pytest.mark.parametrize("share", [0.3, 0.99])
+def test_the_true_model_explains_the_share_that_was_asked_for(share: float) -> None:
+    X, signal = delay_problem(noise=0.0)
+    _, y = with_r_squared((X, signal), share)
+    assert 1.0 - np.var(y - signal) / np.var(y) == pytest.approx(share, abs=0.1 * (1.0 - share))
+
+
+def test_a_point_of_the_curve_carries_its_certificate() -> None:
+    easy = curve_point(CURVES[0], 0.9999, limit_s=60.0)
+    assert easy.certificate.exact
+    hard = curve_point(CURVES[1], 0.3, limit_s=0.05)
+    assert not hard.certificate.exact
+    assert 0.0 < hard.certificate.gap < 1.0
