@@ -22,7 +22,7 @@ SCALE = 0.01
 
 def flight_with_errors() -> Flight:
     """A cone with a trim and accelerometers whose y axis reads 1 % too much."""
-    data = load_config("research_cone").model_dump()
+    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
     terms = dict(zip(("C_m0", "C_n0"), TRIM, strict=True))
     data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
     data["instruments"]["errors"] = {"accel_scale": {"y": SCALE}}

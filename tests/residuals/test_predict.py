@@ -19,7 +19,7 @@ TRIM = (1e-3, -5e-4)
 
 def config(trim: tuple[float, float]) -> SimulationConfig:
     terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
-    data = load_config("research_cone").model_dump()
+    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
     data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
     return SimulationConfig.model_validate(data)
 
