@@ -58,7 +58,8 @@ def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
 def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments, settings):
     (tmp_path / "settings.yaml").write_text(settings or "{}")
     (tmp_path / "bad.py").write_text(GOOD.replace('print("talking")', "raise OSError('gone')"))
-    common = ("compare", simulated_file, "--mechanisms", "bodyfixed", "--config", tmp_path / "settings.yaml", *arguments)
+    chosen = ("--mechanisms", "bodyfixed", "--config", tmp_path / "settings.yaml")
+    common = ("compare", simulated_file, *chosen, *arguments)
     plain, done = brv_hypo(*common), brv_hypo(*common, "--plugin", tmp_path / "bad.py")
     assert done.returncode == plain.returncode == 0, done.stderr
     assert f"'own' of {tmp_path}/bad.py" in done.stderr

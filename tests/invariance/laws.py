@@ -7,6 +7,7 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, Comparison
 from brv_hypo.ranking.result import TermEstimate
+from tests.flight.records import ACCEPTED, UNITS
 from tests.invariance.chain import Case, Change, Distance, compared, distance, flight, original
 from tests.invariance.changes import NAMES, SI_UNITS, mirrored, rolled, shifted, without_scale_errors, written
-from tests.flight.records import ACCEPTED, UNITS
 
 NOTHING = Distance(0.0, 0.0)
 # Of numbers of 53 bits, where the flight holds what is fitted to it.
@@ -46,7 +47,8 @@ def any_units(data: st.DataObject, case: Case) -> Found:
     others = data.draw(st.fixed_dictionaries(choices))
     with tempfile.TemporaryDirectory() as folder:
         plain, told = (
-            written(flight(case), units, Path(folder, f"{k}.h5")) for k, units in enumerate((SI_UNITS, others))
+            written(flight(case), units, Path(folder, f"{k}.h5"))
+            for k, units in enumerate((SI_UNITS, others))
         )
     return distance(compared([plain], case), compared([told], case)), _rounding(case)
 
@@ -81,7 +83,7 @@ def any_number_of_threads(data: st.DataObject, case: Case) -> Found:
 
 
 class Told(Mechanism):
-    """A mechanism whose columns are `size` times those of `damping`, with a copy of its first that is off by `parts`."""
+    """Columns `size` times those of `damping`, with a copy of the first that is off by `parts` of it."""
 
     name = "damping"
     title = claims = source = "damping, told otherwise"
@@ -93,11 +95,13 @@ class Told(Mechanism):
         off = 1.0 + self.parts * np.cos(3.0 * motion.time)
         copies = (Term("copy", off * terms[0].in_plane, off * terms[0].out_of_plane),) if self.parts else ()
         return tuple(
-            Term(term.name, self.size * term.in_plane, self.size * term.out_of_plane) for term in (*terms, *copies)
+            Term(term.name, self.size * term.in_plane, self.size * term.out_of_plane)
+            for term in (*terms, *copies)
         )
 
 
-def _told(mechanism: Mechanism, case: Case) -> Comparison:
+@cache
+def _told(mechanism: Told, case: Case) -> Comparison:
     """The comparison in which `damping` is this mechanism."""
     module = importlib.import_module("brv_hypo.ranking.compare")
     known = module.parse_hypothesis
@@ -112,9 +116,12 @@ def _told(mechanism: Mechanism, case: Case) -> Comparison:
 
 def any_scale_of_columns(data: st.DataObject, case: Case) -> Found:
     size = 10.0 ** data.draw(st.integers(-8, 8))
-    case = replace(case, mechanism="damping")
+    case = replace(case, planted="damping", mechanism="damping")
     after = _told(Told(size=size), case)
-    rows = [row.model_copy(update={"terms": tuple(_times(term, size) for term in row.terms)}) for row in after.ranking]
+    rows = [
+        row.model_copy(update={"terms": tuple(_times(term, size) for term in row.terms)})
+        for row in after.ranking
+    ]
     return distance(_told(Told(), case), after.model_copy(update={"ranking": tuple(rows)})), _rounding(case)
 
 

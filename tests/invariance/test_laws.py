@@ -10,7 +10,8 @@ from tests.invariance.chain import PLANTS, Case
 from tests.invariance.laws import LAWS
 
 FLIGHTS = 200
-PHASES = (Phase.explicit, Phase.reuse, Phase.generate)  # to make a failing flight smaller takes minutes, and says no more
+# To make a failing flight smaller takes minutes, and says no more.
+PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 CASES = st.builds(
     Case,
     seed=st.integers(1, 10_000),

@@ -8,7 +8,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from tests.kill.commands import write_inputs
+from tests.kill.commands import fly_inputs, write_inputs
 from tests.kill.run import Plan, Reference, judged, plans, reference
 
 
@@ -25,6 +25,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="kill.inputs.") as name:
         inputs = Path(name)
         write_inputs(inputs)
+        fly_inputs(inputs)
         for plan in plans(options.runs, options.full, options.seed, options.only):
             label = plan.command.label
             if label not in usual:
@@ -38,7 +39,11 @@ def main() -> int:
 
 
 def _described(plan: Plan) -> str:
-    when = f"{plan.after * 1e3:.1f} ms into writing" if plan.share is None else f"at {plan.share:.2f} of its time"
+    when = (
+        f"{plan.after * 1e3:.1f} ms into writing"
+        if plan.share is None
+        else f"at {plan.share:.2f} of its time"
+    )
     place = "" if plan.room is None else f", disk for {plan.room:.2f} of the outputs"
     return f"{plan.command.label}, {when}{', old outputs' if plan.old else ''}{place}"
 

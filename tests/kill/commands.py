@@ -78,7 +78,12 @@ def _package(path: Path) -> None:
 
 def _study(path: Path) -> None:
     """Every file that is there is whole; of the flights, every line that ends is one, and none stands twice."""
-    checks = {"study.json": _described, "results.csv": _rows, "summary.json": _json("study"), "report.html": _page}
+    checks = {
+        "study.json": _described,
+        "results.csv": _rows,
+        "summary.json": _json("study"),
+        "report.html": _page,
+    }
     for name, check in checks.items():
         if (path / name).exists():
             check(path / name)
@@ -185,7 +190,7 @@ COMMANDS = (
 
 
 def write_inputs(folder: Path) -> None:
-    """What the commands read."""
+    """What the commands read, but for what takes a flight."""
     cone, study = folder / "flight.yaml", {**_STUDY, "vehicles": [str(folder / "flight.yaml")]}
     for path, text in (
         (cone, _FLIGHT),
@@ -196,8 +201,12 @@ def write_inputs(folder: Path) -> None:
     ):
         path.write_text(text, encoding="utf-8")
     write_csv(folder / "data.csv")
+
+
+def fly_inputs(folder: Path) -> None:
+    """The record that commands read, and a model of it."""
     record, model = str(folder / "flight.h5"), str(folder / "model.json")
-    _run("simulate", str(cone), "-o", record, "-q")
+    _run("simulate", str(folder / "flight.yaml"), "-o", record, "-q")
     _run("trace", record, "--config", str(folder / "trace.yaml"), "--json", model, "-q")
 
 

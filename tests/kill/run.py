@@ -150,7 +150,9 @@ def _is_writing(folder: Path) -> bool:
 def _state(plan: Plan, ended: victim.Ended) -> str:
     if ended.killed:
         return "killed" if plan.share is not None else "killed while writing"
-    assert ended.code == 0 or (ended.code == 2 and plan.room is not None), f"ended with {ended.code}: {ended.messages}"
+    assert ended.code == 0 or (ended.code == 2 and plan.room is not None), (
+        f"ended with {ended.code}: {ended.messages}"
+    )
     if ended.code == 2:
         assert len(ended.messages.splitlines()) == 1, f"said {ended.messages}"
     return "refused" if ended.code == 2 else "done before"
@@ -200,4 +202,3 @@ def _folders() -> Iterator[tuple[Path, Path]]:
         work.mkdir()
         temporary.mkdir()
         yield work, temporary
-
