@@ -9,7 +9,7 @@ from tests.fuzz.run import Input, failure_of, inputs
 from tests.fuzz.targets import TARGETS
 
 BATCHES, OF_A_BATCH = 10, 50
-IN_EVERY_RUN = 4  # batches; the others are slow
+IN_EVERY_RUN = 2  # batches; the others are slow
 # By target, the seeds of the operations on its valid input: each ended in a fault, a hang or litter once.
 FOUND: tuple[tuple[str, tuple[int, ...]], ...] = (("record", (126550628,)),)
 

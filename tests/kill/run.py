@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from brv_hypo.cli.main import app
 from tests.kill import disk, victim
-from tests.kill.commands import COMMANDS, Command, complete
+from tests.kill.commands import COMMANDS, Command, complete, flights_of
 
 OLD = b"what stood there before"
 PAGE_BYTES = 4096
@@ -123,28 +123,24 @@ def _killed_and_done(
 
 def _at(plan: Plan, usual: Reference, folder: Path) -> Callable[[float], bool]:
     """The moment of the plan, asked for again and again."""
-    if plan.share is not None:
-        return lambda passed: passed > plan.share * usual.seconds  # type: ignore[operator]
+    share = plan.share
+    if share is not None:
+        return lambda passed: passed > share * usual.seconds
     sign: list[float] = []
 
     def writing(passed: float) -> bool:
-        if not sign and _is_writing(folder):
+        if not sign and _has_begun(plan.command, folder):
             sign.append(passed)
         return bool(sign) and passed > sign[0] + plan.after
 
     return writing
 
 
-def _is_writing(folder: Path) -> bool:
-    """True where a temporary stands, or a study's log has begun."""
-    for path in (folder, folder / "out"):
-        try:
-            names = os.listdir(path)
-        except OSError:
-            continue
-        if any(name.endswith(".partial") for name in names):
-            return True
-    return False
+def _has_begun(command: Command, folder: Path) -> bool:
+    """True where a temporary stands; of a study, where its log holds a flight."""
+    if command.goes_on:
+        return bool(flights_of(folder / "out"))
+    return any(name.endswith(".partial") for name in os.listdir(folder))
 
 
 def _state(plan: Plan, ended: victim.Ended) -> str:

@@ -80,6 +80,7 @@ def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
         assert abs(values[name].value - planted) < 0.05 * abs(TRIM[0])
 
 
+@pytest.mark.slow
 def test_after_the_limit_the_residual_is_that_of_the_final_model(flight: Flight) -> None:
     settings = QUICK.model_copy(update={"max_steps": 1, "maximum_likelihood": False})
     result = trace(flight, settings)
