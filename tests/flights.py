@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from functools import cache
 
-from brv_hypo.simulation import SimulatedFlight, simulate
+from brv_hypo.simulation import SimulatedFlight, load_config, simulate
+
+SAMPLE_RATE_HZ = 100.0  # half the usual: enough for all but what a finer one is needed to say
+USUAL_RATE_HZ = 200.0
 
 
 @cache
-def flown(vehicle: str, *plant: str) -> SimulatedFlight:
+def flown(vehicle: str, *plant: str, sample_rate: float = SAMPLE_RATE_HZ) -> SimulatedFlight:
     """The vehicle's own flight, with `plant` of what it can be planted with."""
-    return simulate(vehicle, seed=1, plant=plant)
+    config = load_config(vehicle).model_copy(update={"sample_rate": sample_rate})
+    return simulate(config, seed=1, plant=plant)
 
 
-def nominal() -> SimulatedFlight:
+def nominal(sample_rate: float = SAMPLE_RATE_HZ) -> SimulatedFlight:
     """The research cone with nothing planted: for what holds on any flight."""
-    return flown("research_cone")
+    return flown("research_cone", sample_rate=sample_rate)

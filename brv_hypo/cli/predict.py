@@ -34,6 +34,7 @@ def predict(
     instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
+    session.claim()
     from brv_hypo.report.prediction import prediction_view
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import predict as predicted

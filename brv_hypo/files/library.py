@@ -25,6 +25,7 @@ from brv_hypo.files.printed import one_line
 from brv_hypo.files.regular import check_regular
 
 READ_BUDGET = 256 << 20  # bytes of values in one file: 14 channels at 1 kHz for 40 minutes
+READ_CPU_SECONDS = 5  # of processor time for one file; 256 MB of compressed HDF5 take 2
 LONGEST_READ_SECONDS = 120.0  # by the clock, for a medium that does not answer
 
 _CHILD = Path(__file__).with_name("library_child.py")
@@ -73,9 +74,9 @@ def _ask(kind: str, path: str | Path, details: dict[str, Any]) -> Content:
     check_regular(
         path, "a flight record" if kind == "hdf5" else f"a {_LIBRARIES[kind]} table", FlightRecordError
     )
-    request = {"kind": kind, "path": os.path.abspath(path), "budget": READ_BUDGET, **details}
+    limits = {"budget": READ_BUDGET, "seconds": READ_CPU_SECONDS}
     try:
-        header, arrays = _child.ask(request)
+        header, arrays = _child.ask({"kind": kind, "path": os.path.abspath(path), **limits, **details})
     except EOFError as ended:
         raise _damaged(path, kind, f"the {_LIBRARIES[kind]} library {ended}") from None
     if "refused" in header:

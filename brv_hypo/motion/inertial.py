@@ -12,7 +12,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import Derivative, differentiate
-from brv_hypo.motion.noise import white_noise_level
+from brv_hypo.motion.noise import transverse_noise_level, white_noise_level
 
 FEWEST_SAMPLES = 16
 
@@ -86,8 +86,8 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     Raises UnanswerableError where the record is too short for any of it.
     """
     _refuse_what_cannot_be_integrated(flight)
-    gyro_sigma = config.gyro_sigma or _pooled(flight, ("q", "r"))
-    accel_sigma = config.accel_sigma or _pooled(flight, ("ay", "az"))
+    gyro_sigma = config.gyro_sigma or transverse_noise_level(flight.q, flight.r, flight.segments)
+    accel_sigma = config.accel_sigma or transverse_noise_level(flight.ay, flight.az, flight.segments)
     time = flight.time - flight.time[0]
     roll, attitude = body_attitude(time, flight.p, flight.q + 1j * flight.r)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
@@ -131,11 +131,6 @@ def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
             )
 
 
-def _pooled(flight: Flight, names: tuple[str, str]) -> float:
-    levels = [white_noise_level(getattr(flight, name), flight.segments) for name in names]
-    return float(np.sqrt(np.mean(np.square(levels))))
-
-
 def _measured(flight: Flight) -> BoolArray:
     inside = np.zeros(flight.samples, dtype=bool)
     for start, stop in flight.segments:
@@ -169,7 +164,7 @@ def _force_at_cg(
     if not np.any(arm):
         return sensed, np.full(flight.samples, accel_sigma)
     roll_rate = differentiate(
-        flight.p.astype(complex), flight.step, _pooled(flight, ("p", "p")), flight.segments
+        flight.p.astype(complex), flight.step, white_noise_level(flight.p, flight.segments), flight.segments
     )
     moved = sensed - arm_acceleration(flight.p, roll_rate.rate.real, rate, change, arm)
     gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)

@@ -20,6 +20,16 @@ def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]
     return float(np.fmax(sigma, _quantisation(channel)))
 
 
+def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
+    """Standard deviation of the white noise of either of two channels (n,) that body axes y and z share alike.
+
+    Of the two as one vector: whichever way the axes are rolled, it is the same.
+    """
+    vector = y + 1j * z
+    sigma = sigma_of_differences([vector[a:b] for a, b in segments])
+    return float(np.fmax(sigma, np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0)))
+
+
 def _quantisation(channel: FloatArray) -> float:
     """Standard deviation of rounding to the channel's smallest step, or to double precision."""
     steps = np.abs(np.diff(channel))

@@ -33,6 +33,7 @@ from brv_hypo.residuals.summary import Ending, summary
 
 Progress = Callable[[str], None]
 SMALLEST_RECORD = 120
+SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
 _GENERIC = 4
 
 
@@ -41,12 +42,13 @@ def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progre
 
     Raises UsageError for an unknown effect and UnanswerableError where the record is too short.
     """
-    if flight.samples < SMALLEST_RECORD:
-        raise UnanswerableError(
-            f"the record holds {flight.samples} samples in the window, expected at least {SMALLEST_RECORD}: too few to "
-            "hold any out. Widen --start and --stop."
-        )
     config = config or TraceConfig()
+    fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)
+    if flight.samples < fewest:
+        raise UnanswerableError(
+            f"the record holds {flight.samples} samples in the window, expected at least {fewest}: too few to hold any "
+            f"of {config.blocks} blocks out. Widen --start and --stop, or have fewer `blocks` in the configuration."
+        )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         return _trace(flight, config, progress or (lambda message: None))
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 
 from joblib import Parallel, delayed, parallel_config
@@ -16,6 +20,8 @@ from brv_hypo.study.draws import Draw, check_names, draws
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.store import Store
 from brv_hypo.study.trial import fly
+
+PARENT_LOOKED_FOR_SECONDS = 0.5  # how often a worker looks whether it still has one
 
 Progress = Callable[[int, int, Outcome], None]
 
@@ -63,6 +69,20 @@ def _fly(plugins: Sequence[str], study: StudyConfig, draw: Draw) -> Outcome:
     """One flight in whatever process this is, which has to know the plugins that are files."""
     if multiprocessing.parent_process() is not None:  # a signal from the keyboard is the parent's to handle
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _end_with_parent()
     if tuple(plugins) != plugin_files():
         use_plugin_files(plugins)
     return fly(study, draw)
+
+
+@cache
+def _end_with_parent() -> None:
+    """From now on this worker ends when its parent has: one that was killed could tell nobody."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_LOOKED_FOR_SECONDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

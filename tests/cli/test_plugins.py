@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+REGRESSION = "maximum_likelihood: none"
 GOOD = """
 from brv_hypo.mechanisms import Mechanism, Term
 
@@ -38,16 +39,27 @@ def test_an_empty_list_in_a_configuration_is_wrong_usage(brv_hypo, tmp_path):
 
 def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
     (tmp_path / "own.py").write_text(GOOD)
-    arguments = ("--plugin", tmp_path / "own.py", "--mechanisms", "own", "--json", "-")
+    (tmp_path / "settings.yaml").write_text(REGRESSION)
+    chosen = ("--mechanisms", "own", "--config", tmp_path / "settings.yaml")
+    arguments = ("--plugin", tmp_path / "own.py", *chosen, "--json", "-")
     done = brv_hypo("compare", simulated_file, *arguments)
     assert done.returncode == 0, done.stderr
     assert {row["mechanism"] for row in json.loads(done.stdout)["ranking"]} == {"none", "own"}
 
 
-@pytest.mark.parametrize("arguments", [pytest.param(["-q"], marks=pytest.mark.slow), ["--json", "-"]])
-def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments):
+@pytest.mark.parametrize(
+    ("arguments", "settings"),
+    [
+        pytest.param(["-q"], "", marks=pytest.mark.slow),
+        pytest.param(["--json", "-"], "", marks=pytest.mark.slow),
+        (["--json", "-"], REGRESSION),
+    ],
+)
+def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments, settings):
+    (tmp_path / "settings.yaml").write_text(settings or "{}")
     (tmp_path / "bad.py").write_text(GOOD.replace('print("talking")', "raise OSError('gone')"))
-    common = ("compare", simulated_file, "--mechanisms", "bodyfixed", *arguments)
+    chosen = ("--mechanisms", "bodyfixed", "--config", tmp_path / "settings.yaml")
+    common = ("compare", simulated_file, *chosen, *arguments)
     plain, done = brv_hypo(*common), brv_hypo(*common, "--plugin", tmp_path / "bad.py")
     assert done.returncode == plain.returncode == 0, done.stderr
     assert f"'own' of {tmp_path}/bad.py" in done.stderr

@@ -84,7 +84,7 @@ def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, every
 
 
 @pytest.mark.parametrize("number", CODES)
-@pytest.mark.parametrize("delay", [0.8, 4.0])
+@pytest.mark.parametrize("delay", [0.8, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_a_simulation_ends_at_once_and_leaves_no_file(tmp_path, number, delay):
     process = begun(tmp_path, "simulate", "research_cone", "-o", "flight.h5", "--json", "out.json")
     time.sleep(delay)

@@ -15,14 +15,25 @@ STEP_KEYS = "step residual candidates added error_before error_after error_ratio
 RESIDUAL_KEYS = "rms white p_value worst_channel worst_region_s dominant_frequency_hz"
 CANDIDATE_KEYS = "effect kind f_ratio p_value_adjusted explains"
 
+FLIGHT = """
+base: research_cone
+title: short
+duration: 3.0
+sample_rate: 100.0
+mechanisms: [{mechanism: trim, terms: {C_m0: 1.0e-3, C_n0: -6.0e-4}, kind: constant}]
+"""
+
 
 @pytest.fixture(scope="module")
-def traced(brv_hypo, simulated_file, tmp_path_factory):
-    """One trace of a flight with planted sticking: the finished process, its JSON and its report."""
+def traced(brv_hypo, tmp_path_factory):
+    """One trace of a flight with a planted trim: the finished process, its JSON and its report."""
     folder = tmp_path_factory.mktemp("traced")
-    (folder / "config.yaml").write_text("effects: [sticking, gyro_bias]\nmax_steps: 1\ndiscover: false\n")
+    (folder / "config.yaml").write_text("effects: [trim, gyro_bias]\nmax_steps: 1\ndiscover: false\n")
+    (folder / "flight.yaml").write_text(FLIGHT)
+    flown = brv_hypo("simulate", folder / "flight.yaml", "-o", folder / "flight.h5")
+    assert flown.returncode == 0, flown.stderr
     files = ("--json", folder / "out.json", "--report", folder / "out.html")
-    done = brv_hypo("trace", simulated_file, "--config", folder / "config.yaml", *files)
+    done = brv_hypo("trace", folder / "flight.h5", "--config", folder / "config.yaml", *files)
     assert done.returncode == 0, done.stderr
     return done, json.loads((folder / "out.json").read_text()), (folder / "out.html").read_text()
 
@@ -44,7 +55,7 @@ def test_the_json_holds_a_model_that_another_trace_starts_from(traced, tmp_path)
     path = tmp_path / "model.json"
     path.write_text(json.dumps(traced[1]))
     start = starting_model(path, Session())
-    assert {column.mechanism for column in start.columns} >= {"sticking"}
+    assert {column.mechanism for column in start.columns} >= {"trim"}
     assert TraceConfig(start=start).start == start
 
 
@@ -59,7 +70,7 @@ def test_instruments_of_a_comparison_are_said_to_be_found_anew(tmp_path, capsys)
 
 
 def test_prints_what_was_added_and_the_error_before_and_after(traced):
-    for expected in ("Step 1", "added sticking", "held out", "Found: sticking"):
+    for expected in ("Step 1", "added trim", "held out", "Found: trim"):
         assert expected in traced[0].stdout
 
 

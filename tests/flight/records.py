@@ -44,6 +44,30 @@ UNITS = {
 }
 """SI unit of every dataset of format 1."""
 
+# Units with their exact size in SI (NIST SP 811): foot, pound-force, slug, standard gravity.
+FOOT, POUND_FORCE, POUND, GRAVITY = 0.3048, 4.4482216152605, 0.45359237, 9.80665
+SLUG = POUND_FORCE / FOOT
+ACCEPTED = {
+    "rad/s": {
+        "rad/s": 1.0,
+        "deg/s": np.pi / 180,
+        "rpm": np.pi / 30,
+        "mrad/s": 1e-3,
+        "revolution/s": 2 * np.pi,
+    },
+    "m/s^2": {"m/s^2": 1.0, "ft/s^2": FOOT, "g": GRAVITY, "G": GRAVITY, "m/s**2": 1.0, "mg": GRAVITY / 1000},
+    "m/s": {"m/s": 1.0, "ft/s": FOOT, "km/s": 1000.0, "knot": 1852 / 3600},
+    "Pa": {"Pa": 1.0, "lbf/ft^2": POUND_FORCE / FOOT**2, "psf": POUND_FORCE / FOOT**2, "kPa": 1000.0},
+    "kg/m^3": {"kg/m^3": 1.0, "slug/ft^3": SLUG / FOOT**3, "lb/ft^3": POUND / FOOT**3},
+    "m": {"m": 1.0, "ft": FOOT, "km": 1000.0, "inch": 0.0254},
+    "m^2": {"m^2": 1.0, "ft^2": FOOT**2},
+    "kg": {"kg": 1.0, "slug": SLUG, "lb": POUND},
+    "kg*m^2": {"kg*m^2": 1.0, "slug*ft^2": SLUG * FOOT**2, "kg m^2": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "minute": 60.0},
+    "dimensionless": {"dimensionless": 1.0, "1": 1.0, "": 1.0, "-": 1.0},
+}
+"""Units that stand for an SI unit, by the SI unit, with their size in it."""
+
 
 def motion(samples: int = 400, rate: float = 100.0, frequency: float = 1.5, seed: int = 0) -> dict[str, Any]:
     """Channels (samples,) of a coning entry with white noise, SI, with `time`."""

@@ -26,32 +26,10 @@ from brv_hypo.flight import (
     load_truth,
     save_flight,
 )
-from tests.flight.records import UNITS, VEHICLE, flight, motion, write_raw
+from tests.flight.records import ACCEPTED, UNITS, VEHICLE, flight, motion, write_raw
 
 PINT: Any = pint.UnitRegistry()
 
-# Units with their exact size in SI (NIST SP 811): foot, pound-force, slug, standard gravity.
-FOOT, POUND_FORCE, POUND, GRAVITY = 0.3048, 4.4482216152605, 0.45359237, 9.80665
-SLUG = POUND_FORCE / FOOT
-ACCEPTED = {
-    "rad/s": {
-        "rad/s": 1.0,
-        "deg/s": np.pi / 180,
-        "rpm": np.pi / 30,
-        "mrad/s": 1e-3,
-        "revolution/s": 2 * np.pi,
-    },
-    "m/s^2": {"m/s^2": 1.0, "ft/s^2": FOOT, "g": GRAVITY, "G": GRAVITY, "m/s**2": 1.0, "mg": GRAVITY / 1000},
-    "m/s": {"m/s": 1.0, "ft/s": FOOT, "km/s": 1000.0, "knot": 1852 / 3600},
-    "Pa": {"Pa": 1.0, "lbf/ft^2": POUND_FORCE / FOOT**2, "psf": POUND_FORCE / FOOT**2, "kPa": 1000.0},
-    "kg/m^3": {"kg/m^3": 1.0, "slug/ft^3": SLUG / FOOT**3, "lb/ft^3": POUND / FOOT**3},
-    "m": {"m": 1.0, "ft": FOOT, "km": 1000.0, "inch": 0.0254},
-    "m^2": {"m^2": 1.0, "ft^2": FOOT**2},
-    "kg": {"kg": 1.0, "slug": SLUG, "lb": POUND},
-    "kg*m^2": {"kg*m^2": 1.0, "slug*ft^2": SLUG * FOOT**2, "kg m^2": 1.0},
-    "s": {"s": 1.0, "ms": 1e-3, "minute": 60.0},
-    "dimensionless": {"dimensionless": 1.0, "1": 1.0, "": 1.0, "-": 1.0},
-}
 CHOICES = st.fixed_dictionaries({name: st.sampled_from(sorted(ACCEPTED[si])) for name, si in UNITS.items()})
 POSITIVE = st.floats(1e-3, 1e4)
 

@@ -52,6 +52,7 @@ STUDY = {
     "flights": 2,
     "draws": {"size": [0.2, 1.0]},
 }
+SAMPLES = 120
 TOLERANCES = {"grade": "tactical", "gyro_bias": 0.1, "wind": [1.0, 2.0, 3.0], "accel_bias": "0.01 m/s^2"}
 
 
@@ -67,7 +68,8 @@ class Target:
     weight: int = 4
 
 
-def _map() -> dict[str, object]:
+def good_map() -> dict[str, object]:
+    """The map of the table that `write_csv` writes."""
     channels = {name: {"column": name, "units": UNITS[name]} for name in motion()}
     vehicle = {
         name: {"value": list(value) if isinstance(value, tuple) else value, "units": UNITS[name]}
@@ -76,8 +78,9 @@ def _map() -> dict[str, object]:
     return {"title": "a flight", "channels": channels, "vehicle": vehicle}
 
 
-def _csv(path: Path) -> None:
-    columns = {name: values[:60] for name, values in motion().items()}
+def write_csv(path: Path) -> None:
+    """A foreign record of 60 samples."""
+    columns = motion(60)
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(columns)
@@ -92,12 +95,16 @@ def _json(content: object) -> Callable[[Path], None]:
     return lambda path: path.write_text(json.dumps(content)) and None
 
 
+def _record(path: Path) -> None:
+    save_flight(flight(**motion(SAMPLES)), path)
+
+
 def _parquet(path: Path) -> None:
-    pd.DataFrame(motion()).to_parquet(path)
+    pd.DataFrame(motion(SAMPLES)).to_parquet(path)
 
 
 def _mat(path: Path) -> None:
-    scipy.io.savemat(path, motion())
+    scipy.io.savemat(path, motion(SAMPLES))
 
 
 def _imported(data: str, mapping: str = "good.yaml") -> tuple[str, ...]:
@@ -105,26 +112,26 @@ def _imported(data: str, mapping: str = "good.yaml") -> tuple[str, ...]:
 
 
 TARGETS = (
-    Target("record", "in.h5", lambda path: save_flight(flight(), path), OF_RECORDS, ("inspect", "in.h5"), 16),
+    Target("record", "in.h5", _record, OF_RECORDS, ("inspect", "in.h5"), 16),
     Target(
         "record json",
         "in.h5",
-        lambda path: save_flight(flight(), path),
+        _record,
         OF_RECORDS,
         ("inspect", "in.h5", "--json", "-"),
     ),
     Target(
         "motion",
         "in.h5",
-        lambda path: save_flight(flight(), path),
+        _record,
         OF_RECORDS,
         ("reconstruct", "in.h5", "-o", "out.h5"),
         2,
     ),
-    Target("csv", "in.csv", _csv, OF_TABLES, _imported("in.csv")),
+    Target("csv", "in.csv", write_csv, OF_TABLES, _imported("in.csv")),
     Target("parquet", "in.parquet", _parquet, RAW, _imported("in.parquet")),
     Target("mat", "in.mat", _mat, RAW, _imported("in.mat")),
-    Target("map", "in.yaml", _yaml(_map()), OF_TREES, _imported("good.csv", "in.yaml")),
+    Target("map", "in.yaml", _yaml(good_map()), OF_TREES, _imported("good.csv", "in.yaml")),
     Target("settings", "in.yaml", _yaml(SETTINGS), OF_TREES, ("compare", "none.h5", "--config", "in.yaml")),
     Target(
         "tolerances",
@@ -143,6 +150,6 @@ TARGETS = (
 
 def prepare(folder: Path) -> None:
     """What the commands read beside the mutated input."""
-    _csv(folder / "good.csv")
-    _yaml(_map())(folder / "good.yaml")
-    save_flight(flight(), folder / "good.h5")
+    write_csv(folder / "good.csv")
+    _yaml(good_map())(folder / "good.yaml")
+    _record(folder / "good.h5")

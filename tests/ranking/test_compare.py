@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import simulate
 from tests.flights import nominal
 from tests.shared_data import shared_file
@@ -209,6 +211,12 @@ def test_a_regression_that_was_asked_for_needs_no_note() -> None:
     assert not any("maximum_likelihood" in note for note in first.notes)
 
 
+@cache
+def few_terms() -> Problem:
+    settings = CompareConfig(refine=False, max_terms=2, exact_terms=2, knot_count=3)
+    return prepare([reconstruct(nominal().flight)], settings)
+
+
 class Confident(find("damping").__class__):  # type: ignore[misc]
     name = "confident"
 
@@ -219,8 +227,7 @@ class Confident(find("damping").__class__):  # type: ignore[misc]
 @pytest.mark.parametrize("efficiency", [1.0, 0.4])
 def test_a_plugin_may_replace_the_gaussian_likelihood(efficiency: float) -> None:
     """A likelihood 25 higher lowers the criterion by 50 a real sample; everything else is the same mechanism."""
-    settings = CompareConfig(refine=False, max_terms=2, exact_terms=2, knot_count=3)
-    problem = replace(prepare([reconstruct(nominal().flight)], settings), efficiency=efficiency)
+    problem = replace(few_terms(), efficiency=efficiency)
     own, plain = (
         fit_hypothesis(problem, mechanism.name, (mechanism,)) for mechanism in (Confident(), find("damping"))
     )

@@ -8,7 +8,7 @@ import pytest
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import CoefficientSeries
 from brv_hypo.simulation.result import SimulatedFlight
-from tests.flights import nominal
+from tests.flights import USUAL_RATE_HZ, nominal
 
 PLANTED_SLOPE = -0.0883
 """C_N' by alpha of the research cone, 1/rad."""
@@ -16,7 +16,7 @@ PLANTED_SLOPE = -0.0883
 
 @pytest.fixture(scope="module")
 def flown() -> SimulatedFlight:
-    return nominal()
+    return nominal(USUAL_RATE_HZ)
 
 
 def compared(flown: SimulatedFlight, *, likelihood: bool) -> Comparison:

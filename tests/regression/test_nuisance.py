@@ -15,7 +15,7 @@ from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.problem import Problem
-from tests.flights import nominal
+from tests.flights import USUAL_RATE_HZ, nominal
 
 SEEDS = (1, 2)
 """Of the noise that is added."""
@@ -36,7 +36,7 @@ def noisier(flight: Flight, seed: int) -> Flight:
 
 @cache
 def problem(seed: int) -> Problem:
-    return prepare([reconstruct(noisier(nominal().flight, seed))], CompareConfig())
+    return prepare([reconstruct(noisier(nominal(USUAL_RATE_HZ).flight, seed))], CompareConfig())
 
 
 def carried(found: Nuisances) -> dict[str, int]:
@@ -72,7 +72,7 @@ def test_the_noise_of_a_column_is_far_below_that_of_the_rows() -> None:
 
 
 def test_what_has_a_prior_has_the_size_of_the_tolerance() -> None:
-    known = nominal().flight.instruments
+    known = nominal(USUAL_RATE_HZ).flight.instruments
     sizes = {(item.name, item.component): item.size for item in problem(SEEDS[0]).rows.nuisances.items}
     assert sizes["gyro_bias", "q"] == pytest.approx(known.gyro_bias[1])
     assert sizes["accel_scale", "z"] == pytest.approx(known.accel_scale[2])

@@ -22,7 +22,7 @@ SCALE = 0.01
 
 def flight_with_errors() -> Flight:
     """A cone with a trim and accelerometers whose y axis reads 1 % too much."""
-    data = load_config("research_cone").model_dump()
+    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
     terms = dict(zip(("C_m0", "C_n0"), TRIM, strict=True))
     data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
     data["instruments"]["errors"] = {"accel_scale": {"y": SCALE}}
@@ -80,6 +80,7 @@ def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
         assert abs(values[name].value - planted) < 0.05 * abs(TRIM[0])
 
 
+@pytest.mark.slow
 def test_after_the_limit_the_residual_is_that_of_the_final_model(flight: Flight) -> None:
     settings = QUICK.model_copy(update={"max_steps": 1, "maximum_likelihood": False})
     result = trace(flight, settings)

@@ -19,7 +19,7 @@ TRIM = (1e-3, -5e-4)
 
 def config(trim: tuple[float, float]) -> SimulationConfig:
     terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
-    data = load_config("research_cone").model_dump()
+    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
     data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
     return SimulationConfig.model_validate(data)
 
@@ -60,7 +60,9 @@ def test_what_is_not_refitted_stays_as_it_was(traced: Trace, sister: Flight, pre
     assert frozen.refitted == ()
     values = {term.name: term for term in traced.model.terms}
     for term in frozen.frozen:
-        assert (term.value, term.std_error) == pytest.approx((values[term.name].value, values[term.name].std_error))
+        assert (term.value, term.std_error) == pytest.approx(
+            (values[term.name].value, values[term.name].std_error)
+        )
     assert frozen.error.frozen > predicted.error.frozen
 
 
@@ -70,7 +72,9 @@ def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> 
     assert all(region.ratio > 0.0 and region.mach is not None for region in predicted.regions)
 
 
-def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path) -> None:
+def test_a_file_of_a_trace_is_a_model(
+    traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path
+) -> None:
     path = tmp_path / "model.json"
     path.write_text(traced.model_dump_json(by_alias=True), encoding="utf-8")
     again = predict(sister, path, ("trim",))

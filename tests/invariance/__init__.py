@@ -1,0 +1,6 @@
+"""What no verdict may depend on: units, axes, origin of time, handedness, order, threads, scale and copies of columns.
+
+chain.py    short flights, their comparisons, and how far apart two comparisons are
+changes.py  the same flight told otherwise
+laws.py     what holds of the two comparisons, and how exactly
+"""

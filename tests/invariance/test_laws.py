@@ -1,0 +1,40 @@
+"""The laws on one flight in every run, and on two hundred drawn ones where there is time."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import HealthCheck, Phase, event, given, settings
+from hypothesis import strategies as st
+
+from tests.invariance.chain import PLANTS, Case
+from tests.invariance.laws import LAWS
+
+FLIGHTS = 200
+# To make a failing flight smaller takes minutes, and says no more.
+PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
+CASES = st.builds(
+    Case,
+    seed=st.integers(1, 10_000),
+    alpha=st.floats(0.03, 0.06),
+    windward_meridian=st.floats(-3.0, 3.0),
+    roll_rate=st.floats(4.0, 10.0),
+    planted=st.sampled_from(PLANTS),
+    mechanism=st.sampled_from(PLANTS[1:]),
+)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@settings(max_examples=1, deadline=None, derandomize=True, phases=PHASES)
+@given(data=st.data())
+def test_the_law_holds(law, data):
+    apart, allowed = LAWS[law](data, Case())
+    assert apart.within(allowed), apart
+
+
+@pytest.mark.slow
+@settings(max_examples=FLIGHTS, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck))
+@given(law=st.sampled_from(sorted(LAWS)), case=CASES, data=st.data())
+def test_every_law_holds_on_drawn_flights(law, case, data):
+    apart, allowed = LAWS[law](data, case)
+    event(f"{law}: within {apart.estimates:.0e} standard errors")
+    assert apart.within(allowed), apart
