@@ -44,10 +44,13 @@ def import_(
 ) -> None:
     """Bring a foreign record in, through a map of its names and units."""
     session.claim(output)
-    from brv_hypo.flight import import_record, save_flight
+    from brv_hypo.flight import bring_in, save_flight
+    from brv_hypo.report.flight import phase_texts
     from brv_hypo.report.style import bullets
 
-    flight = import_record(data, mapping)
-    save_flight(flight, output, overwrite=session.force)
+    found = bring_in(data, mapping)
+    flight = found.flight
+    save_flight(flight, output, raw=found.raw, overwrite=session.force)
     session.show(bullets(flight.notes, "Notes"))
+    session.show(bullets(phase_texts(found.phases), "Phases (a map's window names one)"))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
