@@ -9,6 +9,7 @@
 - `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
 - `import_record`, `bring_in` (foreign.py): csv, parquet and mat (tables.py) through a map (record_map.py); clocks.py,
   pad.py, ascent.py and decimate.py do what a raw log needs; foreign_vehicle.py reads masses and tolerances
+- `guess_map` (guess.py): a commented map, by names (guess_names.py) and by physics (guess_physics.py)
 - `find_phases` (phases.py): pad, burn, coast and parachute of a rocket's flight
 - `write_tree`, `Tree`, `Dataset` (hdf5.py): any other HDF5 output, with units, whole or not at all
 """
