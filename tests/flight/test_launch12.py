@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import Imported, bring_in
-from brv_hypo.ranking import compare
+from brv_hypo.ranking import CompareConfig, compare
 from tests.shared_data import shared_file
 
 pytestmark = pytest.mark.shared
@@ -39,6 +40,11 @@ def test_its_speed_agrees_with_the_altimeters_own(launch12: Imported) -> None:
     own = np.interp(flight.time[inside], table["met_s"], 0.3048 * table["vel_mps"])
     np.testing.assert_allclose(flight.velocity[inside], own, atol=15.0)
     assert float(flight.mach[inside].max()) == pytest.approx(1.04, abs=0.05)
+
+
+def test_accepted_all_the_same_it_names_nothing_and_says_why(launch12: Imported) -> None:
+    with pytest.raises(UnanswerableError, match="errors of many times their tolerances"):
+        compare([launch12.flight], CompareConfig(accept_record=True))
 
 
 def test_no_mechanism_wins_and_the_reason_is_said(launch12: Imported) -> None:
