@@ -10,6 +10,7 @@ import typer
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
+from brv_hypo.errors import UsageError
 
 
 @in_session("json", "force")
@@ -38,16 +39,53 @@ def import_(
     session: Session,
     data: Annotated[Path, typer.Argument(metavar="DATA", help="Foreign record: csv, parquet or mat.")],
     mapping: Annotated[
-        Path, typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
-    ],
-    output: options.Output,
+        Path | None,
+        typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map."),
+    ] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Write a commented map, from names and physics, instead.")
+    ] = False,
 ) -> None:
-    """Bring a foreign record in, through a map of its names and units."""
+    """Bring a foreign record in, through a map of its names and units; --guess writes such a map."""
+    if guess == (mapping is not None):
+        raise UsageError(
+            "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."
+        )
+    if guess:
+        _write_guess(session, data, output or Path(f"{data.stem}.map.yaml"))
+    elif mapping is None or output is None:
+        raise UsageError("import --map needs the record to write: -o flight.h5.")
+    else:
+        _bring_in(session, data, mapping, output)
+
+
+def _write_guess(session: Session, data: Path, output: Path) -> None:
     session.claim(output)
-    from brv_hypo.flight import import_record, save_flight
+    from brv_hypo.files.whole import write_whole
+    from brv_hypo.flight.guess import guess_map
     from brv_hypo.report.style import bullets
 
-    flight = import_record(data, mapping)
-    save_flight(flight, output, overwrite=session.force)
+    found = guess_map(data)
+    write_whole(output, found.text, overwrite=session.force)
+    session.show(bullets(found.unsure, "Missing or unsure", "yellow"))
+    session.show(
+        f"Wrote {output}. Read it, fill in the vehicle, then: brv-hypo import {data} --map {output} -o flight.h5"
+    )
+
+
+def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None:
+    session.claim(output)
+    from brv_hypo.flight import bring_in, save_flight
+    from brv_hypo.report.flight import phase_texts
+    from brv_hypo.report.style import bullets
+
+    found = bring_in(data, mapping)
+    flight = found.flight
+    save_flight(flight, output, raw=found.raw, overwrite=session.force)
     session.show(bullets(flight.notes, "Notes"))
+    session.show(bullets(phase_texts(found.phases), "Phases (a map's window names one)"))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")

@@ -35,6 +35,10 @@ def study(
     jobs: Annotated[
         int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
     ] = -1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs."),
+    ] = None,
     seed: options.Seed = None,
 ) -> None:
     """Fly many simulated flights with planted mechanisms and judge the verdicts."""
@@ -50,6 +54,7 @@ def study(
                 settings,
                 output,
                 jobs=jobs,
+                cluster=cluster,
                 overwrite=session.force,
                 progress=_advance(progress),
                 note=session.warn,

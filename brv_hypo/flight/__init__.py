@@ -7,13 +7,17 @@
 - faults.py: faults of single channels, masked on reading, by stuck.py, bursts.py and clock.py; `RecordTrial`
 - noise.py: the one estimate of white noise
 - `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
-- `import_record` (foreign.py): csv, parquet and mat through a map of names and units
+- `import_record`, `bring_in` (foreign.py): csv, parquet and mat (tables.py) through a map (record_map.py); clocks.py,
+  pad.py, ascent.py and decimate.py do what a raw log needs; foreign_vehicle.py reads masses and tolerances
+- `guess_map` (guess.py): a commented map, by names (guess_names.py) and by physics (guess_physics.py)
+- `find_phases` (phases.py): pad, burn, coast and parachute of a rocket's flight
 - `write_tree`, `Tree`, `Dataset` (hdf5.py): any other HDF5 output, with units, whole or not at all
 """
 
 from brv_hypo.flight.faults import RecordFault, RecordTrial
-from brv_hypo.flight.foreign import import_record
+from brv_hypo.flight.foreign import Imported, bring_in, import_record
 from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
+from brv_hypo.flight.phases import Phase, find_phases
 from brv_hypo.flight.quality import Inspection, Noise, inspect_flight, white_noise
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.spikes import despiked
@@ -24,14 +28,18 @@ __all__ = [
     "OPTIONAL_CHANNELS",
     "Dataset",
     "Flight",
+    "Imported",
     "Inspection",
     "Noise",
+    "Phase",
     "Quantity",
     "RecordFault",
     "RecordTrial",
     "Tree",
     "Vehicle",
+    "bring_in",
     "despiked",
+    "find_phases",
     "import_record",
     "inspect_flight",
     "load_flight",

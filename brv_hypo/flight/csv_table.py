@@ -36,12 +36,19 @@ def read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> dict[str, Fl
                 for name, place in places.items() if row else ():
                     columns[name].append(_number(row, place, name))
     except (UnicodeDecodeError, csv.Error, OSError) as error:
-        raise FlightRecordError(
-            f"{path}: found a table that cannot be read ({one_line(str(error))}). Save it as UTF-8 csv."
-        ) from error
+        raise _unreadable(path, error) from error
     except (TypeError, ValueError) as error:  # what csv says of a delimiter that cannot be one
         raise UsageError(f"the delimiter {delimiter!r} cannot be used ({error}). Give another.") from error
     return {name: np.array(values) for name, values in columns.items()}
+
+
+def csv_names(path: Path, delimiter: str) -> tuple[str, ...]:
+    """The names in the header row of a text table; errors as of `read_csv`."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            return tuple(name.strip() for name in next(csv.reader(_lines(stream, path), delimiter=delimiter), []))
+    except (UnicodeDecodeError, csv.Error, OSError) as error:
+        raise _unreadable(path, error) from error
 
 
 def find_columns(names: Iterable[str], available: list[str], path: Path) -> dict[str, int]:
@@ -60,6 +67,12 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """A hint at the names that are like it, for a refusal; empty where none is."""
     guess = difflib.get_close_matches(name, list(known), n=2, cutoff=0.5)
     return f" (is {' or '.join(one_line(repr(one)) for one in guess)} meant?)" if guess else ""
+
+
+def _unreadable(path: Path, error: Exception) -> FlightRecordError:
+    return FlightRecordError(
+        f"{path}: found a table that cannot be read ({one_line(str(error))}). Save it as UTF-8 csv."
+    )
 
 
 def _lines(stream: TextIO, path: Path) -> Iterator[str]:

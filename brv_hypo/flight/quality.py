@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.phases import Phase, find_phases
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.resample import dominant_frequency, runs
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
@@ -56,8 +57,8 @@ class Inspection:
     """A record at a glance. Times in s, rates in Hz, dynamic pressure in Pa.
 
     `segments` are the stretches that can be analysed. `transverse_frequency` is the dominant frequency of q
-    and r over the longest of them (0 where they do not vary). `notes` say what reading changed or derived;
-    `warnings` what limits the use of the record.
+    and r over the longest of them (0 where they do not vary). `phases` are those of a
+    rocket's flight. `notes` say what reading changed or derived; `warnings` what limits the use of the record.
     """
 
     path: str
@@ -75,6 +76,7 @@ class Inspection:
     transverse_frequency: float
     samples_per_cycle: float
     vehicle: Vehicle
+    phases: tuple[Phase, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -104,6 +106,7 @@ def _inspection(record: Record, ready: Flight) -> Inspection:
     start, stop = max(ready.segments, key=lambda segment: segment[1] - segment[0])
     frequency = max(dominant_frequency(rate[start:stop], ready.step) for rate in (ready.q, ready.r))
     channels = tuple(_channels(record, ready))
+    phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
     per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
     pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
     return Inspection(
@@ -122,8 +125,9 @@ def _inspection(record: Record, ready: Flight) -> Inspection:
         transverse_frequency=frequency,
         samples_per_cycle=per_cycle,
         vehicle=ready.vehicle,
+        phases=phases,
         notes=ready.notes,
-        warnings=tuple(_warnings(channels, per_cycle)),
+        warnings=(*_warnings(channels, per_cycle), *_of_phases(phases)),
     )
 
 
@@ -197,3 +201,14 @@ def _warnings(channels: tuple[ChannelQuality, ...], per_cycle: float) -> list[st
             "is no more than a guide"
         )
     return warnings
+
+
+def _of_phases(phases: tuple[Phase, ...]) -> list[str]:
+    """What of the record no model of the moments covers, and the window that leaves it out."""
+    coast = next((phase for phase in phases if phase.name == "coast"), None)
+    beside = [phase for phase in phases if phase.name != "coast"]
+    if not beside:
+        return []
+    told = ", ".join(f"{phase.name} {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in beside)
+    window = "" if coast is None else f": analyse the coast, --start {coast.start_s:.2f} --stop {coast.stop_s:.2f}"
+    return [f"the record holds {told}, where thrust, rest or a parachute act, which no mechanism describes{window}"]

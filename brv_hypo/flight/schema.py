@@ -226,14 +226,7 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
             _nearest(name),
             "rename or drop it",
         )
-    if values.shape != shape:
-        raise refusal(
-            name,
-            f"shape {values.shape}",
-            f"shape {shape}, like 'time'",
-            "another sample rate, or a table where a column was meant",
-            "bring every channel to the samples of 'time', with NaN where it has none",
-        )
+    check_shape(name, values, shape)
     if np.any(np.isinf(values)):
         raise refusal(
             name,
@@ -266,6 +259,18 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
             "a vehicle that moves through the air",
             "samples from before release or after landing, or a fill value of zero",
             "leave such samples out, or write NaN",
+        )
+
+
+def check_shape(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
+    """Raise FlightRecordError unless the channel is of `shape`."""
+    if values.shape != shape:
+        raise refusal(
+            name,
+            f"shape {values.shape}",
+            f"shape {shape}, like 'time'",
+            "another sample rate, or a table where a column was meant",
+            "bring every channel to the samples of 'time', with NaN where it has none",
         )
 
 

@@ -38,6 +38,7 @@ from brv_hypo.flight.schema import (
     check_present,
     validated,
 )
+from brv_hypo.flight.tables import RawTable
 from brv_hypo.flight.units import SI, Dimension, to_si
 
 # All that is read of a record; the rest of the file is never opened.
@@ -84,11 +85,17 @@ def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
 
 
 def save_flight(
-    flight: Flight, path: str | Path, *, truth: Mapping[str, Any] | None = None, overwrite: bool = False
+    flight: Flight,
+    path: str | Path,
+    *,
+    truth: Mapping[str, Any] | None = None,
+    raw: Sequence[RawTable] = (),
+    overwrite: bool = False,
 ) -> None:
     """Write `flight` as a format 1 file in SI; samples outside its segments become NaN.
 
-    `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups).
+    `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups). `raw` are the
+    tables that the flight was made from, kept as they were read; no analysis reads them.
     The file is written whole or not at all. Raises UsageError where it exists and `overwrite` is false.
     """
     record = unassemble(flight)
@@ -101,6 +108,8 @@ def save_flight(
     }
     if truth is not None:
         groups["truth"] = _truth_tree(truth)
+    if raw:
+        groups["raw"] = Tree(groups={_plain_name(table.recorder): _raw_tree(table) for table in raw})
     tree = Tree(
         attributes={**header, **{name: text for name, text in optional.items() if text}},
         datasets=_with_units(channels, CHANNEL_DIMENSIONS),
@@ -278,6 +287,21 @@ def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) 
         name: Dataset(np.asarray(value, dtype=np.float64), SI[dimensions[name]])
         for name, value in values.items()
     }
+
+
+def _raw_tree(table: RawTable) -> Tree:
+    """The columns as they were read, each with the units that the map gave it."""
+    return Tree(
+        datasets={
+            _plain_name(name): Dataset(values, one_line(table.units[name]))
+            for name, values in table.columns.items()
+        }
+    )
+
+
+def _plain_name(name: str) -> str:
+    """A name that HDF5 takes for one place, not for a path."""
+    return one_line(name).replace("/", "_").replace(".", "_") or "_"
 
 
 def _truth_tree(truth: Mapping[str, Any]) -> Tree:

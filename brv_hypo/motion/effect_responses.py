@@ -12,12 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude, running_integral
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
+
+MOST_NAMED = 3  # errors told where none can be taken out
 
 
 @dataclass(frozen=True)
@@ -67,10 +70,24 @@ def as_expected(responses: EffectResponses) -> EffectFit:
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
-    """The flight with the errors that were found taken out."""
+    """The flight with the errors that were found taken out.
+
+    Raises UnanswerableError where they are so large that no speed or dynamic pressure is left.
+    """
     for effect, value in zip(fit.responses.effects, fit.value, strict=True):
         flight = effect.apply(flight, -effect.size * float(value))
-    return flight
+    if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
+        return flight
+    largest = sorted(zip(fit.value, fit.responses.effects, strict=True), key=lambda pair: -abs(pair[0]))
+    told = ", ".join(
+        f"{effect.effect} {effect.component} {value:.0f}" for value, effect in largest[:MOST_NAMED]
+    )
+    raise UnanswerableError(
+        f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({told}): no motion "
+        "can be told from them. Likely cause: gusts or controls that move the vehicle more than its own motion, or "
+        "axes and signs that are not as the map says. Remedy: check the map, take another window (--start, --stop), or "
+        "state wider tolerances (--instruments)."
+    )
 
 
 def effect_responses(

@@ -201,8 +201,22 @@ class CoefficientSeries(_Result):
     std_error: tuple[float, ...]
 
 
+class StepwiseDifference(_Result):
+    """A number of terms at which Efroymson's stepwise search misses the `best` subset on the grid, by `rss_ratio`."""
+
+    mechanism: str
+    size: int
+    best: tuple[str, ...]
+    stepwise: tuple[str, ...]
+    rss_ratio: float
+
+
 class Comparison(_Result):
-    """The ranking of the hypotheses with its verdict."""
+    """The ranking of the hypotheses with its verdict.
+
+    `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
+    chosen other terms than the exact one.
+    """
 
     schema_: str = Field(default="brv-hypo/compare/1", alias="schema")
     flights: tuple[FlightSummary, ...]
@@ -213,5 +227,7 @@ class Comparison(_Result):
     verdict: Verdict
     seconds: Seconds
     warnings: tuple[str, ...] = ()
+    disagreements: tuple[str, ...] = ()
+    stepwise: tuple[StepwiseDifference, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +16,10 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.subset import best_subsets
+from brv_hypo.subset import SubsetResult, best_subsets
 
 Subset = tuple[float, tuple[Column, ...]]
+Search = Callable[..., SubsetResult]  # with the interface of `best_subsets`
 
 
 @dataclass(frozen=True)
@@ -84,8 +85,10 @@ class OnGrid:
     best: Mapping[int, tuple[Subset, ...]]
 
 
-def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2) -> OnGrid:
-    """The `n_best` subsets of each size of either kind of offer."""
+def on_grid(
+    problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2, search: Search = best_subsets
+) -> OnGrid:
+    """The `n_best` subsets of each size of either kind of offer, as `search` finds them."""
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
@@ -93,7 +96,9 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2) 
     for sets in (offered.single, offered.joint):
         found: dict[int, list[Subset]] = {}
         for columns in sets:
-            for rss, chosen in _subsets(reduced, (), columns, problem.exact_terms, n_best):
+            for rss, chosen in _subsets(
+                reduced, (), columns, problem.exact_terms, n_best, search
+            ):
                 found.setdefault(len(chosen), []).append((rss, chosen))
         for size, ranked in found.items():
             least = sorted(ranked, key=_rss)[:n_best]
@@ -212,7 +217,12 @@ def _single(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column
 
 
 def _subsets(
-    reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column], max_terms: int, n_best: int = 1
+    reduced: Reduced,
+    forced: Sequence[Column],
+    offered: Sequence[Column],
+    max_terms: int,
+    n_best: int = 1,
+    search: Search = best_subsets,
 ) -> list[Subset]:
     """(RSS, columns) of the best subsets of each size beside the forced columns."""
     batch = reduced.batch((*forced, *offered))
@@ -225,7 +235,7 @@ def _subsets(
     for place, (_, column) in enumerate(columns):
         if place >= size and column.tied:
             vectors.setdefault(column.vector, []).append(place)
-    result = best_subsets(
+    result = search(
         triangle[:, [j for j, _ in columns]],
         triangle[:, -1],
         max_terms=min(max_terms, len(columns) - size),

@@ -23,6 +23,9 @@ def comparison_view(comparison: Comparison, *, verbose: bool = False) -> Rendera
     ]
     if verbose:
         parts.extend(_details(comparison))
+        parts.append(bullets(rows.disagreement_texts(comparison), "Disagreements"))
+    else:
+        parts.append(bullets(comparison.disagreements, "Disagreements"))
     parts.extend([Text(), verdict_panel(comparison.verdict), warning_list(rows.warning_texts(comparison))])
     return Group(*parts)
 

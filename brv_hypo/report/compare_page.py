@@ -23,7 +23,7 @@ def comparison_page(comparison: Comparison) -> str:
         marked=rows.standing_rows(comparison),
     )
     blocks = [
-        Block("Ranking", ranking),
+        Block("Ranking", ranking + bullets(rows.disagreement_texts(comparison))),
         Block("Probability", drawn(figures.probability_figure(comparison.verdict.probability))),
         Block("Warnings", bullets(rows.warning_texts(comparison))),
     ]

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from brv_hypo.flight.faults import RecordTrial
+from brv_hypo.flight.phases import Phase
 from brv_hypo.flight.quality import ChannelQuality, Inspection, Noise
 from brv_hypo.report.style import bullets, number, plain_table, warning_list
 
@@ -25,6 +26,7 @@ def inspection_view(inspection: Inspection, trial: RecordTrial) -> RenderableTyp
         Text(),
         vehicle_line(inspection),
         *fault_lines(trial),
+        bullets(phase_texts(inspection.phases), "Phases"),
         bullets(inspection.notes, "Notes"),
         warning_list(inspection.warnings),
     )
@@ -41,6 +43,11 @@ def fault_lines(trial: RecordTrial) -> list[RenderableType]:
     for fault in trial.faults:
         table.add_row(fault.channel, fault.fault, f"{fault.start_s:.3f}", f"{fault.stop_s:.3f}", fault.action)
     return [Text(), table, Text()]
+
+
+def phase_texts(phases: tuple[Phase, ...]) -> list[str]:
+    """One line for each phase of a rocket's flight."""
+    return [f"{phase.name}: {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in phases]
 
 
 def inspection_line(inspection: Inspection) -> str:

@@ -118,6 +118,17 @@ def flight_texts(comparison: Comparison) -> list[str]:
     return lines
 
 
+def disagreement_texts(comparison: Comparison) -> list[str]:
+    """Where criteria, or the exact and a stepwise search, disagree."""
+    searches = [
+        f"{each.mechanism}, {each.size} term{'s' if each.size > 1 else ''}: stepwise (Efroymson) would take "
+        f"{', '.join(each.stepwise)} for {', '.join(each.best)}, with "
+        f"{share(each.rss_ratio - 1.0)} more left over"
+        for each in comparison.stepwise
+    ]
+    return [*comparison.disagreements, *searches]
+
+
 def note_texts(comparison: Comparison) -> list[str]:
     """What reading changed in the records, and remarks on the fits."""
     flights = [note for flight in comparison.flights for note in flight.notes]

@@ -39,6 +39,7 @@ def study_view(summary: StudySummary, *, verbose: bool = False) -> RenderableTyp
         Text(rows.calibration_line(summary.calibration_visible)),
         _table("Detection limits", rows.DETECTION_HEADINGS, rows.detection_rows(summary.detection)),
         _table("Planted parameters", rows.COVERAGE_HEADINGS, rows.coverage_rows(summary.coverage)),
+        _table("Faults of the record", rows.FAULT_HEADINGS, rows.fault_rows(summary)),
         _table(f"Mistakes ({len(listed)} of {len(mistakes)})", rows.MISTAKE_HEADINGS, listed),
         bullets((f"{f.key}, {f.status}: {f.reason}" for f in summary.failures), "Failed", "yellow"),
         Text(f"\n{rows.headline(summary)}", "bold"),

@@ -26,6 +26,7 @@ def study_page(summary: StudySummary, outcomes: Sequence[Outcome]) -> str:
         Block("Effects", drawn(figures.effect_figure(planted)) if planted else ""),
         Block("Detection limits", _filled(rows.DETECTION_HEADINGS, rows.detection_rows(summary.detection))),
         Block("Planted parameters", _filled(rows.COVERAGE_HEADINGS, rows.coverage_rows(summary.coverage))),
+        Block("Faults of the record", _filled(rows.FAULT_HEADINGS, rows.fault_rows(summary))),
         Block("Mistakes", _filled(rows.MISTAKE_HEADINGS, rows.mistake_rows(summary))),
         Block("Failed", _filled(rows.FAILURE_HEADINGS, rows.failure_rows(summary))),
     ]

@@ -23,6 +23,7 @@ COVERAGE_HEADINGS = (
 )
 MISTAKE_HEADINGS = ("flight", "size", "effect", "ranked first", "verdict", "prob.", "lead")
 FAILURE_HEADINGS = ("flight", "status", "reason")
+FAULT_HEADINGS = ("fault of the record", "flights", "named", "wrong", "wrong, unwarned")
 
 
 def headline(summary: StudySummary) -> str:
@@ -153,6 +154,17 @@ def mistake_rows(summary: StudySummary) -> Rows:
             NOT_A_NUMBER if item.lead is None else number(item.lead),
         )
         for item in summary.mistakes
+    ]
+
+
+
+
+
+def fault_rows(summary: StudySummary) -> Rows:
+    """One row for each fault of the record: how often it is named, and what becomes of the verdict."""
+    return [
+        (row.fault, str(row.flights), ranged(row.named), ranged(row.wrong), ranged(row.unwarned))
+        for row in summary.faults
     ]
 
 

@@ -16,8 +16,9 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.mechanisms.registry import find_installed, installed, record_effects
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
+from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
@@ -41,7 +42,7 @@ class Start:
 def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     """The configuration with errors and asymmetries drawn from N(0, (draw * tolerance)^2), `draw` then 0.
 
-    Every effect draws from a stream of its own: one more that is installed does not move the others.
+    Every effect that hypotheses carry draws, from a stream of its own: what else is installed changes nothing.
     """
     factor = config.instruments.draw
     if factor == 0.0:
@@ -49,13 +50,12 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     start = start_of((config,))
     (record,) = start.records
     errors = {name: dict(values) for name, values in config.instruments.errors.items()}
-    for effect in record_effects():
-        if effect.carried:
-            components = effect.components(record)
-            values = _values(effect.name, [component.size for component in components], factor, seed)
-            own = errors.setdefault(effect.name, {})
-            for component, value in zip(components, values, strict=True):
-                own[component.name] = own.get(component.name, 0.0) + value
+    for effect in carried_effects():
+        components = effect.components(record)
+        values = _values(effect.name, [component.size for component in components], factor, seed)
+        own = errors.setdefault(effect.name, {})
+        for component, value in zip(components, values, strict=True):
+            own[component.name] = own.get(component.name, 0.0) + value
     instruments = config.instruments.model_copy(update={"errors": errors, "draw": 0.0})
     found = _drawn_asymmetries(record, start.motion, factor, seed)
     return config.model_copy(
@@ -126,14 +126,13 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
 
 
 def _drawn_asymmetries(record: Flight, motion: Motion, factor: float, seed: int) -> tuple[PlantedConfig, ...]:
-    """Every mechanism that is a tolerance of the vehicle: constant in time, without nonlinear parameters."""
+    """Every carried mechanism, a tolerance of the vehicle: constant in time, without nonlinear parameters."""
     found = []
-    for entry in installed().values():
-        if isinstance(entry.item, Mechanism) and (sizes := entry.item.tolerance(record)) is not None:
-            values = _values(entry.item.name, sizes, factor, seed)
-            names = [term.name for term in entry.item.terms(motion, {})]
-            terms = dict(zip(names, values, strict=True))
-            found.append(PlantedConfig(mechanism=entry.item.name, terms=terms, kind="constant"))
+    for mechanism in carried_mechanisms(record):
+        values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
+        names = [term.name for term in mechanism.terms(motion, {})]
+        terms = dict(zip(names, values, strict=True))
+        found.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
     return tuple(found)
 
 

@@ -6,7 +6,9 @@ trial.py         one flight: simulated, compared, noted as an `Outcome` (outcome
 effect.py        how much of the moment a planted mechanism is
 parameters.py    planted values and their estimates
 store.py         outcomes on disk, from which an interrupted study goes on
-run.py           entrance: `run_study`, in parallel
+run.py           entrance: `run_study`
+workers.py       in parallel: on this machine, or on a Dask cluster
+planted_faults.py    faults of the record; faulty.py what they do to verdicts; record_faults.py a count of its own
 confusion.py, calibration.py, detection.py, coverage.py, shares.py    the statistics
 summary.py       `summarise` gathers them
 """

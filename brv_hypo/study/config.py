@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +13,7 @@ from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
 from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig
 from brv_hypo.simulation.loading import config_path
+from brv_hypo.study.planted_faults import planted_faults
 
 NONE = "none"
 HOME = "studies"
@@ -33,13 +35,30 @@ class InstrumentDraws(TolerancesConfig):
     factor: NotNegative = 1.0
 
 
+class FaultDraws(Section):
+    """Faults of the record: the `share` of flights that have one, drawn evenly from `kinds` (None: every kind)."""
+
+    share: Annotated[float, Field(ge=0.0, le=1.0)]
+    kinds: tuple[str, ...] | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _known(self) -> FaultDraws:
+        known = [fault.name for fault in planted_faults()]
+        for kind in self.kinds or ():
+            if kind not in known:
+                near = difflib.get_close_matches(kind, known, n=1, cutoff=0.4)
+                hint = f"is '{near[0]}' meant?" if near else f"known are {', '.join(known)}"
+                raise ValueError(f"a known fault, not '{kind}' ({hint})")
+        return self
+
+
 class DrawsConfig(Section):
     """Ranges from which every flight draws. Factors multiply the vehicle's own values, log-uniformly.
 
     `size` multiplies the planted coefficients, `delay` the planted delays and other nonlinear parameters,
     `gyro_noise` the gyros' standard deviation. `onset_shift` s moves the planted regions, uniformly.
     `windward_meridian` rad is the meridian at the start, uniform. `instruments` replaces what the vehicles say of
-    tolerances and errors to draw.
+    tolerances and errors to draw; `faults` spoils some of the records.
     """
 
     size: PositiveSpan = (0.15, 1.2)
@@ -50,6 +69,7 @@ class DrawsConfig(Section):
     windward_meridian: Span = (-math.pi, math.pi)
     gyro_noise: PositiveSpan = (1.0, 1.0)
     instruments: InstrumentDraws | None = None
+    faults: FaultDraws | None = None
 
 
 class StudyConfig(Section):

@@ -7,14 +7,21 @@ from typing import Any
 
 import numpy as np
 
+from brv_hypo.flight.schema import Record
 from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import PlantedConfig, Section
-from brv_hypo.study.config import NONE, InstrumentDraws, StudyConfig
+from brv_hypo.study.config import NONE, FaultDraws, InstrumentDraws, StudyConfig
+from brv_hypo.study.planted_faults import planted_faults
+
+FAULTS = 1  # number of the stream that faults are drawn from
 
 
 class Draw(Section):
-    """What one flight drew; `DrawsConfig` says what each number is. `seed` is of its instruments' noise and errors."""
+    """What one flight drew; `DrawsConfig` says what each number is.
+
+    `seed` is of its instruments' noise and errors; `fault` names the fault of its record, empty for a sound one.
+    """
 
     vehicle: str
     planted: str
@@ -27,6 +34,7 @@ class Draw(Section):
     roll_rate: float
     windward_meridian: float
     gyro_noise: float
+    fault: str = ""
 
     @property
     def key(self) -> str:
@@ -64,7 +72,24 @@ def _draw(study: StudyConfig, place: tuple[int, int, int]) -> Draw:
         roll_rate=factor(ranges.roll_rate),
         windward_meridian=float(random.uniform(*ranges.windward_meridian)),
         gyro_noise=factor(ranges.gyro_noise),
+        fault=_fault(ranges.faults, np.random.default_rng([study.seed, *place, FAULTS])),
     )
+
+
+def _fault(faults: FaultDraws | None, random: np.random.Generator) -> str:
+    """The fault of a record, from a stream of its own: with faults or without, the flights are the same."""
+    if faults is None or random.uniform() >= faults.share:
+        return ""
+    kinds = faults.kinds or tuple(fault.name for fault in planted_faults())
+    return kinds[int(random.integers(len(kinds)))]
+
+
+def spoilt(record: Record, draw: Draw) -> Record:
+    """The record with the fault that was drawn; itself where it is sound."""
+    if not draw.fault:
+        return record
+    fault = next(fault for fault in planted_faults() if fault.name == draw.fault)
+    return fault.spoil(record, np.random.default_rng([draw.seed, FAULTS]))
 
 
 def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:

@@ -38,13 +38,18 @@ class Outcome(_Kept):
     """One flight: what was drawn, what was planted, and what `compare` made of it.
 
     `effect_in_plane`, `effect_out_of_plane`: rms of what is planted, while it lasts, over the rms of the
-    whole moment in that time. `information` is the criterion of each hypothesis. `estimates` are those of the
-    planted mechanism's own fit. A flight that failed has its `reason`.
+    whole moment in that time. `outcome` is the verdict's, `faults` what the trial of the record named, as
+    "channel: fault"; `fault_named` whether a planted fault is among them, None without one. `information` is the
+    criterion of each hypothesis. `estimates` are those of the planted mechanism's own fit. A flight that failed has
+    its `reason`.
     """
 
     draw: Draw
-    status: Literal["compared", "not simulated", "not compared"]
+    status: Literal["compared", "refused", "not simulated", "not compared"]
     reason: str = ""
+    outcome: str = ""
+    faults: tuple[str, ...] = ()
+    fault_named: bool | None = None
     effect_in_plane: float = 0.0
     effect_out_of_plane: float = 0.0
     first: str | None = None

@@ -11,6 +11,7 @@ from brv_hypo.study.config import NONE, StudyConfig
 from brv_hypo.study.confusion import ConfusionRow, confusion, false_alarms
 from brv_hypo.study.coverage import Coverage, coverages
 from brv_hypo.study.detection import DetectionLimit, detection_limits
+from brv_hypo.study.faulty import FaultRow, faulty
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.shares import Share, Statistic, share
 
@@ -43,7 +44,8 @@ class StudySummary(Statistic):
     """What a study found.
 
     `visible` statistics are over flights with nothing planted or with an effect of at least
-    `visible_effect` (part of the moment's rms while it lasts); the others over all that were compared.
+    `visible_effect` (part of the moment's rms while it lasts); the others over all that were compared. Flights whose
+    records were spoilt are counted in `faults`, and in nothing else but `flights`.
     """
 
     schema_: str = Field(default="brv-hypo/study/1", alias="schema")
@@ -62,6 +64,7 @@ class StudySummary(Statistic):
     detection: tuple[DetectionLimit, ...]
     coverage: tuple[Coverage, ...]
     false_alarms: Share
+    faults: tuple[FaultRow, ...]
     mistakes: tuple[Mistake, ...]
     failures: tuple[Failure, ...]
     seconds_per_flight: float | None
@@ -69,7 +72,8 @@ class StudySummary(Statistic):
 
 def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
     """Every statistic of the study's outcomes."""
-    compared = [outcome for outcome in outcomes if outcome.status == "compared"]
+    sound = [outcome for outcome in outcomes if not outcome.draw.fault]
+    compared = [outcome for outcome in sound if outcome.status == "compared"]
     visible = [o for o in compared if o.planted == NONE or o.effect >= study.visible_effect]
     vehicles = dict.fromkeys(outcome.draw.vehicle for outcome in visible)
     return StudySummary(
@@ -91,11 +95,12 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
         detection=detection_limits(compared),
         coverage=coverages(visible),
         false_alarms=false_alarms(compared),
+        faults=faulty(outcomes),
         mistakes=tuple(_mistake(outcome) for outcome in visible if not outcome.right),
         failures=tuple(
             Failure(key=o.draw.key, status=o.status, reason=o.reason)
             for o in outcomes
-            if o.status != "compared"
+            if o.status != "compared" and not (o.draw.fault and o.status == "refused")
         ),
         seconds_per_flight=sum(o.seconds for o in compared) / len(compared) if compared else None,
     )

@@ -6,13 +6,15 @@ import time as clock
 from typing import Any
 
 from brv_hypo.errors import BrvHypoError
+from brv_hypo.flight.assemble import assemble
 from brv_hypo.ranking import Comparison, compare
 from brv_hypo.simulation import SimulatedFlight, simulate
 from brv_hypo.study.config import StudyConfig
-from brv_hypo.study.draws import Draw, flight_config
+from brv_hypo.study.draws import Draw, flight_config, spoilt
 from brv_hypo.study.effect import effect_size
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.parameters import estimates
+from brv_hypo.study.planted_faults import planted_faults
 
 
 def fly(study: StudyConfig, draw: Draw) -> Outcome:
@@ -29,7 +31,8 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
         "effect_out_of_plane": out_of_plane,
     }
     try:
-        comparison = compare([flown.flight], study.compare)
+        flight = assemble(spoilt(flown.record, draw)) if draw.fault else flown.flight
+        comparison = compare([flight], study.compare)
     except Exception as error:
         return Outcome(**known, status="not compared", reason=_reason(error))
     return Outcome(**known, **_judged(flown, comparison, draw), seconds=clock.perf_counter() - begun)
@@ -37,11 +40,17 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
 
 def _judged(flown: SimulatedFlight, comparison: Comparison, draw: Draw) -> dict[str, Any]:
     verdict, ranking = comparison.verdict, comparison.ranking
+    trial = {
+        "outcome": verdict.outcome,
+        "faults": tuple(f"{fault.channel}: {fault.fault}" for fault in comparison.record.faults),
+        "fault_named": _named(draw, comparison),
+    }
     if not ranking:
-        return {"status": "not compared", "reason": verdict.reason}
+        return {"status": "refused", "reason": verdict.reason, **trial}
     own = next((row for row in ranking if row.mechanism == draw.planted), None)
     return {
         "status": "compared",
+        **trial,
         "first": ranking[0].mechanism,
         "winner": verdict.winner,
         "equivalent": verdict.equivalent,
@@ -54,6 +63,14 @@ def _judged(flown: SimulatedFlight, comparison: Comparison, draw: Draw) -> dict[
         "phi_w_sigma_rad": comparison.reconstruction.phi_w_rms_sigma_rad,
         "warnings": (*comparison.reconstruction.warnings, *comparison.warnings),
     }
+
+
+def _named(draw: Draw, comparison: Comparison) -> bool | None:
+    """Whether the fault that was planted is named, kind and channels; None for a sound record."""
+    if not draw.fault:
+        return None
+    fault = next(fault for fault in planted_faults() if fault.name == draw.fault)
+    return fault.named_by(comparison.record.faults)
 
 
 def _reason(error: Exception) -> str:

@@ -272,3 +272,23 @@ class TestReconstruct:
         (tmp_path / "motion.h5").write_text("mine")
         assert brv_hypo("reconstruct", simulated_file, "-o", "motion.h5", cwd=tmp_path).returncode == 2
         assert (tmp_path / "motion.h5").read_text() == "mine"
+
+
+def test_import_guesses_a_map_and_says_what_it_is_unsure_of(brv_hypo, tmp_path):
+    rows = [f"{0.01 * i:.2f},{i % 7}.5,{i % 5}.5" for i in range(60)]
+    (tmp_path / "log.csv").write_text("\n".join(["t_s,p,ax_g", *rows]))
+    done = brv_hypo("import", "--guess", "log.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "no column was found for q" in done.stdout
+    assert "units of p are nowhere said" in done.stdout
+    assert "# UNSURE" in (tmp_path / "log.map.yaml").read_text()
+    again = brv_hypo("import", "--guess", "log.csv", cwd=tmp_path)
+    assert (again.returncode, "--force" in again.stderr) == (2, True)
+
+
+def test_import_takes_either_a_map_or_a_guess(brv_hypo, tmp_path):
+    (tmp_path / "log.csv").write_text("t_s\n1\n")
+    for arguments in ((), ("--guess", "--map", "map.yaml")):
+        done = brv_hypo("import", "log.csv", *arguments, cwd=tmp_path)
+        assert done.returncode == 2
+        assert "either --map" in done.stderr

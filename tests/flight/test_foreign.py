@@ -15,7 +15,7 @@ import scipy.io
 import yaml
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.flight import CHANNELS, Flight, foreign, import_record, load_flight, save_flight
+from brv_hypo.flight import CHANNELS, Flight, import_record, load_flight, save_flight, tables
 from tests.flight.records import UNITS, VEHICLE, motion, write_raw
 
 DEGREE = np.pi / 180.0
@@ -216,6 +216,6 @@ def test_parquet_without_its_extra_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = write_parquet(tmp_path / "d.parquet", foreign_columns())
-    monkeypatch.setattr(foreign, "find_spec", lambda name: None)
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
         import_record(data, write_map(tmp_path, foreign_map()))

@@ -1,0 +1,93 @@
+"""Where ways of judging disagree: criteria about the order of hypotheses, searches about the best subset.
+
+No number of the verdict is made here: it is for the reader, who may trust another criterion more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.model.columns import Column
+from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.search import on_grid
+from brv_hypo.subset import SubsetResult, stepwise
+
+NONE = "none"
+TIE = 1e-6  # relative difference of residual sums of squares below which two subsets are equally good
+
+
+def criteria_disagree(
+    ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]
+) -> tuple[str, ...]:
+    """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
+
+    The F-ratio is none of `none`: it is against it.
+    """
+    if len(ranking) < 2:
+        return ()
+    tested = [row for row in ranking if row.f_ratio is not None]
+    named = [row for row in ranking if row.mechanism in probability]
+    first = {"C_p": min(ranking, key=lambda row: row.cp).mechanism}
+    first["prediction error"] = min(ranking, key=lambda row: row.prediction_error).mechanism
+    if tested:
+        first = {"F-ratio": max(tested, key=lambda row: row.f_ratio or 0.0).mechanism, **first}
+    if named:
+        first["probability"] = max(named, key=lambda row: probability[row.mechanism]).mechanism
+    if len(set(first.values())) == 1:
+        return ()
+    told = "; ".join(
+        f"{_joined([name for name, leader in first.items() if leader == each])}: {each}"
+        for each in dict.fromkeys(first.values())
+    )
+    return (f"criteria disagree on what comes first: {told}",)
+
+
+def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:
+    """Where Efroymson's stepwise search misses the best subset on the grid of knots and delays, by hypothesis and size.
+
+    Sizes that stepwise does not come to, for its F to enter is too small, are left out.
+    """
+    found = []
+    search = partial(_efroymson, round(problem.samples * problem.efficiency))
+    for fit in fits:
+        if not fit.mechanisms:
+            continue
+        exact = on_grid(problem, fit.mechanisms, 1).best
+        quick = on_grid(problem, fit.mechanisms, 1, search).best
+        for size, (best, *_) in sorted(exact.items()):
+            met = quick.get(size)
+            if met and met[0][0] > best[0] * (1.0 + TIE):
+                found.append(
+                    StepwiseDifference(
+                        mechanism=fit.name,
+                        size=size,
+                        best=tuple(map(_placed, best[1])),
+                        stepwise=tuple(map(_placed, met[0][1])),
+                        rss_ratio=met[0][0] / best[0],
+                    )
+                )
+    return tuple(found)
+
+
+def _placed(column: Column) -> str:
+    """What a column is, from when on, at which delay or other parameter."""
+    since = "" if column.course.kind == "constant" else f" at {column.course.start:.2f} s"
+    theta = ", ".join(f"{name} {value:.3g}" for name, value in column.theta)
+    return f"{column.label}{since}" + (f" ({theta})" if theta else "")
+
+
+def _efroymson(samples: int, X: FloatArray, y: FloatArray, **options: Any) -> SubsetResult:
+    """Stepwise on a triangular factor of a problem of so many samples: empty rows give its F their freedom."""
+    more = max(samples - y.size, 0)
+    return stepwise(np.vstack([X, np.zeros((more, X.shape[1]))]), np.append(y, np.zeros(more)), **options)
+
+
+def _joined(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

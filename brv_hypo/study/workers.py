@@ -1,0 +1,121 @@
+"""Where the flights of a study are flown: processes of this machine, or a Dask cluster. One interface for both.
+
+    spread = on_this_machine(jobs)          or on_cluster(address)
+    for outcome in spread(call, items): ...  as they come, each item once
+
+`call` and the items must survive pickle. What is left undone when the caller stops is cancelled.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Protocol, TypeVar
+
+from brv_hypo.errors import UnanswerableError, UsageError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+PARENT_LOOKED_FOR_SECONDS = 0.5  # how often a worker looks whether it still has one
+CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
+ATTEMPTS = 3  # workers that one item may lose before it is given up (Dask's own count)
+
+
+class Spread(Protocol):
+    """Calls a function on every item, and gives the results as they come."""
+
+    def __call__(self, call: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        """The results, in any order."""
+
+
+def on_this_machine(jobs: int) -> Spread:
+    """`jobs` processes at once (-1: one for each processor), each with one thread for linear algebra."""
+
+    def spread(call: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        from joblib import Parallel, delayed, parallel_config
+
+        with parallel_config(backend="loky", inner_max_num_threads=1):
+            parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+            yield from parallel(delayed(_quietly)(call, item) for item in items)
+
+    return spread
+
+
+def on_cluster(address: str) -> Spread:
+    """The workers of the Dask scheduler at `address`; what a lost worker was flying, another flies again.
+
+    Raises UsageError where Dask is not installed or nothing answers at the address. The workers need this package, and
+    files that were named with --plugin, in the same places; one thread each (`dask worker --nthreads 1`).
+    """
+    client = _client(address)
+
+    def spread(call: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
+        futures: list[Any] = []
+        try:
+            futures = client.map(call, list(items), pure=False)
+            for future in _distributed().as_completed(futures):
+                yield _result(future)
+        finally:
+            client.cancel(futures)
+            client.close()
+
+    return spread
+
+
+def _quietly(call: Callable[[Item], Result], item: Item) -> Result:
+    """The call in a process that leaves the keyboard to its parent."""
+    if multiprocessing.parent_process() is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        _end_with_parent()
+    return call(item)
+
+
+@cache
+def _end_with_parent() -> None:
+    """From now on this worker ends when its parent has: one that was killed could tell nobody."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_LOOKED_FOR_SECONDS)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _distributed() -> Any:
+    """Dask's package, which declares no types."""
+    if find_spec("distributed") is None:
+        raise UsageError("--cluster needs Dask. Install the extra: pip install 'brv-hypo[cluster]'.")
+    return import_module("distributed")
+
+
+def _client(address: str) -> Any:
+    distributed = _distributed()
+    try:
+        return distributed.Client(address, timeout=CONNECT_SECONDS)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise UsageError(
+            f"no Dask scheduler answers at {address!r} ({type(error).__name__}), expected one like tcp://host:8786. "
+            "Likely cause: it is not running, or a firewall. Remedy: start `dask scheduler` and `dask worker`, and "
+            "give the address that the scheduler prints."
+        ) from error
+
+
+def _result(future: Any) -> Any:
+    try:
+        return future.result()
+    except _distributed().KilledWorker as lost:
+        raise UnanswerableError(
+            f"the cluster lost {ATTEMPTS} workers or more on one flight ({lost}). Likely cause: too little memory, or "
+            "a batch system that ends jobs. Remedy: give the workers more, and repeat the command: it goes on where "
+            "it was."
+        ) from lost

@@ -1,0 +1,191 @@
+"""A map guessed from names and physics: odd names, wrong and missing units, axes that stand otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from brv_hypo.errors import UsageError
+from brv_hypo.flight import bring_in
+from brv_hypo.flight.guess import guess_map
+from brv_hypo.flight.guess_names import by_name
+from brv_hypo.flight.guess_physics import turning_units
+from tests.flight import rockets
+from tests.flight.records import UNITS, VEHICLE
+from tests.flight.test_foreign import write_csv, write_mat, write_parquet
+from tests.shared_data import shared_file
+
+DEGREE, FOOT = np.pi / 180.0, 0.3048
+WRITERS = [("csv", write_csv), ("parquet", write_parquet), ("mat", write_mat)]
+
+
+def logged() -> dict[str, Any]:
+    """A rocket's inertial unit, with the altitude on its own clock, every fourth sample."""
+    unit = {name: values[::4] for name, values in rockets.inertial_unit().items()}
+    keep = unit["time"] < rockets.PARACHUTE
+    unit = {name: values[keep] for name, values in unit.items()}
+    _, speed, altitude = rockets.climb(unit["time"])
+    return {**unit, "altitude": altitude, "velocity": speed}
+
+
+def channels_of(text: str) -> dict[str, Any]:
+    found: dict[str, Any] = yaml.safe_load(text)["channels"]
+    return found
+
+
+@pytest.mark.parametrize(("suffix", "write"), WRITERS, ids=[suffix for suffix, _ in WRITERS])
+def test_a_guess_filled_in_brings_the_record_in(
+    tmp_path: Path, suffix: str, write: Callable[..., Path]
+) -> None:
+    log = logged()
+    columns = {
+        "T_ms": 1000.0 * log["time"],
+        **{f"gyro_{axis}": log[name] / DEGREE for axis, name in zip("xyz", "pqr", strict=True)},
+        **{f"Accel{axis.upper()}": log[f"a{axis}"] / 9.80665 for axis in "xyz"},
+        "baro_alt_ft": log["altitude"] / FOOT,
+        "battery": 12.0 - 0.01 * log["time"],
+    }
+    guess = guess_map(write(tmp_path / f"log.{suffix}", columns))
+    mapping = yaml.safe_load(guess.text)
+    for name in mapping["vehicle"]:
+        mapping["vehicle"][name]["value"] = np.asarray(getattr(VEHICLE, name)).tolist()
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))
+    flight = bring_in(tmp_path / f"log.{suffix}", tmp_path / "map.yaml").flight
+    inside = (flight.time > 5.0) & (flight.time < 14.0)
+    _, speed, altitude = rockets.climb(flight.time[inside])
+    np.testing.assert_allclose(flight.velocity[inside], speed, atol=4.0)
+    np.testing.assert_allclose(flight.altitude[inside], altitude, atol=10.0)
+    swing = 0.06 * np.cos(2.4 * np.pi * flight.time[inside])
+    np.testing.assert_allclose(flight.q[inside], swing, atol=1e-2)
+    assert "# not used: battery" in guess.text
+    assert any("units of AccelX" in doubt or "gyro_x" in doubt for doubt in guess.unsure)
+
+
+def test_units_in_a_name_are_checked_against_gravity_and_speed(tmp_path: Path) -> None:
+    """The table says m/s^2 and m/s; its numbers are gravities and feet."""
+    log = logged()
+    columns = {
+        "met_s": log["time"],
+        "acc_mps2": log["ax"] / 9.80665,
+        "vel_mps": log["velocity"] / FOOT,
+        "alt_m": log["altitude"] / FOOT,
+    }
+    channels = channels_of((guess := guess_map(write_csv(tmp_path / "a.csv", columns))).text)
+    assert {name: channels[name]["units"] for name in ("ax", "velocity", "altitude")} == {
+        "ax": "g",
+        "velocity": "ft/s",
+        "altitude": "ft",
+    }
+    assert any("its name says m/s," in doubt for doubt in guess.unsure)
+
+
+@pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)])
+def test_the_axis_that_stands_up_becomes_x_and_the_axes_stay_right_handed(
+    tmp_path: Path, axis: int, sign: float
+) -> None:
+    log = logged()
+    turned = {name: np.array([log[each] for each in names]) for name, names in
+              (("f", ("ax", "ay", "az")), ("w", ("p", "q", "r")))}  # fmt: skip
+    flips = np.array([sign, 1.0, sign])
+    order = [(axis + shift) % 3 for shift in range(3)]
+    columns = {"time_s": log["time"]}
+    for place, source in enumerate(order):
+        columns[f"acc_{'xyz'[source]}_mps2"] = flips[place] * turned["f"][place]
+        columns[f"gyr_{'xyz'[source]}_radps"] = flips[place] * turned["w"][place]
+    channels = channels_of(guess_map(write_csv(tmp_path / "a.csv", columns)).text)
+    for name in ("ax", "ay", "az", "p", "q", "r"):
+        entry = channels[name]
+        np.testing.assert_allclose(
+            entry.get("scale", 1.0) * columns[entry["column"]], log[name], err_msg=name
+        )
+
+
+@pytest.mark.parametrize(
+    ("units", "size"), [("deg/s", DEGREE), ("rad/s", 1.0), ("revolution/s", 2.0 * np.pi)]
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_magnetometer_tells_units_and_sign_of_the_roll_rate(units: str, size: float, sign: float) -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    rate = 3.0 + np.sin(0.3 * time)
+    angle = np.cumsum(rate) * 0.01
+    found = turning_units(time, sign * rate / size, (20.0 + 5.0 * np.cos(-angle), 5.0 * np.sin(-angle) - 9.0))
+    assert found == (units, sign)
+
+
+def test_a_field_that_hardly_turns_tells_nothing() -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    assert turning_units(time, np.full(time.size, 0.1), (np.cos(0.1 * time), np.sin(0.1 * time))) is None
+
+
+def test_columns_without_names_are_found_by_gravity_and_order(tmp_path: Path) -> None:
+    log = logged()
+    order = ("time", "p", "q", "r", "ax", "ay", "az")
+    guess = guess_map(write_csv(tmp_path / "a.csv", {f"ch{i}": log[name] for i, name in enumerate(order)}))
+    channels = channels_of(guess.text)
+    assert {name: channels[name]["column"] for name in order} == {
+        name: f"ch{i}" for i, name in enumerate(order)
+    }
+    assert any("order of the columns" in doubt for doubt in guess.unsure)
+
+
+def test_other_delimiters_and_text_columns_are_no_obstacle(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = [f"{0.01 * i:.2f};{np.sin(i):.4f};ok" for i in range(50)]
+    path.write_text("\n".join(["Time [s];Roll Rate [deg/s];state", *rows]))
+    guess = guess_map(path)
+    assert channels_of(guess.text)["p"] == {"column": "Roll Rate [deg/s]", "units": "deg/s"}
+    assert yaml.safe_load(guess.text)["delimiter"] == ";"
+    assert "no column was found for velocity, and none for altitude" in " ".join(guess.unsure)
+
+
+def test_a_table_without_time_is_refused(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "a.csv", {"p": np.zeros(20), "q": np.ones(20)})
+    with pytest.raises(UsageError, match="no column rises strictly"):
+        guess_map(path)
+
+
+@pytest.mark.parametrize(
+    ("column", "channel", "units"),
+    [
+        ("Gyro_X(deg/s)", "p", "deg/s"),
+        ("wy_radps", "q", "rad/s"),
+        ("angvel z [rpm]", "r", "rpm"),
+        ("accX_g", "ax", "g"),
+        ("Acceleration Y (m/s^2)", "ay", "m/s^2"),
+        ("pitchRate_dps", "q", "deg/s"),
+        ("qbar_psf", "dynamic_pressure", "psf"),
+        ("GPS alt [ft]", "altitude", "ft"),
+        ("v_rel_mps", "velocity", "m/s"),
+        ("rho_kgm3", "density", "kg/m^3"),
+        ("TimeStamp_us", "time", "us"),
+        ("Mach", "mach", "dimensionless"),
+    ],
+)
+def test_names_as_they_are_found_in_the_field(column: str, channel: str, units: str) -> None:
+    found = by_name([column])[0]
+    assert {name: (each.column, each.units) for name, each in found.items()} == {channel: (column, units)}
+
+
+@pytest.mark.shared
+def test_measured_logs_are_guessed_right() -> None:
+    unit = channels_of(guess_map(shared_file("data/launch12/imu.csv")).text)
+    assert {name: entry["units"] for name, entry in unit.items()} == {
+        "time": "s",
+        **dict.fromkeys("pqr", "deg/s"),
+        **dict.fromkeys(("ax", "ay", "az"), "m/s^2"),
+    }
+    altimeter = channels_of(guess_map(shared_file("data/launch12/altimeter.csv")).text)
+    assert (altimeter["ax"]["units"], altimeter["velocity"]["units"], altimeter["altitude"]["units"]) == (
+        "g",
+        "ft/s",
+        "ft",
+    )
+    entry = channels_of(guess_map(shared_file("data/opportunity/opportunity_entry.csv")).text)
+    assert set(UNITS) & set(entry) == set(entry)
+    assert all("scale" not in each for each in entry.values())
+    assert entry["velocity"]["units"] == "m/s"

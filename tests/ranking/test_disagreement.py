@@ -1,0 +1,88 @@
+"""Where criteria disagree on the order, and stepwise on the subset."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.disagreement import _efroymson, criteria_disagree, stepwise_differences
+from brv_hypo.ranking.result import StepwiseDifference
+from brv_hypo.regression import search
+from brv_hypo.report import rows
+from brv_hypo.subset import best_subsets, stepwise
+
+
+def row(mechanism, f_ratio, cp, error):
+    return SimpleNamespace(mechanism=mechanism, f_ratio=f_ratio, cp=cp, prediction_error=error)
+
+
+def test_one_first_by_all_criteria_is_no_disagreement():
+    ranking = [row("lag", 90.0, 4.0, 1.0), row("damping", 20.0, 9.0, 2.0), row("none", None, 50.0, 3.0)]
+    assert criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.01, "other": 0.04}) == ()
+
+
+def test_each_criterion_is_told_with_what_it_puts_first():
+    ranking = [row("lag", 40.0, 4.0, 1.5), row("damping", 90.0, 9.0, 2.0), row("none", None, 50.0, 1.0)]
+    (told,) = criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.05})
+    assert told == (
+        "criteria disagree on what comes first: F-ratio: damping; C_p and probability: lag; prediction error: none"
+    )
+
+
+def test_a_record_that_was_refused_disagrees_on_nothing():
+    assert criteria_disagree([], {}) == ()
+
+
+def test_stepwise_on_a_triangle_counts_the_samples_that_it_stands_for():
+    """The same path as on the rows themselves."""
+    rng = np.random.default_rng(4)
+    X = np.column_stack([np.ones(300), rng.standard_normal((300, 8))])
+    y = X @ np.array([1.0, 0.5, 0.0, -0.4, 0.0, 0.3, 0.0, 0.0, 0.2]) + rng.standard_normal(300)
+    triangle = np.linalg.qr(np.column_stack([X, y]), mode="r")
+    whole = stepwise(X, y, max_terms=6)
+    small = _efroymson(300, triangle[:, :-1], triangle[:, -1], max_terms=6)
+    assert [s.columns for s in small.subsets] == [s.columns for s in whole.subsets]
+    assert small.subsets[-1].rss == pytest.approx(whole.subsets[-1].rss)
+
+
+def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken(monkeypatch):
+    """Two columns that explain all together and little alone, beside one that explains most alone."""
+    rng = np.random.default_rng(0)
+    n = 200
+    hidden, part = rng.standard_normal((2, n))
+    X = np.column_stack(
+        [np.ones(n), part + 0.5 * hidden, 0.5 * hidden - part, hidden + 0.7 * rng.standard_normal(n)]
+    )
+    y = hidden + 0.01 * rng.standard_normal(n)
+
+    def on_grid(problem, mechanisms, n_best, method=best_subsets):
+        found = method(X, y, max_terms=2).subsets
+        course = SimpleNamespace(kind="jump", start=1.5)
+        labels = [SimpleNamespace(label=f"c{j}", course=course, theta=(("delay", 0.1),)) for j in range(4)]
+        return SimpleNamespace(best={s.size: ((s.rss, [labels[j] for j in s.columns]),) for s in found})
+
+    monkeypatch.setattr("brv_hypo.ranking.disagreement.on_grid", on_grid)
+    problem = SimpleNamespace(samples=n, efficiency=1.0)
+    null, fit = SimpleNamespace(mechanisms=()), SimpleNamespace(name="lag", mechanisms=("lag",))
+    found = {each.size: each for each in stepwise_differences(problem, [null, fit])}
+    assert found[2].best == ("c1 at 1.50 s (delay 0.1)", "c2 at 1.50 s (delay 0.1)")
+    assert "c3 at 1.50 s (delay 0.1)" in found[2].stepwise
+    assert found[2].rss_ratio > 10.0
+
+
+def test_a_difference_reads_as_a_sentence():
+    difference = StepwiseDifference(
+        mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2
+    )
+    comparison = SimpleNamespace(stepwise=(difference,), disagreements=("criteria disagree",))
+    first, second = rows.disagreement_texts(comparison)
+    assert first == "criteria disagree"
+    assert second == "lag, 2 terms: stepwise (Efroymson) would take a, c for a, b, with 20 % more left over"
+
+
+def test_the_exact_search_stays_the_default():
+    assert search.on_grid.__defaults__ == (2, best_subsets)
+    assert CompareConfig().exact_terms >= 1

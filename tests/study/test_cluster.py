@@ -1,0 +1,96 @@
+"""A study on a Dask cluster: a real scheduler on this machine, two workers, of which one is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+from distributed import LocalCluster
+
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.study import read_study, run_study, workers
+from brv_hypo.study.store import FLIGHTS
+from brv_hypo.study.workers import on_cluster, on_this_machine
+from tests.study.test_run import SMALL, VEHICLE
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
+        yield found
+
+
+def worker_of(seconds):
+    """A call that says which process it was made in."""
+
+    def call(item):
+        time.sleep(seconds)
+        return os.getpid(), item
+
+    return call
+
+
+def test_both_places_give_every_item_once(cluster):
+    items = list(range(8))
+    for spread in (on_this_machine(1), on_cluster(cluster.scheduler_address)):
+        found = list(spread(worker_of(0.01), items))
+        assert sorted(item for _, item in found) == items
+
+
+def test_what_a_killed_worker_was_at_is_done_by_another(cluster):
+    found, killed = [], None
+    for pid, item in on_cluster(cluster.scheduler_address)(worker_of(0.2), list(range(12))):
+        found.append(item)
+        if killed is None:
+            killed = pid
+            os.kill(pid, signal.SIGKILL)
+    assert sorted(found) == list(range(12))
+
+
+def test_an_item_that_ends_every_worker_is_given_up_with_its_reason(cluster):
+    def deadly(item):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    with pytest.raises(UnanswerableError, match="goes on where it was"):
+        list(on_cluster(cluster.scheduler_address)(deadly, [1]))
+
+
+def test_a_fault_in_a_call_reaches_the_caller(cluster):
+    with pytest.raises(ZeroDivisionError):
+        list(on_cluster(cluster.scheduler_address)(lambda item: 1 // item, [0]))
+
+
+def test_an_address_where_nothing_answers_is_refused(monkeypatch):
+    monkeypatch.setattr(workers, "CONNECT_SECONDS", 0.5)
+    with pytest.raises(UsageError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:1'"):
+        on_cluster("tcp://127.0.0.1:1")
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setattr(workers, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"brv-hypo\[cluster\]"):
+        on_cluster("tcp://127.0.0.1:1")
+
+
+@pytest.mark.slow
+def test_a_study_outlives_a_worker_and_is_the_same_as_on_this_machine(cluster, tmp_path):
+    (tmp_path / "cone.yaml").write_text(VEHICLE)
+    (tmp_path / "small.yaml").write_text(SMALL.format(vehicle=tmp_path / "cone.yaml"))
+    study = read_study(tmp_path / "small.yaml", flights=2)
+    killed = []
+
+    def progress(done, total, latest):
+        if not killed:
+            victim = next(iter(cluster.workers.values()))
+            killed.append(victim.pid)
+            os.kill(victim.pid, signal.SIGKILL)
+
+    there = run_study(study, tmp_path / "there", cluster=cluster.scheduler_address, progress=progress)
+    here = run_study(study, tmp_path / "here", jobs=1)
+    assert killed
+    assert [o.draw for o in there] == [o.draw for o in here]
+    for one, other in zip(there, here, strict=True):
+        assert one.information == pytest.approx(other.information, rel=1e-9)
+    assert len((tmp_path / "there" / FLIGHTS).read_text().splitlines()) == 4
