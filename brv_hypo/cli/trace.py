@@ -34,7 +34,7 @@ MechanismFile = Annotated[
 @in_session("json", "report", "force", "plugin")
 def trace(
     session: Session,
-    flight: options.FlightFile,
+    flights: options.FlightFiles,
     model: Model = None,
     mechanism_file: MechanismFile = None,
     config: options.Config = None,
@@ -43,7 +43,10 @@ def trace(
     instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
-    """Trace what a model leaves over to its effects, one by one."""
+    """Trace what a model leaves over to its effects, one by one.
+
+    Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
+    """
     session.claim(mechanism_file)
     from brv_hypo.report.trace import conclusion, trace_view
     from brv_hypo.residuals import TraceConfig
@@ -52,9 +55,9 @@ def trace(
 
     chosen = {} if model is None else {"start": starting_model(model, session)}
     settings = read_settings(TraceConfig, config, **chosen)
-    record = load(flight, start, stop, instruments)
+    records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("tracing") as progress:
-        result = traced(record, settings, progress=progress)
+        result = traced(records, settings, progress=progress)
     session.present(trace_view(result, verbose=session.verbose), conclusion=conclusion(result))
     session.write_json(result)
     if mechanism_file is not None:

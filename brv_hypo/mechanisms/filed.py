@@ -27,6 +27,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_yaml
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 
@@ -39,7 +40,7 @@ Quantity = Literal[
 Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z"]
 
 
-def _values(motion: Motion, quantity: Quantity) -> FloatArray:
+def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
     """The quantity on the motion's shape."""
     if quantity == "log_reynolds":
         return np.asarray(np.log10(motion.reynolds), dtype=float)
@@ -67,7 +68,7 @@ class Factor(_Part):
 
     def __call__(self, motion: Motion) -> FloatArray:
         """The factor on the motion's shape."""
-        x = _values(motion, self.of)
+        x = values_of(motion, self.of)
         if self.function in ("cos", "sin"):
             return np.asarray(getattr(np, self.function)(self.rate * x), dtype=float)
         if self.function == "step":
@@ -99,6 +100,12 @@ class FiledTerm(_Part):
     units: str = "1"
     value: float | None = None
 
+    @property
+    def follows_time(self) -> bool:
+        """Whether it is a function of the record's time."""
+        turns = self.turn is not None and self.turn.of == "time"
+        return turns or any(factor.of == "time" for factor in self.factors)
+
     def column(self, motion: Motion) -> Term:
         """The term's columns: C_N' + i C_Z' = (C_m + i C_n) exp(i phi_w) (Eq. 2.6, erratum E2)."""
         direction = np.ones_like(motion.alpha, dtype=complex)
@@ -107,7 +114,7 @@ class FiledTerm(_Part):
         if self.axis in ("out_of_plane", "body_z"):
             direction = 1j * direction
         if self.turn is not None:
-            direction = direction * np.exp(1j * self.turn.rate * _values(motion, self.turn.of))
+            direction = direction * np.exp(1j * self.turn.rate * values_of(motion, self.turn.of))
         for factor in self.factors:
             direction = direction * factor(motion)
         return Term(self.name, direction.real, direction.imag, self.units)
@@ -139,6 +146,10 @@ class FiledMechanism(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The terms of the file, in their order."""
         return tuple(term.column(motion) for term in self.definition)
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Where a term is a function of the record's time."""
+        return any(term.follows_time for term in self.definition)
 
 
 def mechanism_of(content: MechanismFile) -> FiledMechanism:

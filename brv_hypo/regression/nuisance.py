@@ -75,13 +75,14 @@ def nuisances(
     flights: Sequence[LinearisedFlight],
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
-    free: frozenset[tuple[str, str]] = frozenset(),
+    free: Sequence[Mapping[tuple[str, str], RecordEffect]] | None = None,
     taken: Sequence[Errors] | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
-    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior; `taken`, one
-    a flight, what was taken out of its record before. What has no influence on a flight is left out.
+    `vehicle` are mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that
+    has no prior there, in place of that of the same name; `taken`, one a flight, what was taken out of its record
+    before. What has no influence on a flight is left out.
     """
     known_before = taken or tuple({} for _ in flights)
     items: list[Nuisance] = []
@@ -104,14 +105,16 @@ def nuisances(
                 Nuisance("force", str(k), number, "1", 1.0, np.nan),
                 on_frame(frame, number, Rows(nothing, column)),
             )
-        for effect in effects:
+        without_prior = {} if free is None else free[number]
+        own = {name: effect for (name, _), effect in without_prior.items()}
+        for effect in (*(effect for effect in effects if effect.name not in own), *own.values()):
             for component in effect.components(linearised.record.flight):
-                if not effect.carried and (effect.name, component.name) not in free:
+                if not effect.carried and (effect.name, component.name) not in without_prior:
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
                 key, size = (effect.name, component.name), component.size
                 found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
-                present = np.nan if key in free else -found / size
+                present = np.nan if key in without_prior else -found / size
                 item = Nuisance(*key, number, component.units, size, present, found)
                 add(item, on_frame(frame, number, history))
         for mechanism in vehicle:

@@ -26,7 +26,7 @@ from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_mom
 from brv_hypo.residuals.model_file import read_model
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
-from brv_hypo.residuals.restore import column_of, restored
+from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.residuals.summary import term_estimates
 
@@ -49,7 +49,7 @@ def predict(
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
     path = None if isinstance(model, SavedModel) else Path(model)
-    content = model if isinstance(model, SavedModel) else read_model(Path(model))
+    content = of_as_many(model if isinstance(model, SavedModel) else read_model(Path(model)), 1)
     record = flight if isinstance(flight, Flight) else load_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
         return _predict(record, content, path, tuple(refit), config or TraceConfig())
@@ -84,7 +84,7 @@ def _predict(
         without=_mean_square(measured),
         frozen=_mean_square(left),
         own=_mean_square(own),
-        noise=noise_floor(task.seen.whole, task.seen.reconstruction),
+        noise=noise_floor(task.seen.whole, task.seen.frame),
     )
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
@@ -107,11 +107,11 @@ def _predict(
 
 
 def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Task:
-    model = replace(restored(content, flight), applied=())
+    model = replace(restored(content, (flight,)), applied=())
     coefficients = dict(zip(model.columns, (column.value for column in content.columns), strict=True))
     effects = _effects(refit, model)
     model = _with_refitted(model, refit, flight, config)
-    seen = with_in_plane_moment(see(flight, model, config), model.columns)
+    seen = with_in_plane_moment(see((flight,), model, config), model.columns)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in coefficients}
     held = np.array([np.nan if c in free else coefficients[c] for c in model.columns], dtype=float)
     start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
@@ -135,7 +135,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config:
     for name in refit:
         item = None if name in known else find_installed(name)
         if isinstance(item, Mechanism):
-            motion = see(flight, model, config).reconstruction.motion
+            motion = see((flight,), model, config).reconstructions[0].motion
             more = [Column(name, term.name, (), always, term.units) for term in item.terms(motion, {})]
             mechanisms = {**model.mechanisms, name: item}
             model = replace(model, mechanisms=mechanisms, columns=(*model.columns, *more))
@@ -148,8 +148,7 @@ def _mean_square(moments: ResidualMoments) -> float:
 
 def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    samples = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in seen.frame.segments])
-    time, mach = seen.frame.time, seen.reconstruction.motion.mach[samples]
+    time, mach = seen.frame.time, seen.reconstructions[0].motion.mach[seen.samples_of(0)]
     edges = np.linspace(time.min(), time.max(), _REGIONS + 1)
     found = []
     for start, stop in itertools.pairwise(edges):

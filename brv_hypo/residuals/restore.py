@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pydantic import ValidationError
 
@@ -36,7 +36,11 @@ def saved(
         found_on=found_on,
         record=tuple(
             SavedRecordError(
-                effect=a.effect.name, component=a.component, value=a.value, options=a.effect.model_dump()
+                effect=a.effect.name,
+                component=a.component,
+                value=a.value,
+                options=a.effect.model_dump(),
+                flight=a.flight,
             )
             for a in model.applied
         ),
@@ -44,24 +48,42 @@ def saved(
     )
 
 
-def restored(content: SavedModel, flight: Flight) -> Model:
-    """The model that the data hold, for this flight.
+def restored(content: SavedModel, flights: Sequence[Flight]) -> Model:
+    """The model that the data hold, for these flights.
 
+    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
+    content = of_as_many(content, len(flights))
     files: Mapping[str, Mechanism] = {file.name: mechanism_of(file) for file in content.files}
-    baseline = dict(start_model(flight, ()).mechanisms)
+    baseline = dict(start_model(flights, ()).mechanisms)
     if content.static is not None:
         baseline[content.static.name] = content.static
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
-    applied = tuple(_applied(error, flight) for error in content.record)
+    applied = tuple(_applied(error, flights[error.flight]) for error in content.record)
     known = {**baseline, **{mechanism.name: mechanism for mechanism in own}}
     return Model(
         mechanisms=known,
         columns=tuple(column_of(column, known[column.mechanism]) for column in content.columns),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
+    )
+
+
+def of_as_many(content: SavedModel, flights: int) -> SavedModel:
+    """The model without what belongs to single flights, unless it was found on as many."""
+    if max(len(content.found_on), 1) == flights:
+        return content
+    kept = [k for k, column in enumerate(content.columns) if column.flight is None]
+    return content.model_copy(
+        update={
+            "columns": tuple(content.columns[k] for k in kept),
+            "covariance": tuple(tuple(row[k] for k in kept) for row in (content.covariance[j] for j in kept))
+            if content.covariance
+            else (),
+            "record": () if len(content.found_on) > 1 or flights > 1 else content.record,
+        }
     )
 
 
@@ -77,6 +99,7 @@ def _saved_column(column: Column, value: float | None) -> SavedColumn:
         stop=ends[1],
         tied=column.tied,
         value=value,
+        flight=column.flight,
     )
 
 
@@ -92,6 +115,7 @@ def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
         column.units,
         column.tied,
         delay_name(mechanism),
+        column.flight,
     )
 
 
@@ -121,4 +145,4 @@ def _applied(error: SavedRecordError, flight: Flight) -> Applied:
             f"the model holds '{error.component}' of '{error.effect}', which has {', '.join(sizes)}. "
             "Trace the flight anew."
         )
-    return Applied(effect, error.component, *sizes[error.component], error.value)
+    return Applied(effect, error.component, *sizes[error.component], error.value, error.flight)

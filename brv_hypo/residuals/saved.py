@@ -18,7 +18,8 @@ class _Saved(BaseModel):
 class SavedColumn(_Saved):
     """A column of the moment model; `start`, `stop` s, None where its course has no such end.
 
-    `value` is its coefficient in `units`, None where the model is a structure alone.
+    `value` is its coefficient in `units`, None where the model is a structure alone. `flight`: the one of several
+    flights that it belongs to, counted from 0; None for all.
     """
 
     mechanism: str
@@ -30,15 +31,17 @@ class SavedColumn(_Saved):
     stop: float | None = None
     tied: bool = False
     value: float | None = None
+    flight: int | None = None
 
 
 class SavedRecordError(_Saved):
-    """A component of a record effect with its value (SI); `options` are the effect's own, such as its time."""
+    """A component of a record effect with its value (SI) on one flight; `options` are the effect's own, as its time."""
 
     effect: str
     component: str
     value: float
     options: dict[str, Any] = {}
+    flight: int = 0
 
 
 class SavedModel(_Saved):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.columns import BASELINE, Column
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.linear import covariance_of, solve_scaled
@@ -38,31 +40,32 @@ class Ending:
     discovery: Discovery | None
 
 
-def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
+def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
     state, last, model = end.state, end.state.seen, end.state.model
     here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
     final = find(here, state.left)
     values, covariance = whole_fit(here)
     count = len(model.columns)
-    definition = saved(model, values[:count], covariance[:count, :count], (flight.path or flight.title,))
+    definition = saved(model, values[:count], covariance[:count, :count], tuple(f.path or f.title for f in flights))
     terms = (
         *term_estimates(last, model.columns, values[:count], covariance[:count, :count]),
         *_record_terms(here, model, covariance),
     )
     return Trace(
-        flight=flight_summary(flight),
+        flight=flight_summary(flights[0]),
+        flights=tuple(flight_summary(flight) for flight in flights),
         steps=end.steps,
         findings=tuple(step.added for step in end.steps if step.added and step.standing == "finding"),
         hints=tuple(step.added for step in end.steps if step.added and step.standing == "hint"),
         model=ModelSummary(terms=terms, definition=definition),
         stopped=end.stopped,
         unexplained=_unexplained(final),
-        caveats=_caveats(flight, last),
-        noise_floor=noise_floor(last.held_out, last.reconstruction),
+        caveats=_caveats(flights, last),
+        noise_floor=noise_floor(last.held_out, last.frame),
         final_residual=final,
         discovered=None if end.discovery is None else end.discovery.file,
-        picture=_picture(before, end),
+        picture=_picture(before, end, final.flight or 0),
     )
 
 
@@ -83,23 +86,33 @@ def term_estimates(
 ) -> tuple[TermEstimate, ...]:
     """Coefficients (columns,) of the moment model with their standard errors."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    time = seen.frame.time
     return tuple(
         TermEstimate(
-            name=column.label,
+            name=column.label + _of_flight(seen, column.flight),
             mechanism=_owner(column),
             channel=_channel(seen, column),
             value=float(value),
             std_error=float(sigma),
             f_ratio=_f_ratio(float(value), float(sigma)),
             units=column.units,
-            region_s=None
-            if column.course.kind == "constant"
-            else (max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))),
+            region_s=_region(seen, column),
             delay_s=column.delay,
         )
         for column, value, sigma in zip(columns, values, sigmas, strict=True)
     )
+
+
+def _of_flight(seen: Seen, number: int | None) -> str:
+    """Which flight a term is of, where there are several; counted from 1."""
+    return "" if number is None or len(seen.records) == 1 else f" [flight {number + 1}]"
+
+
+def _region(seen: Seen, column: Column) -> tuple[float, float] | None:
+    """Where the course of a column acts, s; None where it is constant."""
+    if column.course.kind == "constant":
+        return None
+    time = seen.flights[column.flight or 0].time
+    return max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))
 
 
 def _record_terms(here: Look, model: Model, covariance: FloatArray) -> tuple[TermEstimate, ...]:
@@ -109,18 +122,19 @@ def _record_terms(here: Look, model: Model, covariance: FloatArray) -> tuple[Ter
     count = len(here.null.columns)
     items = here.problem.rows.nuisances.items
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[count:]
-    by_name = {(i.name, i.component): float(s) * i.size for i, s in zip(items, sigmas, strict=True)}
+    by_name = {(i.name, i.component, i.flight): float(s) * i.size for i, s in zip(items, sigmas, strict=True)}
+    names = [(a.effect.name, a.component, a.flight) for a in model.applied]
     return tuple(
         TermEstimate(
-            name=applied.component,
+            name=applied.component + _of_flight(here.seen, applied.flight),
             mechanism=applied.effect.name,
             channel="record",
             value=applied.value,
-            std_error=by_name[applied.effect.name, applied.component],
-            f_ratio=_f_ratio(applied.value, by_name[applied.effect.name, applied.component]),
+            std_error=by_name[name],
+            f_ratio=_f_ratio(applied.value, by_name[name]),
             units=applied.units,
         )
-        for applied in model.applied
+        for applied, name in zip(model.applied, names, strict=True)
     )
 
 
@@ -133,7 +147,8 @@ def _owner(column: Column) -> str:
 
 
 def _channel(seen: Seen, column: Column) -> str:
-    terms = seen.frame.mechanisms[column.mechanism].terms(seen.reconstruction.motion, dict(column.theta))
+    motion = seen.reconstructions[column.flight or 0].motion
+    terms = seen.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
     term = next(term for term in terms if term.name == column.term)
     inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
     return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
@@ -157,10 +172,15 @@ def _unexplained(residual: Residual) -> str | None:
     )
 
 
-def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
+def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
     """What in the data could pose as an effect."""
-    found = list(seen.reconstruction.warnings)
-    motion = seen.reconstruction.motion
+    each = zip(flights, seen.reconstructions, strict=True)
+    return tuple(dict.fromkeys(caveat for pair in each for caveat in _caveats_of(*pair)))
+
+
+def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
+    found = list(reconstruction.warnings)
+    motion = reconstruction.motion
     turning = float(np.percentile(np.abs(motion.windward_meridian_rate), 90.0)) + float(
         np.mean(np.abs(motion.p))
     )
@@ -178,7 +198,7 @@ def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
             "derived from drag, its errors are those of the assumed drag coefficient, and a stiffness that changes "
             "along the flight may in part be that coefficient's change"
         )
-    return tuple(dict.fromkeys(found))
+    return found
 
 
 def _drag_spread(flight: Flight) -> float | None:
@@ -188,16 +208,17 @@ def _drag_spread(flight: Flight) -> float | None:
     return None if centre == 0.0 else float(np.std(share) / abs(centre))
 
 
-def _picture(before: ResidualMoments, end: Ending) -> Picture:
+def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
+    """Of several flights, that of the one with this number."""
     after, seen = end.state.left, end.state.seen
-    moments = seen.reconstruction.moments
-    kept = before.usable & after.usable
-    samples = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in seen.frame.segments])[kept]
+    moments, rows = seen.reconstructions[number].moments, seen.rows_of(number)
+    kept = (before.usable & after.usable)[rows]
+    samples = seen.samples_of(number)[kept]
     return Picture(
-        time_s=tuple(seen.reconstruction.motion.time[samples].tolist()),
+        time_s=tuple(seen.reconstructions[number].motion.time[samples].tolist()),
         measured=_pair(moments.body[samples]),
-        before=_pair(before.body[kept]),
-        after=_pair(after.body[kept]),
+        before=_pair(before.body[rows][kept]),
+        after=_pair(after.body[rows][kept]),
         sigma=tuple(moments.noise_sigma[samples].tolist()),
     )
 
