@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
-from brv_hypo_effects.triads import turned
+from brv_hypo_effects.triads import sheared, turned
 
 _GYROS = ("p", "q", "r")
+_PAIRS = ("yz", "xz", "xy")
 
 
 class GyroBias(RecordEffect):
@@ -51,7 +53,10 @@ class GyroScale(RecordEffect):
 
 
 class GyroMisalignment(RecordEffect):
-    """The gyros' axes are turned by a small rotation against the body's: a reading gains omega x m."""
+    """Each gyro's axis is turned a little against the body's: together, a rotation, or two toward each other.
+
+    A rotation makes a reading gain omega x m; two axes that are not orthogonal read of each other with the same sign.
+    """
 
     name = "gyro_misalignment"
     title = "misalignment of the rate gyros"
@@ -60,13 +65,20 @@ class GyroMisalignment(RecordEffect):
     kind = "instrument"
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
-        """The rotation about each body axis."""
-        sizes = flight.instruments.gyro_misalignment
-        return tuple(Component(axis, "rad", size) for axis, size in zip("xyz", sizes, strict=True))
+        """The rotation about each body axis, and how far each two axes are from orthogonal, shared between them.
+
+        Axes that are turned independently leave half of the sum of their squares to either.
+        """
+        sizes = dict(zip("xyz", flight.instruments.gyro_misalignment, strict=True))
+        rotations = tuple(Component(axis, "rad", size) for axis, size in sizes.items())
+        return rotations + tuple(
+            Component(pair, "rad", 0.5 * math.hypot(sizes[pair[0]], sizes[pair[1]])) for pair in _PAIRS
+        )
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record of gyros that are turned by `value` rad more about that body axis."""
-        return turned(flight, _GYROS, component, value)
+        """The record of gyros turned by `value` rad more about that body axis, or toward each other."""
+        change = sheared if component in _PAIRS else turned
+        return change(flight, _GYROS, component, value)
 
 
 @hookimpl
