@@ -31,11 +31,20 @@ MechanismFile = Annotated[
 ]
 
 
+Aero = Annotated[
+    Path | None,
+    typer.Option(
+        "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
+    ),
+]
+
+
 @in_session("json", "report", "force", "plugin")
 def trace(
     session: Session,
     flights: options.FlightFiles,
     model: Model = None,
+    aero: Aero = None,
     mechanism_file: MechanismFile = None,
     config: options.Config = None,
     start: options.Start = None,
@@ -48,12 +57,15 @@ def trace(
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
     session.claim(mechanism_file)
+    from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import conclusion, trace_view
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
     from brv_hypo.settings import read_settings
 
-    chosen = {} if model is None else {"start": starting_model(model, session)}
+    chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
+    if aero is not None:
+        chosen["aero"] = read_aero_table(aero)
     settings = read_settings(TraceConfig, config, **chosen)
     records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("tracing") as progress:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
+from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
@@ -18,7 +18,7 @@ from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.judge import Prediction, moment_errors
-from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
+from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, tolerated, with_in_plane_moment
 from brv_hypo.residuals.problem import errors_beside, linearised_at, problem_of
 
 # How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
@@ -82,7 +82,7 @@ def _taken_out(number: int, flight: Flight, model: Model, found: Errors, before:
     """What is taken out of one flight's record from here on: its errors within their tolerances."""
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
     of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
-    of_vehicle = {mechanism.name for mechanism in carried_mechanisms(flight)}
+    of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
     taken = {name: before.get(name, 0.0) + value for name, value in found.items() if name in of_record}
     return taken | {name: value for name, value in found.items() if name[0] in of_vehicle}
 

@@ -8,16 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import without
+from brv_hypo.mechanisms.carried import carried_mechanisms, without
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.build import linearised, on_rows
+from brv_hypo.regression.build import baseline_columns, linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
@@ -129,11 +132,40 @@ def see(
 
 
 def start_model(
-    flights: Sequence[Flight], mechanisms: Sequence[Mechanism], baseline: Baseline = "constant"
+    flights: Sequence[Flight],
+    mechanisms: Sequence[Mechanism],
+    baseline: Baseline = "constant",
+    aero: AeroTable | None = None,
 ) -> Model:
-    """The baseline alone: with constant coefficients, or with a stiffness that follows Mach and Reynolds number."""
-    known = {m.name: m for m in (static_moment(flights, baseline), PitchDamping(), *mechanisms)}
-    return Model(known, ())
+    """The baseline alone: with constant coefficients, with a stiffness that follows Mach and Reynolds number, or with
+    that of a table.
+
+    Raises UnanswerableError where a record has no Mach number at which a table could be read.
+    """
+    table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))
+    if table and any(flight.mach is None or not np.all(np.isfinite(flight.mach)) for flight in flights):
+        raise UnanswerableError(
+            "a record has no Mach number, at which an aerodynamic table is read. Add mach or altitude to it."
+        )
+    static = static_moment(flights, "constant" if table else baseline)
+    return Model({m.name: m for m in (static, PitchDamping(), *table, *mechanisms)}, ())
+
+
+def starting_columns(model: Model, frame: RateFrame) -> tuple[Column, ...]:
+    """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
+    columns = baseline_columns(frame)
+    table = model.mechanisms.get(TableSlope.name)
+    if table is None:
+        return columns
+    kept = tuple(column for column in columns if not column.term.startswith("C_Nalpha"))
+    term = table.terms(frame.motions[0], {})[0]
+    return (*kept, Column(table.name, term.name, (), TimeFunction("constant"), term.units))
+
+
+def tolerated(model: Model, flight: Flight) -> tuple[Mechanism, ...]:
+    """The mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of a table."""
+    table = model.mechanisms.get(TableIncrements.name)
+    return (*carried_mechanisms(flight), *(() if table is None else (table,)))
 
 
 def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:

@@ -17,7 +17,6 @@ from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
-from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
@@ -27,7 +26,7 @@ from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.likelihood import maximum_likelihood
-from brv_hypo.residuals.linearisation import Model, Seen, see, start_model
+from brv_hypo.residuals.linearisation import Model, Seen, see, start_model, starting_columns
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
@@ -128,9 +127,9 @@ class _Course:
         if not isinstance(start, str):
             return settled_state(self.flights, restored(start, self.flights), self.config)
         held = parse_hypothesis(start)
-        model = start_model(self.flights, held, self.config.baseline)
+        model = start_model(self.flights, held, self.config.baseline, self.config.aero)
         seen = see(self.flights, model, self.config)
-        model = replace(model, columns=baseline_columns(seen.frame), added=tuple(m.name for m in held))
+        model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
         if held:
             state = settled_state(self.flights, model, self.config)
             model = replace(model, columns=fit_hypothesis(state.problem, "start", held).columns)

@@ -107,7 +107,7 @@ def _predict(
 
 
 def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Task:
-    model = replace(restored(content, (flight,)), applied=())
+    model = replace(restored(content, (flight,), frozen=True), applied=())
     coefficients = dict(zip(model.columns, (column.value for column in content.columns), strict=True))
     effects = _effects(refit, model)
     model = _with_refitted(model, refit, flight, config)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
+from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.model.columns import Column, default_knots
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Rows
@@ -20,7 +20,7 @@ from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.linearisation import Model, Seen, tolerated
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
@@ -31,7 +31,7 @@ def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[Lineari
 def _linearised_at(seen: Seen, number: int, model: Model, values: FloatArray) -> LinearisedFlight:
     own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
     columns = tuple(model.columns[j] for j in own)
-    vehicle = carried_mechanisms(seen.flights[number])
+    vehicle = tolerated(model, seen.flights[number])
     known = with_vehicle(seen.frame, columns, values[own], vehicle, seen.taken[number])
     return linearised(seen.records[number], seen.reconstructions[number], *known)
 
@@ -54,7 +54,7 @@ def problem_of(
         {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
         for number in range(len(flights))
     ]
-    vehicle = carried_mechanisms(seen.flights[0])
+    vehicle = tolerated(model, seen.flights[0])
     unknown = nuisances(frame, flights, carried_effects(), vehicle, free, seen.taken)
     force, _ = on_rows(frame, flights)
     time = frame.time

@@ -13,6 +13,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
 from brv_hypo.mechanisms.registry import find, find_installed
+from brv_hypo.model.aero_table import TableIncrements, TableSlope
 from brv_hypo.model.baseline import StaticMoment
 from brv_hypo.model.columns import Column, delay_name
 from brv_hypo.model.time_variation import TimeFunction
@@ -28,11 +29,13 @@ def saved(
 ) -> SavedModel:
     """The model as data, with its coefficients (columns,) and their covariance where they are known."""
     static = model.mechanisms.get(StaticMoment.name)
+    table = model.mechanisms.get(TableSlope.name)
     known = [None] * len(model.columns) if values is None else values.tolist()
     return SavedModel(
         columns=tuple(_saved_column(*pair) for pair in zip(model.columns, known, strict=True)),
         covariance=() if covariance is None else tuple(tuple(row) for row in covariance.tolist()),
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
+        table=table.table if isinstance(table, TableSlope) else None,
         found_on=found_on,
         record=tuple(
             SavedRecordError(
@@ -48,15 +51,16 @@ def saved(
     )
 
 
-def restored(content: SavedModel, flights: Sequence[Flight]) -> Model:
+def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = False) -> Model:
     """The model that the data hold, for these flights.
 
-    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere.
+    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
+    to a table are columns where the model is `frozen`; else they are estimated anew, within the table's uncertainty.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
     content = of_as_many(content, len(flights))
     files: Mapping[str, Mechanism] = {file.name: mechanism_of(file) for file in content.files}
-    baseline = dict(start_model(flights, ()).mechanisms)
+    baseline = dict(start_model(flights, (), aero=content.table).mechanisms)
     if content.static is not None:
         baseline[content.static.name] = content.static
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
@@ -65,7 +69,11 @@ def restored(content: SavedModel, flights: Sequence[Flight]) -> Model:
     known = {**baseline, **{mechanism.name: mechanism for mechanism in own}}
     return Model(
         mechanisms=known,
-        columns=tuple(column_of(column, known[column.mechanism]) for column in content.columns),
+        columns=tuple(
+            column_of(column, known[column.mechanism])
+            for column in content.columns
+            if frozen or column.mechanism != TableIncrements.name
+        ),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
     )

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict
 
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.filed import MechanismFile
+from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticMoment
 
 
@@ -48,12 +49,14 @@ class SavedModel(_Saved):
     """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
-    baseline's static moment with its schedule; None for constant coefficients. `found_on` names the flights.
+    baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
+    stands in its place. `found_on` names the flights.
     """
 
     columns: tuple[SavedColumn, ...]
     record: tuple[SavedRecordError, ...] = ()
     files: tuple[MechanismFile, ...] = ()
     static: StaticMoment | None = None
+    table: AeroTable | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
     found_on: tuple[str, ...] = ()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.model.aero_table import TableIncrements
 from brv_hypo.model.columns import BASELINE, Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
@@ -46,10 +48,11 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
     here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
     final = find(here, state.left)
     values, covariance = whole_fit(here)
-    count = len(model.columns)
-    definition = saved(model, values[:count], covariance[:count, :count], tuple(f.path or f.title for f in flights))
+    moments = _with_increments(here, model, values, covariance)
+    found_on = tuple(flight.path or flight.title for flight in flights)
+    definition = saved(replace(model, columns=moments.columns), moments.values, moments.covariance, found_on)
     terms = (
-        *term_estimates(last, model.columns, values[:count], covariance[:count, :count]),
+        *term_estimates(last, moments.columns, moments.values, moments.covariance),
         *_record_terms(here, model, covariance),
     )
     return Trace(
@@ -79,6 +82,30 @@ def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
     count, constants = len(here.null.columns), 2 * len(problem.rows.part.levels)
     kept = np.r_[:count, count + constants : values.size]
     return values[kept], covariance[np.ix_(kept, kept)]
+
+
+@dataclass(frozen=True)
+class _Coefficients:
+    """Columns of moments with their coefficients (columns,) and these' covariance."""
+
+    columns: tuple[Column, ...]
+    values: FloatArray
+    covariance: FloatArray
+
+
+def _with_increments(here: Look, model: Model, values: FloatArray, covariance: FloatArray) -> _Coefficients:
+    """The model's columns, and the increments to its table after them, which are known by a prior in the fit."""
+    count, always = len(model.columns), TimeFunction("constant")
+    items = here.problem.rows.nuisances.items
+    places = [k for k, item in enumerate(items) if item.name == TableIncrements.name]
+    scale = np.array([*np.ones(count), *(items[k].size for k in places)])
+    chosen = np.array([*range(count), *(count + k for k in places)], dtype=int)
+    more = (Column(items[k].name, items[k].component, (), always, items[k].units) for k in places)
+    return _Coefficients(
+        (*model.columns, *more),
+        scale * values[chosen],
+        covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale),
+    )
 
 
 def term_estimates(
