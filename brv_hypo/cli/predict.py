@@ -18,7 +18,8 @@ def predict(
     session: Session,
     flight: options.FlightFile,
     model: Annotated[
-        Path, typer.Option("--model", metavar="MODEL.json", help="The model: what `trace --json` wrote.")
+        Path,
+        typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote."),
     ],
     refit: Annotated[
         str,

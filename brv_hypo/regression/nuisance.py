@@ -23,9 +23,9 @@ from brv_hypo.regression.response import LinearisedFlight
 class Nuisance:
     """One unknown of one flight, or of all (`flight` None).
 
-    `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the linearisation
-    holds already of the prior's residual, in units of `size`; NaN where there is no prior. `taken_out` is what was taken
-    out of the record before, in `units`.
+    `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the
+    linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `taken_out` is
+    what was taken out of the record before, in `units`.
     """
 
     name: str

@@ -32,6 +32,8 @@ _WORTH_REFINING = 0.4
 _REFINED = 3
 _TOLD = 8
 _CLOSER = 3
+# What is described in generic terms is called this, with the number of its step.
+GENERIC = "discovered"
 
 Catalogue = Mapping[str, list[Variant]]
 """By effect: its variants."""
@@ -105,7 +107,7 @@ def look(
 
 def generic_name(model: Model) -> str:
     """The name of what is described in generic terms beside the model."""
-    return f"discovered_{len(model.added) + 1}"
+    return f"{GENERIC}_{len(model.added) + 1}"
 
 
 def _leader(found: Sequence[Candidate]) -> Candidate:

@@ -17,6 +17,8 @@ from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
@@ -91,6 +93,23 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> T
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
+def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Column, ...]:
+    """Every term of mechanisms whose courses leave nothing to choose."""
+    motion, always = seen.reconstructions[0].motion, TimeFunction("constant")
+    return tuple(
+        Column(m.name, term.name, (), always, term.units, m.terms_enter_together, None, flight)
+        for m in mechanisms
+        for flight in _flights_with_own(m, seen)
+        for term in m.terms(motion, {})
+    )
+
+
+def _flights_with_own(mechanism: Mechanism, seen: Seen) -> Sequence[int | None]:
+    """The flights that have columns of their own; None for all together."""
+    own = len(seen.flights) > 1 and mechanism.of_each_flight(seen.flights[0])
+    return range(len(seen.flights)) if own else (None,)
+
+
 def _candidates(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
     if config.effects is None:
         return mechanisms("mechanism") + mechanisms("aerodynamic"), record_effects()
@@ -130,9 +149,12 @@ class _Course:
         model = start_model(self.flights, held, self.config.baseline, self.config.aero)
         seen = see(self.flights, model, self.config)
         model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
-        if held:
+        chosen = tuple(m for m in held if m.time_variation != ("constant",) or m.parameters())
+        declared = tuple(m for m in held if m not in chosen)
+        model = replace(model, columns=(*model.columns, *_declared(declared, seen)))
+        if chosen:
             state = settled_state(self.flights, model, self.config)
-            model = replace(model, columns=fit_hypothesis(state.problem, "start", held).columns)
+            model = replace(model, columns=fit_hypothesis(state.problem, "start", chosen).columns)
         return settled_state(self.flights, model, self.config)
 
     def turn(self, number: int, state: State) -> Turn:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
@@ -88,11 +88,7 @@ def _predict(
     )
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
-    if content.covariance:
-        known_by = task.seen.frame.mechanisms
-        place = {column_of(c, known_by[c.mechanism]): k for k, c in enumerate(content.columns)}
-        order = [place[task.columns[k]] for k in known]
-        covariance[np.ix_(known, known)] = np.array(content.covariance)[np.ix_(order, order)]
+    covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
     terms = term_estimates(task.seen, task.columns, frozen.values, covariance)
     return Prediction(
         flight=flight_summary(flight),
@@ -104,6 +100,16 @@ def _predict(
         regions=_regions(task.seen, measured, left),
         reason=_reason(errors),
     )
+
+
+def _covariance_of(content: SavedModel, task: _Task, known: IntArray) -> FloatArray:
+    """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none."""
+    errors = np.array([column.std_error or 0.0 for column in content.columns])
+    whole = np.array(content.covariance) if content.covariance else np.diag(errors**2)
+    mechanisms = task.seen.frame.mechanisms
+    place = {column_of(c, mechanisms[c.mechanism]): k for k, c in enumerate(content.columns)}
+    order = [place[task.columns[k]] for k in known]
+    return np.asarray(whole[np.ix_(order, order)], dtype=float)
 
 
 def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Task:

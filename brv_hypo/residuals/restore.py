@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from pydantic import ValidationError
 
 from brv_hypo.arrays import FloatArray
@@ -30,9 +31,11 @@ def saved(
     """The model as data, with its coefficients (columns,) and their covariance where they are known."""
     static = model.mechanisms.get(StaticMoment.name)
     table = model.mechanisms.get(TableSlope.name)
-    known = [None] * len(model.columns) if values is None else values.tolist()
+    nothing: list[float | None] = [None] * len(model.columns)
+    known = nothing if values is None else values.tolist()
+    errors = nothing if covariance is None else np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     return SavedModel(
-        columns=tuple(_saved_column(*pair) for pair in zip(model.columns, known, strict=True)),
+        columns=tuple(_saved_column(*each) for each in zip(model.columns, known, errors, strict=True)),
         covariance=() if covariance is None else tuple(tuple(row) for row in covariance.tolist()),
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
         table=table.table if isinstance(table, TableSlope) else None,
@@ -95,7 +98,7 @@ def of_as_many(content: SavedModel, flights: int) -> SavedModel:
     )
 
 
-def _saved_column(column: Column, value: float | None) -> SavedColumn:
+def _saved_column(column: Column, value: float | None, std_error: float | None) -> SavedColumn:
     ends = [end if math.isfinite(end) else None for end in (column.course.start, column.course.stop)]
     return SavedColumn(
         mechanism=column.mechanism,
@@ -107,6 +110,7 @@ def _saved_column(column: Column, value: float | None) -> SavedColumn:
         stop=ends[1],
         tied=column.tied,
         value=value,
+        std_error=std_error,
         flight=column.flight,
     )
 

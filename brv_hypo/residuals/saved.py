@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, model_validator
 
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.filed import MechanismFile
@@ -19,7 +19,8 @@ class _Saved(BaseModel):
 class SavedColumn(_Saved):
     """A column of the moment model; `start`, `stop` s, None where its course has no such end.
 
-    `value` is its coefficient in `units`, None where the model is a structure alone. `flight`: the one of several
+    `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
+    `flight`: the one of several
     flights that it belongs to, counted from 0; None for all.
     """
 
@@ -32,6 +33,7 @@ class SavedColumn(_Saved):
     stop: float | None = None
     tied: bool = False
     value: float | None = None
+    std_error: float | None = None
     flight: int | None = None
 
 
@@ -53,6 +55,8 @@ class SavedModel(_Saved):
     stands in its place. `found_on` names the flights.
     """
 
+    format: Literal["brv-model"] = "brv-model"
+    format_version: Literal[1] = 1
     columns: tuple[SavedColumn, ...]
     record: tuple[SavedRecordError, ...] = ()
     files: tuple[MechanismFile, ...] = ()
@@ -60,3 +64,13 @@ class SavedModel(_Saved):
     table: AeroTable | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
     found_on: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _covariance_fits(self) -> SavedModel:
+        sizes = {len(self.covariance), *(len(row) for row in self.covariance)}
+        if self.covariance and sizes != {len(self.columns)}:
+            raise ValueError(
+                f"the covariance has {len(self.covariance)} rows for {len(self.columns)} columns: edit both alike, or "
+                "take it out, so that the columns' own std_error count"
+            )
+        return self

@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
 from brv_hypo.model.aero_table import TableIncrements
 from brv_hypo.model.columns import BASELINE, Column
 from brv_hypo.model.time_variation import TimeFunction
@@ -17,7 +18,7 @@ from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.residual_moments import ResidualMoments
-from brv_hypo.residuals.candidates_at_step import Look, bare_look
+from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.find import find
@@ -67,9 +68,37 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         caveats=_caveats(flights, last),
         noise_floor=noise_floor(last.held_out, last.frame),
         final_residual=final,
-        discovered=None if end.discovery is None else end.discovery.file,
+        discovered=_described(end, moments),
         picture=_picture(before, end, final.flight or 0),
     )
+
+
+def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
+    """All that was described in generic terms, with its values; where nothing was added, what could not be."""
+    model = end.state.model
+    pieces = [
+        (name, model.mechanisms[name])
+        for name in dict.fromkeys(column.mechanism for column in model.columns)
+        if name.startswith(GENERIC) and isinstance(model.mechanisms[name], FiledMechanism)
+    ]
+    if not pieces:
+        return None if end.discovery is None else end.discovery.file
+    values = {(c.mechanism, c.term): float(v) for c, v in zip(moments.columns, moments.values, strict=True)}
+    terms = [
+        term.model_copy(
+            update={
+                "name": term.name if len(pieces) == 1 else f"{name}: {term.name}",
+                "value": values.get((name, term.name)),
+            }
+        )
+        for name, piece in pieces
+        if isinstance(piece, FiledMechanism)
+        for term in piece.definition
+    ]
+    words = " and ".join(piece.title for _, piece in pieces)
+    name = pieces[0][0] if len(pieces) == 1 else GENERIC
+    source = "found in the residual of a flight"
+    return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
 
 
 def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
