@@ -13,7 +13,7 @@ from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 
 
-@in_session("json", "force")
+@in_session("json", "report", "force", "plugin")
 def predict(
     session: Session,
     flight: options.FlightFile,
@@ -26,7 +26,8 @@ def predict(
         typer.Option(
             "--refit",
             metavar="NAME,...",
-            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record.",
+            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
+            "instruments stands for all of these.",
         ),
     ] = "",
     config: options.Config = None,
@@ -35,6 +36,7 @@ def predict(
     instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
+    session.claim()
     from brv_hypo.report.prediction import prediction_view
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import predict as predicted
@@ -45,3 +47,7 @@ def predict(
     result = predicted(load(flight, start, stop, instruments), model, names, settings)
     session.present(prediction_view(result), conclusion=result.reason)
     session.write_json(result)
+    if session.report is not None:
+        from brv_hypo.report.prediction_page import prediction_page
+
+        session.write_report(prediction_page(result))

@@ -69,7 +69,7 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
     for _ in range(_LINEARISATIONS):
         found = errors_beside(state.problem, fit_hypothesis(state.problem, "none", ()))
         taken = [
-            _taken_out(number, flight, model, found[number], state.seen.taken[number])
+            taken_out(number, flight, model, found[number], state.seen.taken[number])
             for number, flight in enumerate(flights)
         ]
         seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
@@ -78,7 +78,7 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
     return state
 
 
-def _taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
+def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
     """What is taken out of one flight's record from here on: its errors within their tolerances."""
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
     of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free

@@ -10,21 +10,25 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.summary import flight_summary
+from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.residuals.band import band_of, predictive_sigma
 from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
 from brv_hypo.residuals.model_file import read_model
-from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
+from brv_hypo.residuals.prediction import Band, ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.saved import SavedModel
@@ -34,6 +38,10 @@ from brv_hypo.residuals.summary import term_estimates
 _REGIONS = 8
 # What every fit finds anew: how the flight began, and the normal force that tells it.
 _OF_THE_MOTION = ("motion", "force")
+# What `refit` calls all errors of record and vehicle that the tolerances allow.
+INSTRUMENTS = "instruments"
+# How often the flight is linearised anew where errors of its record are fitted.
+_LINEARISATIONS = 2
 
 
 def predict(
@@ -44,7 +52,8 @@ def predict(
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
-    `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record.
+    `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
+    `instruments` stands for all of these, within their tolerances.
     Errors of the record that the model holds are those of its own flight, and are left out.
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
@@ -71,6 +80,12 @@ class _Task:
     def moments(self, solved: Constrained) -> ResidualMoments:
         return residual_moments(self.seen.frame, self.problem.records, solved.left.rates)
 
+    def sigma(self, covariance: FloatArray) -> ComplexArray:
+        """Standard deviation of the residual moments (rows,), the held coefficients known to their covariance."""
+        fitted = np.isnan(np.concatenate([self.held, self.others]))
+        noise = self.seen.reconstructions[0].moments.noise_sigma[self.seen.samples_of(0)]
+        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise)
+
 
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
@@ -89,6 +104,7 @@ def _predict(
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
+    band = band_of(task.seen.frame.time, measured, left, task.sigma(covariance[np.ix_(known, known)]))
     terms = term_estimates(task.seen, task.columns, frozen.values, covariance)
     return Prediction(
         flight=flight_summary(flight),
@@ -97,8 +113,10 @@ def _predict(
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
         ratio=errors.frozen / errors.without,
+        explained=_explained(errors, errors.frozen),
+        band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(errors),
+        reason=_reason(errors, band),
     )
 
 
@@ -115,11 +133,25 @@ def _covariance_of(content: SavedModel, task: _Task, known: IntArray) -> FloatAr
 def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Task:
     model = replace(restored(content, (flight,), frozen=True), applied=())
     coefficients = dict(zip(model.columns, (column.value for column in content.columns), strict=True))
-    effects = _effects(refit, model)
+    effects = _effects(refit, model, flight)
     model = _with_refitted(model, refit, flight, config)
-    seen = with_in_plane_moment(see((flight,), model, config), model.columns)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in coefficients}
     held = np.array([np.nan if c in free else coefficients[c] for c in model.columns], dtype=float)
+    taken: Errors = {}
+    task = _seen_with(flight, model, held, effects, taken, config)
+    for _ in range(_LINEARISATIONS if effects else 0):
+        found = task.problem.rows.nuisances.values(task.solved(held).others, 1)[0]
+        own = {name: value for name, value in found.items() if name[0] in effects}
+        taken = taken_out(0, flight, model, own, taken)
+        task = _seen_with(flight, model, held, effects, taken, config)
+    return task
+
+
+def _seen_with(
+    flight: Flight, model: Model, held: FloatArray, effects: tuple[str, ...], taken: Errors, config: TraceConfig
+) -> _Task:
+    """The task where `taken` is taken out of the record and `effects` are free within their tolerances."""
+    seen = with_in_plane_moment(see((flight,), model, config, (taken,)), model.columns)
     start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
     problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(seen.whole)
     items = problem.rows.nuisances.items
@@ -127,11 +159,15 @@ def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: T
     return _Task(seen, problem, model.columns, held, others)
 
 
-def _effects(refit: tuple[str, ...], model: Model) -> tuple[str, ...]:
-    """The names among `refit` that are errors of the record; UsageError for those that nothing has."""
+def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:
+    """The names among `refit` that are errors of record or vehicle; UsageError for those that nothing has."""
     known = {name for column in model.columns for name in (column.mechanism, column.term)}
-    others = (name for name in refit if name not in known)
-    return tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
+    others = tuple(name for name in refit if name not in known and name != INSTRUMENTS)
+    named = tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
+    if INSTRUMENTS not in refit:
+        return named
+    carried = [effect.name for effect in carried_effects()] + [m.name for m in carried_mechanisms(flight)]
+    return tuple(dict.fromkeys((*named, *carried)))
 
 
 def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig) -> Model:
@@ -139,7 +175,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config:
     known = {name for column in model.columns for name in (column.mechanism, column.term)}
     always = TimeFunction("constant")
     for name in refit:
-        item = None if name in known else find_installed(name)
+        item = None if name in known or name == INSTRUMENTS else find_installed(name)
         if isinstance(item, Mechanism):
             motion = see((flight,), model, config).reconstructions[0].motion
             more = [Column(name, term.name, (), always, term.units) for term in item.terms(motion, {})]
@@ -173,11 +209,16 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
     return tuple(found)
 
 
-def _reason(errors: ErrorsOfPrediction) -> str:
-    """The outcome in a sentence."""
-    signal = max(errors.without - errors.noise, 1e-300)
-    explained, best = (1.0 - max(e - errors.noise, 0.0) / signal for e in (errors.frozen, errors.own))
+def _explained(errors: ErrorsOfPrediction, error: float) -> float:
+    """The share of the moments' mean square, noise aside, that a model of this error explains."""
+    return 1.0 - max(error - errors.noise, 0.0) / max(errors.without - errors.noise, 1e-300)
+
+
+def _reason(errors: ErrorsOfPrediction, band: Band) -> str:
+    """The outcome in two sentences."""
+    explained, best = (_explained(errors, error) for error in (errors.frozen, errors.own))
     return (
         f"The frozen model explains {100.0 * explained:.1f} % of the moments' mean square, noise aside; "
-        f"the same model fitted to this flight explains {100.0 * best:.1f} %."
+        f"the same model fitted to this flight explains {100.0 * best:.1f} %. Its {100.0 * band.level:.0f} % band "
+        f"holds {100.0 * band.inside:.1f} % of the samples."
     )

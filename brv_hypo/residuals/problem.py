@@ -98,9 +98,13 @@ def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
 
 @dataclass(frozen=True)
 class Constrained:
-    """Coefficients (columns,), their covariance (0 for those that were held), and what is left (frame rows,)."""
+    """Coefficients (columns,), their covariance (0 for those that were held), and what is left (frame rows,).
+
+    `others` (unknowns,) are the nuisances.
+    """
 
     values: FloatArray
+    others: FloatArray
     covariance: FloatArray
     left: Rows
 
@@ -121,8 +125,9 @@ def constrained(
         design[:, free], error, problem.samples, problem.efficiency_of(error)
     )
     count = len(columns)
-    left = problem.left(frame, columns, values[:count], values[count + constants :])
-    return Constrained(values[:count], covariance[:count, :count], left)
+    found = values[count + constants :]
+    left = problem.left(frame, columns, values[:count], found)
+    return Constrained(values[:count], found, covariance[:count, :count], left)
 
 
 def errors_beside(problem: Problem, fit: HypothesisFit) -> tuple[Errors, ...]:
