@@ -79,12 +79,15 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
 
 
 def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
-    """What is taken out of one flight's record from here on: its errors within their tolerances."""
+    """What is taken out of one flight's record from here on: its errors within their tolerances.
+
+    `found` are whole errors, with what was taken out `before` in them.
+    """
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
     of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
     of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
-    taken = {name: before.get(name, 0.0) + value for name, value in found.items() if name in of_record}
-    return taken | {name: value for name, value in found.items() if name[0] in of_vehicle}
+    known = {name: value for name, value in found.items() if name in of_record or name[0] in of_vehicle}
+    return {**before, **known}
 
 
 def _refined(state: State) -> State:
