@@ -67,15 +67,17 @@ def _variance(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(np.sum((slopes @ covariance) * slopes, axis=1), 0.0), dtype=float)
 
 
-def band_of(time: FloatArray, measured: ResidualMoments, left: ResidualMoments, sigma: ComplexArray) -> Band:
-    """The band with the share of the samples that it holds, both axes together."""
-    kept = np.flatnonzero(left.usable)
+def band_of(
+    time: FloatArray, measured: ResidualMoments, left: ResidualMoments, sigma: ComplexArray, flown: BoolArray
+) -> Band:
+    """The band with the share of the samples that it holds where the model is known (rows,), both axes together."""
+    kept, counted = np.flatnonzero(left.usable), left.usable & flown
     inside = [np.abs(getattr(left.body, axis)) <= SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     told = kept[:: max(1, -(-kept.size // _MOST_TOLD))]
     predicted = measured.body - left.body
     return Band(
         level=LEVEL,
-        inside=float(np.mean([axis[kept] for axis in inside])),
+        inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
         time_s=tuple(time[told].tolist()),
         measured=_pair(measured.body[told]),
         predicted=_pair(predicted[told]),

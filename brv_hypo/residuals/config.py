@@ -10,6 +10,9 @@ from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.motion.reconstruction import Method
 from brv_hypo.residuals.saved import SavedModel
 
+# Samples from which a record is enough to hold any out.
+SMALLEST_RECORD = 120
+
 Baseline = Literal["scheduled", "constant"]
 
 

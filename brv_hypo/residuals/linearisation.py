@@ -95,9 +95,13 @@ class Seen:
 
     def part_of(self, chosen: Collection[int]) -> Part:
         """All of some of the flights."""
+        return self.part_where(np.isin(self.frame.flight_of_row, list(chosen)))
+
+    def part_where(self, chosen: BoolArray) -> Part:
+        """The rows that are chosen (frame rows,)."""
         seen = np.zeros(self.frame.observed.size, dtype=bool)
         seen[self.whole.rows] = self.whole.seen
-        return part(self.frame, seen, np.isin(self.frame.flight_of_row, list(chosen)), shared=True)
+        return part(self.frame, seen, chosen, shared=True)
 
     def values(self, part: Part, columns: tuple[Column, ...]) -> FloatArray:
         """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""

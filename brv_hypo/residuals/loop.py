@@ -23,7 +23,7 @@ from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
@@ -36,7 +36,6 @@ from brv_hypo.residuals.summary import Ending, summary
 
 Progress = Callable[[str], None]
 Source = Flight | str | Path
-SMALLEST_RECORD = 120
 _GENERIC = 4
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
@@ -23,7 +23,7 @@ from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.band import band_of, predictive_sigma
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
@@ -36,6 +36,8 @@ from brv_hypo.residuals.summary import term_estimates
 
 # Stretches of the record whose errors are told apart.
 _REGIONS = 8
+# Share of the samples where the model's flights flew, from which nothing is said of it.
+_NEARLY_ALL = 0.995
 # What every fit finds anew: how the flight began, and the normal force that tells it.
 _OF_THE_MOTION = ("motion", "force")
 # What `refit` calls all errors of record and vehicle that the tolerances allow.
@@ -104,7 +106,13 @@ def _predict(
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
-    band = band_of(task.seen.frame.time, measured, left, task.sigma(covariance[np.ix_(known, known)]))
+    flown = _flown(content.flown, task.seen)
+    band = band_of(task.seen.frame.time, measured, left, task.sigma(covariance[np.ix_(known, known)]), flown)
+    shares = _Shares(
+        frozen=_explained(measured, left, errors.noise, flown),
+        own=_explained(measured, own, errors.noise, flown),
+        flown=float(flown.mean()),
+    )
     terms = term_estimates(task.seen, task.columns, frozen.values, covariance)
     return Prediction(
         flight=flight_summary(flight),
@@ -113,10 +121,11 @@ def _predict(
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
         ratio=errors.frozen / errors.without,
-        explained=_explained(errors, errors.frozen),
+        explained=shares.frozen,
+        flown=shares.flown,
         band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(errors, band),
+        reason=_reason(shares, band),
     )
 
 
@@ -138,22 +147,33 @@ def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: T
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in coefficients}
     held = np.array([np.nan if c in free else coefficients[c] for c in model.columns], dtype=float)
     taken: Errors = {}
-    task = _seen_with(flight, model, held, effects, taken, config)
+    task = _seen_with(flight, model, held, effects, taken, config, content.flown)
     for _ in range(_LINEARISATIONS if effects else 0):
         found = task.problem.rows.nuisances.values(task.solved(held).others, 1)[0]
         own = {name: value for name, value in found.items() if name[0] in effects}
         taken = taken_out(0, flight, model, own, taken)
-        task = _seen_with(flight, model, held, effects, taken, config)
+        task = _seen_with(flight, model, held, effects, taken, config, content.flown)
     return task
 
 
 def _seen_with(
-    flight: Flight, model: Model, held: FloatArray, effects: tuple[str, ...], taken: Errors, config: TraceConfig
+    flight: Flight,
+    model: Model,
+    held: FloatArray,
+    effects: tuple[str, ...],
+    taken: Errors,
+    config: TraceConfig,
+    flown: Mapping[str, tuple[float, float]],
 ) -> _Task:
-    """The task where `taken` is taken out of the record and `effects` are free within their tolerances."""
+    """The task where `taken` is taken out of the record and `effects` are free within their tolerances.
+
+    What is fitted here is fitted where the model is known, if that is enough of the record.
+    """
     seen = with_in_plane_moment(see((flight,), model, config, (taken,)), model.columns)
     start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
-    problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(seen.whole)
+    there = _flown(flown, seen)
+    part = seen.part_where(there) if there.sum() >= SMALLEST_RECORD else seen.whole
+    problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(part)
     items = problem.rows.nuisances.items
     others = np.array([np.nan if item.name in (*_OF_THE_MOTION, *effects) else item.present for item in items])
     return _Task(seen, problem, model.columns, held, others)
@@ -209,16 +229,44 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
     return tuple(found)
 
 
-def _explained(errors: ErrorsOfPrediction, error: float) -> float:
-    """The share of the moments' mean square, noise aside, that a model of this error explains."""
-    return 1.0 - max(error - errors.noise, 0.0) / max(errors.without - errors.noise, 1e-300)
+@dataclass(frozen=True)
+class _Shares:
+    """What the frozen model explains, and the same model refitted; the share of the samples that both are told of."""
+
+    frozen: float
+    own: float
+    flown: float
 
 
-def _reason(errors: ErrorsOfPrediction, band: Band) -> str:
-    """The outcome in two sentences."""
-    explained, best = (_explained(errors, error) for error in (errors.frozen, errors.own))
+def _flown(ends: Mapping[str, tuple[float, float]], seen: Seen) -> BoolArray:
+    """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
+    motion, samples = seen.reconstructions[0].motion, seen.samples_of(0)
+    there = np.ones(samples.size, dtype=bool)
+    for name, (low, high) in ends.items():
+        values = getattr(motion, name)[samples]
+        there &= ~((values < low) | (values > high))
+    return there
+
+
+def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, flown: BoolArray) -> float:
+    """The share of the moments' mean square, noise aside, that a model explains over some of the samples."""
+    kept = left.usable & flown
+    if not np.any(kept):
+        return 0.0
+    without, error = (float(np.mean(np.abs(each.body[kept]) ** 2) / 2.0) for each in (measured, left))
+    return 1.0 - max(error - noise, 0.0) / max(without - noise, 1e-300)
+
+
+def _reason(shares: _Shares, band: Band) -> str:
+    """The outcome in a few sentences."""
+    if shares.flown == 0.0:
+        return "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
+    beyond = (
+        f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than the "
+        "model was found at, and are left out of these shares."
+    )
     return (
-        f"The frozen model explains {100.0 * explained:.1f} % of the moments' mean square, noise aside; "
-        f"the same model fitted to this flight explains {100.0 * best:.1f} %. Its {100.0 * band.level:.0f} % band "
-        f"holds {100.0 * band.inside:.1f} % of the samples."
+        f"The frozen model explains {100.0 * shares.frozen:.1f} % of the moments' mean square, noise aside; "
+        f"the same model fitted to this flight explains {100.0 * shares.own:.1f} %. Its {100.0 * band.level:.0f} % "
+        f"band holds {100.0 * band.inside:.1f} % of the samples." + (beyond if shares.flown < _NEARLY_ALL else "")
     )

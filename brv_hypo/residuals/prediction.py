@@ -45,7 +45,7 @@ Series = tuple[float, ...]
 class Band(_Result):
     """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
 
-    `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
+    Counted where the model's flights flew. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
     """
 
     level: float
@@ -59,7 +59,8 @@ class Band(_Result):
 class Prediction(_Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
-    `explained` is the share of the moments' mean square, noise aside, that the frozen model explains.
+    `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
+    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -70,6 +71,7 @@ class Prediction(_Result):
     error: ErrorsOfPrediction
     ratio: float
     explained: float
+    flown: float
     band: Band
     regions: tuple[Region, ...]
     reason: str

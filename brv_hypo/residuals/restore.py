@@ -27,6 +27,7 @@ def saved(
     values: FloatArray | None = None,
     covariance: FloatArray | None = None,
     found_on: tuple[str, ...] = (),
+    flown: dict[str, tuple[float, float]] | None = None,
 ) -> SavedModel:
     """The model as data, with its coefficients (columns,) and their covariance where they are known."""
     static = model.mechanisms.get(StaticMoment.name)
@@ -40,6 +41,7 @@ def saved(
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
         table=table.table if isinstance(table, TableSlope) else None,
         found_on=found_on,
+        flown=flown or {},
         record=tuple(
             SavedRecordError(
                 effect=a.effect.name,

@@ -52,7 +52,8 @@ class SavedModel(_Saved):
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
     baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
-    stands in its place. `found_on` names the flights.
+    stands in its place. `found_on` names the flights; `flown` the ends of what they ran through, by quantity (`mach`,
+    `alpha` in rad): beyond, the model is known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -64,6 +65,7 @@ class SavedModel(_Saved):
     table: AeroTable | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
     found_on: tuple[str, ...] = ()
+    flown: dict[str, tuple[float, float]] = {}
 
     @model_validator(mode="after")
     def _covariance_fits(self) -> SavedModel:

@@ -51,7 +51,9 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
     values, covariance = whole_fit(here)
     moments = _with_increments(here, model, values, covariance)
     found_on = tuple(flight.path or flight.title for flight in flights)
-    definition = saved(replace(model, columns=moments.columns), moments.values, moments.covariance, found_on)
+    definition = saved(
+        replace(model, columns=moments.columns), moments.values, moments.covariance, found_on, flown(last)
+    )
     terms = (
         *term_estimates(last, moments.columns, moments.values, moments.covariance),
         *_record_terms(here, model, covariance),
@@ -71,6 +73,20 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         discovered=_described(end, moments),
         picture=_picture(before, end, final.flight or 0),
     )
+
+
+def flown(seen: Seen) -> dict[str, tuple[float, float]]:
+    """The ends of the Mach numbers and angles of attack (rad) that the flights ran through, where they are known.
+
+    The model knows small angles of attack, where its moment is nothing, as well as those that it was found at.
+    """
+    mach, alpha = (
+        np.concatenate([getattr(each.motion, name) for each in seen.reconstructions]) for name in ("mach", "alpha")
+    )
+    found = {"alpha": (0.0, float(alpha.max()))}
+    if np.all(np.isfinite(mach)):
+        found["mach"] = (float(mach.min()), float(mach.max()))
+    return found
 
 
 def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
