@@ -159,7 +159,7 @@ class _Course:
     def turn(self, number: int, state: State) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed."""
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
-        untried = [m for m in usable if not _held_everywhere(m.name, state.model, len(self.flights))]
+        untried = [m for m in usable if _may_join(m, state.model, len(self.flights))]
         effects = [e for e in self.effects if not _held_everywhere(e.name, state.model, len(self.flights))]
         here = look(
             state.seen,
@@ -206,6 +206,11 @@ def _counting(choice: Choice, significance: float) -> Discovery | None:
     if adjusted(choice.ranked)[found.candidate.name] > significance:
         return None
     return found
+
+
+def _may_join(mechanism: Mechanism, model: Model, flights: int) -> bool:
+    """Whether columns of the mechanism may be added: what changes in time may be described better by more of them."""
+    return mechanism.time_variation != ("constant",) or not _held_everywhere(mechanism.name, model, flights)
 
 
 def _held_everywhere(name: str, model: Model, flights: int) -> bool:

@@ -161,5 +161,5 @@ class Trace(_Result):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The effects that were added, in order."""
-        return tuple(step.added for step in self.steps if step.added is not None)
+        """The effects that were added, in order; once, though an effect was added in parts."""
+        return tuple(dict.fromkeys(step.added for step in self.steps if step.added is not None))

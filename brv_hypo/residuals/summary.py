@@ -27,7 +27,7 @@ from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import saved
-from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Step, Stop, Trace
+from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
 
 _FEW_SAMPLES = 25.0
 
@@ -50,6 +50,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
     final = find(here, state.left)
     values, covariance = whole_fit(here)
     moments = _with_increments(here, model, values, covariance)
+    findings = _added(end.steps, "finding")
     found_on = tuple(flight.path or flight.title for flight in flights)
     definition = saved(
         replace(model, columns=moments.columns), moments.values, moments.covariance, found_on, flown(last)
@@ -62,8 +63,8 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
         steps=end.steps,
-        findings=tuple(step.added for step in end.steps if step.added and step.standing == "finding"),
-        hints=tuple(step.added for step in end.steps if step.added and step.standing == "hint"),
+        findings=findings,
+        hints=tuple(name for name in _added(end.steps, "hint") if name not in findings),
         model=ModelSummary(terms=terms, definition=definition),
         stopped=end.stopped,
         unexplained=_unexplained(final),
@@ -73,6 +74,11 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         discovered=_described(end, moments),
         picture=_picture(before, end, final.flight or 0),
     )
+
+
+def _added(steps: Sequence[Step], standing: Standing) -> tuple[str, ...]:
+    """What was added with this standing, in order; once, though it was added in parts."""
+    return tuple(dict.fromkeys(step.added for step in steps if step.added and step.standing == standing))
 
 
 def flown(seen: Seen) -> dict[str, tuple[float, float]]:

@@ -103,8 +103,13 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         "a listed effect or its near-equal is named first",
         [bool(o.added) and o.truth in (o.added[0].name, *o.added[0].near) for o in listed],
     )
-    yield _count("planted: a second effect is added", [len(o.added) > 1 for o in seen])
-    yield _count("planted: a second finding", [bool(_findings(o.added[1:])) for o in seen])
+    yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in seen])
+    yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in seen])
+
+
+def _beside_the_first(added: Sequence[Added]) -> list[Added]:
+    """What was added of other names than the first: an effect may be added in parts."""
+    return [each for each in added[1:] if each.name != added[0].name]
 
 
 def _findings(added: Sequence[Added]) -> list[str]:
