@@ -13,19 +13,21 @@ from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 
 
-@in_session("json", "force")
+@in_session("json", "report", "force", "plugin")
 def predict(
     session: Session,
     flight: options.FlightFile,
     model: Annotated[
-        Path, typer.Option("--model", metavar="MODEL.json", help="The model: what `trace --json` wrote.")
+        Path,
+        typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote."),
     ],
     refit: Annotated[
         str,
         typer.Option(
             "--refit",
             metavar="NAME,...",
-            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record.",
+            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
+            "instruments stands for all of these.",
         ),
     ] = "",
     config: options.Config = None,
@@ -45,3 +47,7 @@ def predict(
     result = predicted(load(flight, start, stop, instruments), model, names, settings)
     session.present(prediction_view(result), conclusion=result.reason)
     session.write_json(result)
+    if session.report is not None:
+        from brv_hypo.report.prediction_page import prediction_page
+
+        session.write_report(prediction_page(result))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Model = Annotated[
     Path | None,
-    typer.Option("--model", metavar="MODEL.json", help="Start from the model of a comparison or trace."),
+    typer.Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
 ]
 MechanismFile = Annotated[
     Path | None,
@@ -31,32 +31,58 @@ MechanismFile = Annotated[
 ]
 
 
+ModelFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
+    ),
+]
+Aero = Annotated[
+    Path | None,
+    typer.Option(
+        "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
+    ),
+]
+
+
 @in_session("json", "report", "force", "plugin")
 def trace(
     session: Session,
-    flight: options.FlightFile,
+    flights: options.FlightFiles,
     model: Model = None,
+    aero: Aero = None,
     mechanism_file: MechanismFile = None,
+    model_file: ModelFile = None,
     config: options.Config = None,
     start: options.Start = None,
     stop: options.Stop = None,
     instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
-    """Trace what a model leaves over to its effects, one by one."""
-    session.claim(mechanism_file)
+    """Trace what a model leaves over to its effects, one by one.
+
+    Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
+    """
+    session.claim(mechanism_file, model_file)
+    from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import conclusion, trace_view
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
+    from brv_hypo.residuals.model_file import model_text
     from brv_hypo.settings import read_settings
 
-    chosen = {} if model is None else {"start": starting_model(model, session)}
+    chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
+    if aero is not None:
+        chosen["aero"] = read_aero_table(aero)
     settings = read_settings(TraceConfig, config, **chosen)
-    record = load(flight, start, stop, instruments)
+    records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("tracing") as progress:
-        result = traced(record, settings, progress=progress)
+        result = traced(records, settings, progress=progress)
     session.present(trace_view(result, verbose=session.verbose), conclusion=conclusion(result))
     session.write_json(result)
+    if model_file is not None:
+        write_whole(model_file, model_text(result.model.definition))
+        session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
     if mechanism_file is not None:
         _write_mechanism(session, mechanism_file, result.discovered)
     if session.report is not None:
@@ -77,12 +103,18 @@ def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
-    """The model that a comparison or a trace, written with `--json`, ended with.
+    """The model in a file of `trace --write-model`, or that a comparison or a trace, written with `--json`, ended with.
 
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
+    from brv_hypo.residuals.model_file import SUFFIXES, is_model, read_structure
+
+    if path.suffix in SUFFIXES:
+        return read_structure(path)
     content = read_json(path, "what `compare --json` or `trace --json` wrote")
+    if is_model(content):
+        return read_structure(path)
     try:
         if content["schema"] == "brv-hypo/compare/1":
             return _of_comparison(content, session)

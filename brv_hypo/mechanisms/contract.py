@@ -115,6 +115,13 @@ class Mechanism(BaseModel, ABC):
         """
         return None
 
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Whether each of several flights has coefficients of its own, as a c.g. offset has; else all share them.
+
+        What changes at times of the record is of its flight in any case.
+        """
+        return self.tolerance(flight) is not None
+
     def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
         """Log-likelihood of whitened innovations (n,) of sigma `std_error`: Gaussian by default."""
         n = innovations.size

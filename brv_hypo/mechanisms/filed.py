@@ -10,23 +10,26 @@
       - {name: along, axis: body_y, turn: {of: time, rate: 5.0}}
       - {name: across, axis: body_z, turn: {of: time, rate: 5.0}}
 
-A term is a moment of unit coefficient along an axis, which may turn, times its factors.
+A term is a moment of unit coefficient along an axis, which may turn, times its factors: powers, jumps, ramps,
+schedules of one quantity each; it may be that of an earlier motion (`delay`).
 No expression is evaluated as code.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_yaml
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 
@@ -39,7 +42,7 @@ Quantity = Literal[
 Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z"]
 
 
-def _values(motion: Motion, quantity: Quantity) -> FloatArray:
+def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
     """The quantity on the motion's shape."""
     if quantity == "log_reynolds":
         return np.asarray(np.log10(motion.reynolds), dtype=float)
@@ -54,20 +57,38 @@ class Factor(_Part):
     """One function of one quantity x (SI, rad; `log_reynolds` is log10 of the Reynolds number).
 
     `power`: ((x - at) / scale)^power. `cos`, `sin`: of rate * x. `step`: half of (1 + tanh((x - at) /
-    width)); for width 0 sharp. `bump`: a linear B-spline, 1 at `at` and 0 `width` away.
+    width)); for width 0 sharp, as a jump in time. `ramp`: x - at from `at` on, at its last value after `width`, which
+    is 0 where it goes on. `bump`: a linear B-spline, 1 at `at` and 0 `width` away. `schedule`: straight lines through
+    `values` at `places`, constant beyond.
     """
 
     of: Quantity
-    function: Literal["power", "cos", "sin", "step", "bump"] = "power"
+    function: Literal["power", "cos", "sin", "step", "ramp", "bump", "schedule"] = "power"
     power: int = Field(default=1, ge=-3, le=6)
     rate: float = 1.0
     at: float = 0.0
     scale: float = Field(default=1.0, gt=0.0)
     width: float = Field(default=0.0, ge=0.0)
+    places: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
 
-    def __call__(self, motion: Motion) -> FloatArray:
-        """The factor on the motion's shape."""
-        x = _values(motion, self.of)
+    @model_validator(mode="after")
+    def _schedule_is_whole(self) -> Factor:
+        if (self.function == "schedule") != bool(self.places) or len(self.places) != len(self.values):
+            raise ValueError(
+                f"a schedule, and nothing else, has as many 'values' as 'places'; got {self.function} with "
+                f"{len(self.places)} and {len(self.values)}"
+            )
+        if any(b <= a for a, b in pairwise(self.places)):
+            raise ValueError("'places' must increase")
+        return self
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """The factor at the quantity's values, of any shape."""
+        if self.function == "schedule":
+            return np.asarray(np.interp(x, self.places, self.values), dtype=float)
+        if self.function == "ramp":
+            return np.clip(x - self.at, 0.0, self.width or np.inf)
         if self.function in ("cos", "sin"):
             return np.asarray(getattr(np, self.function)(self.rate * x), dtype=float)
         if self.function == "step":
@@ -90,26 +111,42 @@ class Turn(_Part):
 
 
 class FiledTerm(_Part):
-    """A moment along `axis`, turned if asked, times its factors; `value` is as it was found."""
+    """A moment along `axis`, turned if asked, times its factors; `value` is as it was found.
+
+    With a `delay` (s) it is the moment that the motion so much earlier had, left where it stood in the body; functions
+    of time are of the present.
+    """
 
     name: str
     axis: Axis
     turn: Turn | None = None
     factors: tuple[Factor, ...] = ()
     units: str = "1"
+    delay: float = Field(default=0.0, ge=0.0)
     value: float | None = None
+
+    @property
+    def follows_time(self) -> bool:
+        """Whether it is a function of the record's time."""
+        turns = self.turn is not None and self.turn.of == "time"
+        return turns or any(factor.of == "time" for factor in self.factors)
 
     def column(self, motion: Motion) -> Term:
         """The term's columns: C_N' + i C_Z' = (C_m + i C_n) exp(i phi_w) (Eq. 2.6, erratum E2)."""
-        direction = np.ones_like(motion.alpha, dtype=complex)
+        before = motion.delayed(self.delay)
+
+        def of(quantity: Quantity) -> FloatArray:
+            return values_of(motion if quantity == "time" else before, quantity)
+
+        direction = np.exp(1j * (motion.windward_meridian - before.windward_meridian))
         if self.axis in ("body_y", "body_z"):
             direction = np.exp(1j * motion.windward_meridian)
         if self.axis in ("out_of_plane", "body_z"):
             direction = 1j * direction
         if self.turn is not None:
-            direction = direction * np.exp(1j * self.turn.rate * _values(motion, self.turn.of))
+            direction = direction * np.exp(1j * self.turn.rate * of(self.turn.of))
         for factor in self.factors:
-            direction = direction * factor(motion)
+            direction = direction * factor(of(factor.of))
         return Term(self.name, direction.real, direction.imag, self.units)
 
 
@@ -139,6 +176,10 @@ class FiledMechanism(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The terms of the file, in their order."""
         return tuple(term.column(motion) for term in self.definition)
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Where a term is a function of the record's time."""
+        return any(term.follows_time for term in self.definition)
 
 
 def mechanism_of(content: MechanismFile) -> FiledMechanism:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ class Column:
     """One candidate: a term of a mechanism at theta, with a course in time.
 
     `tied`: the terms of this course are components of one vector and enter together. `delay_name`: which parameter of
-    theta the mechanism declares to be a delay.
+    theta the mechanism declares to be a delay. `flight`: the one flight of several that it acts on; None for all.
     """
 
     mechanism: str
@@ -31,15 +31,20 @@ class Column:
     units: str
     tied: bool = False
     delay_name: str | None = field(default=None, compare=False)
+    flight: int | None = None
 
     @property
     def vector(self) -> tuple[str, Theta, TimeFunction]:
-        """What the components of one vector share."""
+        """What the components of one vector share, on one flight."""
         return (self.mechanism, self.theta, self.course)
+
+    def acts_on(self, flight: int) -> bool:
+        """Whether it is part of the moments of that flight."""
+        return self.flight is None or self.flight == flight
 
     def at(self, theta: Theta, course: TimeFunction) -> Column:
         """The column at another theta, or with another course."""
-        return Column(self.mechanism, self.term, theta, course, self.units, self.tied, self.delay_name)
+        return replace(self, theta=theta, course=course)
 
     @property
     def delay(self) -> float | None:

@@ -159,14 +159,18 @@ def whole(frame: RateFrame, seen: BoolArray) -> Part:
 
 
 def split(frame: RateFrame, seen: BoolArray, blocks: int) -> tuple[Part, Part]:
-    """The part that is fitted and the part that is held out: every fourth of `blocks` even stretches of time.
+    """The part that is fitted and the part that is held out: every fourth of `blocks` even stretches of each flight.
 
     The rates on both sides of a held-out stretch share a constant of integration: what the model says of
     the moments between is felt, the samples between are not. Held-out stretches have a constant each.
     """
-    time = frame.time
-    edges = np.linspace(time.min(), time.max(), blocks + 1)
-    held = np.searchsorted(edges, time, side="right").clip(1, blocks) % 4 == _HELD_OUT + 1
+    held = np.zeros(frame.observed.size, dtype=bool)
+    for number in range(len(frame.reconstructions)):
+        own = frame.flight_of_row == number
+        time = frame.time[own]
+        if time.size:
+            edges = np.linspace(time.min(), time.max(), blocks + 1)
+            held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % 4 == _HELD_OUT + 1
     return part(frame, seen, ~held, shared=True), part(frame, seen, held, shared=False)
 
 

@@ -85,7 +85,7 @@ class RateFrame:
             courses = [columns[j].course for j in members]
             for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
                 out[a:b, members] = segment.columns(integrals, which, courses)
-        return out
+        return self._where_they_act(out, columns)
 
     def moments(self, columns: Sequence[Column]) -> ComplexArray:
         """C_m + i C_n (rows, columns) per unit of each coefficient."""
@@ -95,7 +95,14 @@ class RateFrame:
                 body = shapes.body[segment.flight][segment.rows]
                 for j, k in zip(members, which, strict=True):
                     out[a:b, j] = body[:, k] * columns[j].course(segment.time)
-        return out
+        return self._where_they_act(out, columns)
+
+    def _where_they_act(self, rows: ComplexArray, columns: Sequence[Column]) -> ComplexArray:
+        """The histories (rows, columns), zero on the flights that a column does not act on."""
+        for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
+            idle = [j for j, column in enumerate(columns) if not column.acts_on(segment.flight)]
+            rows[a:b, idle] = 0.0
+        return rows
 
     def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
         """The same frame, knowing these mechanisms too."""
@@ -109,10 +116,12 @@ class RateFrame:
         """
         fixed = [j for j, column in enumerate(columns) if self.mechanisms[column.mechanism].wind_fixed]
         motions = []
-        for motion in self.motions:
+        for number, motion in enumerate(self.motions):
             moment = np.zeros_like(motion.alpha)
             known: dict[tuple[str, Theta], dict[str, Term]] = {}
             for column, value in zip([columns[j] for j in fixed], values[fixed], strict=True):
+                if not column.acts_on(number):
+                    continue
                 key = (column.mechanism, column.theta)
                 if key not in known:
                     terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))

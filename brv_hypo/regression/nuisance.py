@@ -21,15 +21,16 @@ from brv_hypo.regression.response import LinearisedFlight
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One unknown of one flight; `size` is one unit of its history in `units`, the prior's sigma where it has one.
+    """One unknown of one flight, or of all (`flight` None).
 
-    `present` is what the linearisation holds already of the prior's residual, in units of `size`; NaN where there is no
-    prior. `taken_out` is what was taken out of the record before, in `units`.
+    `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the
+    linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `taken_out` is
+    what was taken out of the record before, in `units`.
     """
 
     name: str
     component: str
-    flight: int
+    flight: int | None
     units: str
     size: float
     present: float
@@ -38,7 +39,7 @@ class Nuisance:
     @property
     def label(self) -> str:
         """Name, component and flight, unique within a problem."""
-        return f"{self.name} {self.component} [flight {self.flight}]"
+        return f"{self.name} {self.component}" + ("" if self.flight is None else f" [flight {self.flight}]")
 
 
 Errors = Mapping[tuple[str, str], float]
@@ -76,7 +77,8 @@ class Nuisances:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
         found: list[dict[tuple[str, str], float]] = [{} for _ in range(flights)]
         for item, value in zip(self.items, fitted, strict=True):
-            found[item.flight][item.name, item.component] = float(value) * item.size + item.taken_out
+            for own in found if item.flight is None else (found[item.flight],):
+                own[item.name, item.component] = float(value) * item.size + item.taken_out
         return tuple(found)
 
 
@@ -85,13 +87,14 @@ def nuisances(
     flights: Sequence[LinearisedFlight],
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
-    free: frozenset[tuple[str, str]] = frozenset(),
+    free: Sequence[Mapping[tuple[str, str], RecordEffect]] | None = None,
     taken: Sequence[Errors] | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
-    `vehicle` are mechanisms that state a tolerance; `free` (effect, component) that have no prior; `taken`, one
-    a flight, what was taken out of its record before. What has no influence on a flight is left out.
+    `vehicle` are mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that
+    has no prior there, in place of that of the same name; `taken`, one a flight, what was taken out of its record
+    before. What has no influence on a flight is left out.
     """
     known_before = taken or tuple({} for _ in flights)
     items: list[Nuisance] = []
@@ -125,18 +128,25 @@ def nuisances(
                 Nuisance("force", str(k), number, "1", 1.0, np.nan),
                 on_frame(frame, number, Rows(nothing, column)),
             )
-        for effect in effects:
+        without_prior = {} if free is None else free[number]
+        own = {name: effect for (name, _), effect in without_prior.items()}
+        for effect in (*(effect for effect in effects if effect.name not in own), *own.values()):
             for component in effect.components(linearised.record.flight):
-                if not effect.carried and (effect.name, component.name) not in free:
+                if not effect.carried and (effect.name, component.name) not in without_prior:
                     continue
                 history = linearised.effect(effect, component.name, component.size).times(component.size)
                 key, size = (effect.name, component.name), component.size
                 found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
-                present = np.nan if key in free else -found / size
+                present = np.nan if key in without_prior else -found / size
                 item = Nuisance(*key, number, component.units, size, present, found)
                 add(item, on_frame(frame, number, history))
         for mechanism in vehicle:
-            for item, rates in _tolerated(frame, number, mechanism):
+            if mechanism.of_each_flight(linearised.record.flight):
+                for item, rates in _tolerated(frame, number, mechanism):
+                    add(item, Rows(rates, np.zeros_like(rates)))
+    for mechanism in vehicle:
+        if not mechanism.of_each_flight(flights[0].record.flight):
+            for item, rates in _tolerated(frame, None, mechanism):
                 add(item, Rows(rates, np.zeros_like(rates)))
     return Nuisances(tuple(items), side_by_side(rows), np.stack(noise, axis=1))
 
@@ -151,18 +161,22 @@ def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:
     return Rows(rates, force)
 
 
-def _tolerated(frame: RateFrame, number: int, mechanism: Mechanism) -> list[tuple[Nuisance, ComplexArray]]:
-    """The residual rates (rows,) that one sigma of each term of a vehicle's tolerance leaves on one flight."""
-    flight, motion = frame.reconstructions[number].flight, frame.motions[number]
-    sizes = mechanism.tolerance(flight)
+def _tolerated(
+    frame: RateFrame, number: int | None, mechanism: Mechanism
+) -> list[tuple[Nuisance, ComplexArray]]:
+    """The residual rates (rows,) that one sigma of each term of a tolerance leaves on one flight; on all for None."""
+    sizes = mechanism.tolerance(frame.reconstructions[number or 0].flight)
     if sizes is None:
         return []
-    found = []
-    for term, size in zip(mechanism.terms(motion, {}), sizes, strict=True):
-        body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
-        rates = np.zeros(frame.observed.size, dtype=complex)
-        for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
-            if segment.flight == number:
-                rates[a:b] = size * segment.integrate(body[segment.rows, np.newaxis]).plain.at_samples[:, 0]
-        found.append((Nuisance(mechanism.name, term.name, number, term.units, size, 0.0), rates))
-    return found
+    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[number or 0], {})]
+    rates = np.zeros((frame.observed.size, len(names)), dtype=complex)
+    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+        if number is None or segment.flight == number:
+            motion = frame.motions[segment.flight]
+            for k, term in enumerate(mechanism.terms(motion, {})):
+                body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)[segment.rows]
+                rates[a:b, k] = segment.integrate(body[:, np.newaxis]).plain.at_samples[:, 0]
+    return [
+        (Nuisance(mechanism.name, name, number, units, size, 0.0), np.asarray(size * rates[:, k], dtype=complex))
+        for k, ((name, units), size) in enumerate(zip(names, sizes, strict=True))
+    ]

@@ -117,14 +117,15 @@ def nonlinear_parameters(
 ) -> tuple[Nonlinear, ...]:
     """The delays and knots of a model: knots may move by their spacing, delays within their bounds."""
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
-    found: dict[tuple[Literal["theta", "knot"], str, float, str], list[int]] = {}
+    found: dict[tuple[Literal["theta", "knot"], str, float, str, int | None], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
         for name, value in column.theta:
-            found.setdefault(("theta", column.mechanism, value, name), []).append(j)
+            found.setdefault(("theta", column.mechanism, value, name, None), []).append(j)
         if column.course.kind != "constant" and reach > 0.0:
-            found.setdefault(("knot", column.mechanism, column.course.start, "knot"), []).append(j)
+            place = (column.mechanism, column.course.start, "knot", column.flight)
+            found.setdefault(("knot", *place), []).append(j)
     out = []
-    for (kind, mechanism, value, name), members in found.items():
+    for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
             bounds, units = (value - reach, value + reach), "s"
         else:

@@ -92,6 +92,18 @@ def leftover_figure(time: Values, left: Mapping[str, Moments], sigma: Values) ->
     return finished(figure)
 
 
+def prediction_figure(time: Values, measured: Moments, predicted: Moments, half_width: Moments) -> go.Figure:
+    """C_m and C_n as measured, over the band in which they are predicted."""
+    figure = _stack(["C_m · 10³", "C_n · 10³"])
+    kept = _thinned(len(time))
+    for row, each in enumerate(zip(measured, predicted, half_width, strict=True), start=1):
+        points, centre, width = (np.asarray(values, dtype=float) for values in each)
+        band = _band(time, MILLI * centre, 0.5 * MILLI * width, kept, row == 1)
+        figure.add_trace(band.update(name="predicted"), row=row, col=1)
+        figure.add_trace(_dots(time, points, kept, row == 1), row=row, col=1)
+    return finished(figure)
+
+
 def coefficient_figure(histories: Mapping[str, Sequence[Uncertain]]) -> go.Figure:
     """Coefficients by name, each within two standard deviations; a history for every segment of the record."""
     shown = [COEFFICIENTS.get(name, (name, 1.0)) for name in histories]

@@ -9,7 +9,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from brv_hypo.ranking.result import MaximumLikelihood
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood
 from brv_hypo.report.compare import add_columns, term_table
 from brv_hypo.report.style import bullets, interval, number, plain_table, share, warning_list
 from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
@@ -22,12 +22,7 @@ CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "ca
 
 def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
     """The steps, the model, and what is left unexplained."""
-    flight = result.flight
-    span = interval((flight.start_s, flight.stop_s))
-    title = (
-        f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
-    )
-    parts: list[RenderableType] = [Text(title)]
+    parts: list[RenderableType] = [Text("\n".join(flight_line(flight) for flight in result.flights))]
     for step in result.steps:
         parts.extend(_step(step, verbose))
     if result.final_residual is not None:
@@ -45,6 +40,12 @@ def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
         expand=False,
     )
     return Group(*parts, Text(), panel, warning_list(result.caveats))
+
+
+def flight_line(flight: FlightSummary) -> str:
+    """Title, samples, span and rate of a flight."""
+    span = interval((flight.start_s, flight.stop_s))
+    return f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
 
 
 def conclusion(result: Trace) -> str:
@@ -67,8 +68,9 @@ def _ending(result: Trace) -> str:
 def residual_text(residual: Residual) -> str:
     """Size, whiteness and place of a residual."""
     white = "white" if residual.white else f"not white (p {number(residual.p_value, 2)})"
+    where = "" if residual.flight is None else f"flight {residual.flight + 1}: "
     return (
-        f"rms {number(residual.rms)}, {white}, {number(residual.noise_ratio)} of the noise; worst in "
+        f"{where}rms {number(residual.rms)}, {white}, {number(residual.noise_ratio)} of the noise; worst in "
         f"{residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
         f"{number(residual.dominant_frequency_hz)} Hz ({residual.dominant_frequency_is})"
     )
@@ -127,8 +129,14 @@ def outcome_text(step: Step) -> str:
         ratio += f"; rates and force held out fall by {number(step.held_out_score, 2)} standard errors"
     return (
         f"{what}: error in the fit {number(before.fit)} → {number(after.fit)}, held out "
-        f"{number(before.held_out)} → {number(after.held_out)} (ratio {ratio}){_force_text(step)}"
+        f"{number(before.held_out)} → {number(after.held_out)} (ratio {ratio}){_force_text(step)}{_flight_text(step)}"
     )
+
+
+def _flight_text(step: Step) -> str:
+    if step.flight_left_out is None:
+        return ""
+    return f"; on each flight by the others, ratio {number(step.flight_left_out.ratio)}"
 
 
 def _force_text(step: Step) -> str:

@@ -8,6 +8,7 @@ from brv_hypo.report.trace import (
     CANDIDATE_HEADINGS,
     candidate_row,
     conclusion,
+    flight_line,
     likelihood_text,
     outcome_text,
     residual_text,
@@ -17,7 +18,6 @@ from brv_hypo.residuals.result import Step, Trace
 
 def trace_page(result: Trace) -> str:
     """The residual before and after, the steps, and the model."""
-    flight = result.flight
     blocks = []
     if (picture := result.picture) is not None:
         left = {"before": picture.before, "after": picture.after}
@@ -33,8 +33,9 @@ def trace_page(result: Trace) -> str:
         )
         blocks.append(Block("Model, by maximum likelihood", refined))
     blocks.append(Block("Caveats", bullets(result.caveats)))
-    subtitle = f"{flight.samples} samples at {flight.sample_rate_hz:.4g} Hz"
-    return page(f"Residual traced: {flight.title or flight.path}", subtitle, conclusion(result), blocks)
+    names = ", ".join(flight.title or str(flight.path) for flight in result.flights)
+    subtitle = "; ".join(flight_line(flight) for flight in result.flights)
+    return page(f"Residual traced: {names}", subtitle, conclusion(result), blocks)
 
 
 def _step(step: Step) -> str:

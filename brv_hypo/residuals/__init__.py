@@ -2,17 +2,20 @@
 
 trace, TraceConfig   loop.py, config.py: the entrance, and what it may be told
 Trace                result.py: steps, findings and hints, model, what is left; summary.py gathers it
-predict, Prediction  predict.py, prediction.py: a model found elsewhere, its coefficients frozen, on another flight
+predict, Prediction  predict.py, prediction.py: a model found elsewhere, its coefficients frozen, on another flight;
+                     band.py: how far the moments may lie from it
 find.py              tests of the residual: whiteness, size, where, at what frequency, along with what
-linearisation.py     a flight as a model reads it: reconstruction, parts that are fitted and held out
+linearisation.py     flights as a model reads them: reconstruction, parts that are fitted and held out
 problem.py           the regression of one step; left_out.py: its errors on stretches left out
 candidates_at_step.py  one look: the model and every candidate (candidates.py, discover.py) on the fitted part
 choice.py            which candidate is added, by judge.py: errors on the held-out part; step_report.py tells it
-repetition.py        whether an effect keeps its name; near_equals.py: what it cannot be told from
+repetition.py        whether an effect keeps its name; near_equals.py: what it cannot be told from;
+                     flight_left_out.py: what several flights say of each other
 fitted_model.py      a model with its coefficients and errors; saved.py, restore.py, model_file.py: as data and back
 likelihood.py        the final model refined by maximum likelihood
 
-Command: `python -m brv_hypo.residuals.study` (how often planted effects are found; planting.py).
+Commands: `python -m brv_hypo.residuals.study` (how often planted effects are found; planting.py), and
+`python -m brv_hypo.residuals.record_study` (effects planted into a measured record; planting_on_record.py).
 """
 
 from brv_hypo.residuals.config import TraceConfig

@@ -12,8 +12,8 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.columns import Column, candidates, theta_grid
+from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
+from brv_hypo.model.columns import Column, Theta, candidates, default_knots, theta_grid
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
@@ -86,8 +86,9 @@ def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -
     better.
     """
     problem, mechanism = left_out.problem, candidate.fit.mechanisms[0]
-    searched = fit_hypothesis(problem, candidate.name, (mechanism,))
-    rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism), searched]
+    rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism)]
+    if len(problem.records) == 1:  # the exact search knows no columns of one flight of several
+        rivals.append(fit_hypothesis(problem, candidate.name, (mechanism,)))
     return candidate_of(problem, null, _soundest(left_out, rivals), candidate.name, candidate.kind)
 
 
@@ -129,21 +130,23 @@ def _refined(problem: Problem, fit: HypothesisFit, mechanism: Mechanism) -> Hypo
     )
 
 
-def try_record_effect(
-    problem: Problem, null: HypothesisFit, variants: Sequence[tuple[RecordEffect, Mapping[str, str]]]
-) -> Candidate | None:
-    """A record effect's best components, at its best variant; None where only absurd sizes fit.
+@dataclass(frozen=True)
+class Variant:
+    """A record effect as it may be set; `histories` map the name of each to its flight and its component."""
 
-    `variants` map the history of each component to its units.
-    """
-    searched = sum(len(names) for _, names in variants)
+    effect: RecordEffect
+    histories: Mapping[str, tuple[int, Component]]
+
+
+def try_record_effect(problem: Problem, null: HypothesisFit, variants: Sequence[Variant]) -> Candidate | None:
+    """A record effect's best components, at its best variant; None where only absurd sizes fit."""
+    searched = sum(len(variant.histories) for variant in variants)
     found: list[tuple[HypothesisFit, RecordEffect]] = []
-    for effect, names in variants:
-        components = effect.components(problem.frame.reconstructions[0].flight)
-        bounds = {name: _LARGEST * c.size for name, c in zip(names, components, strict=True)}
-        groups = [(given_column(name, unit),) for name, unit in names.items()]
-        fits = forward(problem, effect.name, (), problem.frame, groups, searched)
-        found.extend((fit, effect) for fit in fits if _plausible(fit, bounds))
+    for variant in variants:
+        bounds = {name: _LARGEST * component.size for name, (_, component) in variant.histories.items()}
+        groups = [(given_column(name, c.units),) for name, (_, c) in variant.histories.items()]
+        fits = forward(problem, variant.effect.name, (), problem.frame, groups, searched)
+        found.extend((fit, variant.effect) for fit in fits if _plausible(fit, bounds))
     if not found:
         return None
     fit, effect = min(found, key=lambda pair: pair[0].information)
@@ -208,18 +211,47 @@ def _gain(columns: FloatArray, left: FloatArray, least: FloatArray) -> float:
 
 def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Column, ...]]:
     """The mechanism's columns: one set, or one for each theta where one theta at a time is allowed."""
-    grid, motion = theta_grid(mechanism), frame.motions[0]
-    own = mechanism.knots(motion)
-    knots = problem.knots if own is None else own
+    grid = theta_grid(mechanism)
     together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
-    return [candidates(mechanism, motion, knots, thetas) for thetas in together]
+    return [_offered(problem, frame, mechanism, thetas) for thetas in together]
+
+
+def _offered(
+    problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
+) -> tuple[Column, ...]:
+    """The columns at these thetas: with several flights, those that follow the motion are shared by all, those that
+    follow time or belong to the vehicle are of each flight that has none yet.
+    """
+    if len(frame.motions) == 1:
+        return candidates(mechanism, frame.motions[0], _knots(problem, frame, mechanism, 0), thetas)
+    own = mechanism.of_each_flight(frame.reconstructions[0].flight)
+    shared = () if own else candidates(mechanism, frame.motions[0], np.zeros(0), thetas)
+    with_own = {column.flight for column in problem.baseline if column.mechanism == mechanism.name}
+    return shared + tuple(
+        replace(column, flight=number)
+        for number, motion in enumerate(frame.motions)
+        if number not in with_own
+        for column in candidates(mechanism, motion, _knots(problem, frame, mechanism, number), thetas)
+        if own or column.course.kind != "constant"
+    )
+
+
+def _knots(problem: Problem, frame: RateFrame, mechanism: Mechanism, number: int) -> FloatArray:
+    """Times (s) at which coefficients may change on one flight."""
+    own = mechanism.knots(frame.motions[number])
+    if own is not None:
+        return own
+    if len(frame.motions) == 1:
+        return problem.knots
+    time = frame.motions[number].time
+    return default_knots(float(time[0]), float(time[-1]), problem.knots.size)
 
 
 def groups_of(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
     """Columns that enter together."""
     found: dict[object, list[Column]] = {}
     for column in columns:
-        found.setdefault(column.vector if column.tied else column, []).append(column)
+        found.setdefault((column.vector, column.flight) if column.tied else column, []).append(column)
     return [tuple(group) for group in found.values()]
 
 

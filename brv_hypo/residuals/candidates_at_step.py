@@ -1,4 +1,4 @@
-"""One look at a flight: the reconstruction, the model as it stands, and every candidate beside it."""
+"""One look at the flights: the reconstruction, the model as it stands, and every candidate beside it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
@@ -15,6 +15,7 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
+    Variant,
     fitted_again,
     refine_again,
     refine_mechanism,
@@ -31,25 +32,27 @@ _WORTH_REFINING = 0.4
 _REFINED = 3
 _TOLD = 8
 _CLOSER = 3
+# What is described in generic terms is called this, with the number of its step.
+GENERIC = "discovered"
 
-Catalogue = Mapping[str, list[tuple[RecordEffect, Mapping[str, str]]]]
-"""By effect: its variants, each with the histories of its components and their units."""
+Catalogue = Mapping[str, list[Variant]]
+"""By effect: its variants."""
 
 
 @dataclass(frozen=True)
 class Look:
     """A fitted model and what every candidate would do beside it, on the fitted part.
 
-    `components` maps the histories of record effects to their components; `dictionary` is None where no description in
-    generic terms was asked for.
+    `components` maps the histories of record effects to their flights and components; `dictionary` is None where no
+    description in generic terms was asked for.
     """
 
     seen: Seen
     problem: Problem
     null: HypothesisFit
     candidates: tuple[Candidate, ...]
-    flight: LinearisedFlight
-    components: Mapping[str, str]
+    flights: tuple[LinearisedFlight, ...]
+    components: Mapping[str, tuple[int, Component]]
     dictionary: Dictionary | None = None
     discovery: Discovery | None = None
 
@@ -58,9 +61,9 @@ def bare_look(
     seen: Seen, model: Model, values: FloatArray, config: TraceConfig, noise: Noise | None = None
 ) -> Look:
     """The regression of a model alone on the fitted part."""
-    flight = linearised_at(seen, model, values)
-    problem = problem_of(seen, model, flight, config, noise=noise)
-    return Look(seen, problem, fit_hypothesis(problem, "none", ()), (), flight, {})
+    flights = linearised_at(seen, model, values)
+    problem = problem_of(seen, model, flights, config, noise=noise)
+    return Look(seen, problem, fit_hypothesis(problem, "none", ()), (), flights, {})
 
 
 def look(
@@ -75,9 +78,9 @@ def look(
 
     Where the dictionary is searched too, `discovery` is the one entry of it that describes best what is left.
     """
-    flight = linearised_at(seen, model, values)
-    catalogue, histories = _histories(seen.frame, flight, effects)
-    problem = problem_of(seen, model, flight, config, histories)
+    flights = linearised_at(seen, model, values)
+    catalogue, histories = _histories(seen.frame, flights, effects, model)
+    problem = problem_of(seen, model, flights, config, histories)
     null = fit_hypothesis(problem, "none", ())
     by_name = {mechanism.name: mechanism for mechanism in mechanisms}
     found = _try_all(problem, null, mechanisms, catalogue)
@@ -85,7 +88,7 @@ def look(
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
         found = _refined(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
-        problem, found, catalogue = _closer(problem, null, found, flight, catalogue)
+        problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
         leader = _leader(found)
         if _has_nonlinear(leader):
             closer = refine_again(LeftOut(problem), null, leader)
@@ -98,18 +101,13 @@ def look(
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
     left_out = LeftOut(problem)
     told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:_TOLD]]
-    components = {
-        name: component
-        for variants in catalogue.values()
-        for effect, names in variants
-        for name, (component, _, _) in zip(names, effect.components(seen.flight), strict=True)
-    }
-    return Look(seen, problem, null, (*told, *found[_TOLD:]), flight, components, dictionary, discovery)
+    components = _placed([variant for variants in catalogue.values() for variant in variants])
+    return Look(seen, problem, null, (*told, *found[_TOLD:]), flights, components, dictionary, discovery)
 
 
 def generic_name(model: Model) -> str:
     """The name of what is described in generic terms beside the model."""
-    return f"discovered_{len(model.added) + 1}"
+    return f"{GENERIC}_{len(model.added) + 1}"
 
 
 def _leader(found: Sequence[Candidate]) -> Candidate:
@@ -132,7 +130,7 @@ def _closer(
     problem: Problem,
     null: HypothesisFit,
     found: Sequence[Candidate],
-    flight: LinearisedFlight,
+    flights: Sequence[LinearisedFlight],
     catalogue: Catalogue,
 ) -> tuple[Problem, list[Candidate], Catalogue]:
     """The candidates, record effects that come in variants brought closer to their best one."""
@@ -146,7 +144,8 @@ def _closer(
             and candidate.gain > _WORTH_REFINING * most
         ):
             for turn in range(_CLOSER):
-                variants, histories = _variants_of(problem.frame, flight, effect, f"{turn}.")
+                number, _ = _placed(catalogue[candidate.name])[candidate.fit.selected[0].term]
+                variants, histories = _variants_of(problem.frame, {number: flights[number]}, effect, f"{turn}.")
                 problem = replace(problem, given={**problem.given, **histories})
                 catalogue = {**catalogue, effect.name: [*catalogue[effect.name], *variants]}
                 nearer = try_record_effect(problem, null, variants)
@@ -173,28 +172,45 @@ def _try_all(
 
 
 def _histories(
-    frame: RateFrame, flight: LinearisedFlight, effects: Sequence[RecordEffect]
+    frame: RateFrame, flights: Sequence[LinearisedFlight], effects: Sequence[RecordEffect], model: Model
 ) -> tuple[Catalogue, dict[str, Rows]]:
-    """Every variant of every record effect with the histories of its components, by name."""
+    """Every variant of every record effect, and the histories of its components by name.
+
+    An effect that the model holds on some of the flights is tried on the others.
+    """
     catalogue: Catalogue = {}
     histories: dict[str, Rows] = {}
     for effect in effects:
-        variants, own = _variants_of(frame, flight, effect, "")
+        held = {applied.flight for applied in model.applied if applied.effect.name == effect.name}
+        others = {number: flight for number, flight in enumerate(flights) if number not in held}
+        variants, own = _variants_of(frame, others, effect, "")
         catalogue = {**catalogue, effect.name: variants}
         histories.update(own)
     return catalogue, histories
 
 
 def _variants_of(
-    frame: RateFrame, flight: LinearisedFlight, effect: RecordEffect, label: str
-) -> tuple[list[tuple[RecordEffect, Mapping[str, str]]], dict[str, Rows]]:
-    variants: list[tuple[RecordEffect, Mapping[str, str]]] = []
+    frame: RateFrame, flights: Mapping[int, LinearisedFlight], effect: RecordEffect, label: str
+) -> tuple[list[Variant], dict[str, Rows]]:
+    """The effect on these flights: as one variant where it has no settings to try, else one flight at a time."""
+    settings = {number: effect.variants(flight.record.flight) for number, flight in flights.items()}
+    plain = all(own == (effect,) for own in settings.values())
+    found: list[Variant] = []
     histories: dict[str, Rows] = {}
-    for number, variant in enumerate(effect.variants(flight.record.flight)):
-        names = {}
-        for component, units, size in variant.components(flight.record.flight):
-            name = f"{variant.name} {component} {label}{number}"
-            histories[name] = on_frame(frame, 0, flight.effect(variant, component, size))
-            names[name] = units
-        variants.append((variant, names))
-    return variants, histories
+    together: dict[str, tuple[int, Component]] = {}
+    for number, flight in flights.items():
+        for place, variant in enumerate(settings[number]):
+            names: dict[str, tuple[int, Component]] = {}
+            for component in variant.components(flight.record.flight):
+                name = f"{variant.name} {component.name} {label}{place} [flight {number}]"
+                histories[name] = on_frame(frame, number, flight.effect(variant, component.name, component.size))
+                names[name] = (number, component)
+            together |= names
+            if not plain:
+                found.append(Variant(variant, names))
+    return [Variant(effect, together)] if plain else found, histories
+
+
+def _placed(variants: Sequence[Variant]) -> dict[str, tuple[int, Component]]:
+    """The flight and component of each history."""
+    return {name: place for variant in variants for name, place in variant.histories.items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from brv_hypo.regression.channels import Rows
@@ -106,7 +106,8 @@ def choose(
     white: but an effect may still exceed the tolerance that every fit allows it. `before` holds
     what was tried on this look already.
     """
-    ranked = tuple(_ranked(here.candidates, discovery))
+    held = {column.mechanism for column in here.problem.baseline}
+    ranked = tuple(_ranked(here.candidates, discovery, held))
     chances = adjusted(ranked)
     known = {id(tried.candidate): tried for tried in before}
     tried: list[Tried] = []
@@ -148,13 +149,16 @@ def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidat
     )
 
 
-def _ranked(found: Sequence[Candidate], discovery: Discovery | None) -> list[Candidate]:
+def _ranked(
+    found: Sequence[Candidate], discovery: Discovery | None, held: Collection[str] = ()
+) -> list[Candidate]:
     """The candidates, best first.
 
-    A description in generic terms has to beat a name clearly, unless the mechanism of that name is fitted without what
+    What is left of an effect that the model holds is that effect, described better: another has to beat it clearly. A
+    description in generic terms has to beat a name clearly, unless the mechanism of that name is fitted without what
     is characteristic of it: then the description leads where it is as good.
     """
-    ranked = sorted(found, key=lambda candidate: -candidate.gain)
+    ranked = sorted(found, key=lambda candidate: -candidate.gain - (NEAR if candidate.name in held else 0.0))
     if discovery is None:
         return ranked
     described = discovery.candidate

@@ -6,8 +6,12 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.motion.reconstruction import Method
 from brv_hypo.residuals.saved import SavedModel
+
+# Samples from which a record is enough to hold any out.
+SMALLEST_RECORD = 120
 
 Baseline = Literal["scheduled", "constant"]
 
@@ -16,9 +20,10 @@ class TraceConfig(BaseModel):
     """Settings of `trace`.
 
     `start`: what the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism
-    file), or the model of an earlier trace. `baseline`: whether the stiffness that it starts from follows
-    Mach and Reynolds number, or is constant, so that such a change is for the loop to find. `effects`: the effects to
-    try; None tries all that are installed.
+    file), or the model of an earlier trace. `baseline`: whether the stiffness that it starts from follows Mach and
+    Reynolds number, or is constant, so that such a change is for the loop to find. `aero`: a table of the slope, which
+    stands in its place, and to which increments within its uncertainty are estimated. `effects`: the effects to try;
+    None tries all that are installed.
     `discover`: search the dictionary of generic terms too. `blocks`: parts that the record is cut into; every
     fourth is held out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an
     effect counts. `knot_count`, `max_terms`: as in `compare`. `maximum_likelihood`: refine the final model by
@@ -29,6 +34,7 @@ class TraceConfig(BaseModel):
 
     start: str | SavedModel = "none"
     baseline: Baseline = "scheduled"
+    aero: AeroTable | None = None
     effects: tuple[str, ...] | None = None
     discover: bool = True
     method: Method = "joint"

@@ -6,13 +6,13 @@ a Mach number) are laid on a grid and can be moved.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn
+from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn, values_of
 from brv_hypo.motion.motion import Motion
 
 Wave = Literal["cos", "sin"]
@@ -39,11 +39,16 @@ class Entry:
     at: Callable[[float], Entry] | None = None
 
 
-def entries(motion: Motion) -> tuple[Entry, ...]:
-    """The dictionary for one flight; quantities that the record lacks or that stand still are left out."""
-    found = [*_turning(motion), *_harmonics(), *_powers()]
-    for quantity in ("mach", "log_reynolds", "time"):
-        values = np.log10(motion.reynolds) if quantity == "log_reynolds" else getattr(motion, quantity)
+def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
+    """The dictionary for these flights; quantities that a record lacks or that stand still are left out.
+
+    Of several flights, what all share: nothing that follows the record's time.
+    """
+    one = len(motions) == 1
+    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_powers()]
+    quantities: tuple[Quantity, ...] = ("mach", "log_reynolds", "time") if one else ("mach", "log_reynolds")
+    for quantity in quantities:
+        values = np.concatenate([values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
         if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
             found += [*_steps(quantity, low, high), *_courses(quantity, low, high)]
@@ -63,7 +68,7 @@ def _turning(motion: Motion) -> list[Entry]:
 
     def entry(rate: float) -> Entry:
         roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
-        name = f"turns at {rate:.4g} rad/s"
+        name = f"turns at {rate:.12g} rad/s"
         terms = tuple(
             FiledTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY
         )

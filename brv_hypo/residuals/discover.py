@@ -41,8 +41,8 @@ class Dictionary:
 
 
 def dictionary_of(problem: Problem) -> Dictionary:
-    """The entries for the problem's flight."""
-    found = entries(problem.frame.motions[0])
+    """The entries for the problem's flights."""
+    found = entries(problem.frame.motions)
     return Dictionary(found, tuple(_white(problem, found)))
 
 

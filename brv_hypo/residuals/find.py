@@ -6,13 +6,15 @@ import numpy as np
 from scipy import stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.motion.motion import SMOOTH
+from brv_hypo.motion.motion import SMOOTH, Motion
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.regression.whitening import effective_samples, white
 from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Correlation, Residual
 
@@ -23,56 +25,76 @@ _TELLING = 0.01
 
 
 def find(look: Look, left: ResidualMoments) -> Residual:
-    """Test what the model of `look` leaves; `left` are its residual moments."""
-    reconstruction = look.seen.reconstruction
-    usable = left.usable
-    time = reconstruction.motion.time
-    sigma = reconstruction.moments.noise_sigma
-    body = np.where(usable, left.body, 0.0)
+    """Test what the model of `look` leaves; `left` are its residual moments.
+
+    Of several flights, size and place are told of the one where most is left against its noise.
+    """
+    several = len(look.seen.records) > 1
+    number = max(range(len(look.seen.records)), key=lambda k: _noise_ratio(look.seen, left, k))
+    rows, samples = look.seen.rows_of(number), look.seen.samples_of(number)
+    reconstruction = look.seen.reconstructions[number]
+    motion = reconstruction.motion
+    usable = left.usable[rows]
+    time = motion.time[samples]
+    sigma = reconstruction.moments.noise_sigma[samples]
+    body = np.where(usable, left.body[rows], 0.0)
     p_value = _whiteness(look)
-    channels = _channels(look, body)
+    channels = _channels(body, motion.windward_meridian[samples])
     worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
-    measured = _by_region(time, reconstruction.moments.body, usable)
+    measured = _by_region(time, reconstruction.moments.body[samples], usable)
     relative = _worst_region(time, _by_region(time, body, usable) / np.maximum(measured, 1e-300))
     frequency = _dominant(body, usable, float(np.median(np.diff(time))))
     return Residual(
+        flight=number if several else None,
         rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
         white=p_value > _WHITE,
         p_value=p_value,
-        noise_ratio=_excess(
-            np.concatenate([body[usable].real, body[usable].imag]), np.tile(sigma[usable], 2)
-        ),
+        noise_ratio=_noise_ratio(look.seen, left, number),
         worst_channel=worst,
         worst_region_s=_worst_region(time, _by_region(time, body, usable))[0],
         worst_share_region_s=relative[0],
         worst_share=float(np.sqrt(relative[1])),
         dominant_frequency_hz=frequency,
-        dominant_frequency_is=_name_frequency(look, frequency),
-        correlations=_correlations(look, channels, usable),
+        dominant_frequency_is=_name_frequency(motion, frequency),
+        correlations=_correlations(look.seen.flights[number], motion, samples, channels, usable),
     )
+
+
+def _noise_ratio(seen: Seen, left: ResidualMoments, number: int) -> float:
+    """Mean square of what is left on one flight over that of its noise."""
+    rows, samples = seen.rows_of(number), seen.samples_of(number)
+    usable = left.usable[rows]
+    body, sigma = left.body[rows][usable], seen.reconstructions[number].moments.noise_sigma[samples][usable]
+    return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
 
 
 def _whiteness(look: Look) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise,
     doubled.
     """
-    left = left_by(look.problem, look.null).rates[look.seen.fitted.rows]
-    pieces = remove_levels(left, look.seen.fitted.pieces, white())
-    parts = [channel for piece in pieces for channel in (piece.real, piece.imag)]
+    fitted = look.seen.fitted
+    left = left_by(look.problem, look.null).rates[fitted.rows]
+    pieces = remove_levels(left, fitted.pieces, white())
+    flights = look.seen.frame.flight_of_row[fitted.rows]
+    sigmas = [look.seen.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
+    parts = [
+        channel / sigma
+        for piece, sigma in zip(pieces, sigmas, strict=True)
+        for channel in (piece.real, piece.imag)
+    ]
     chances = [
         float(acorr_ljungbox(part, lags=[min(_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
     ]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
-    total = sum(float(part @ part) for part in parts) / look.flight.record.gyro_sigma**2
+    total = sum(float(part @ part) for part in parts)
     free = sum(part.size - 1 for part in parts)
     # The noise level is itself estimated, to about one part in the root of the samples.
     spread = np.sqrt(2.0 * free) * np.sqrt(3.0)
     return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
 
 
-def _channels(look: Look, body: ComplexArray) -> dict[str, FloatArray]:
+def _channels(body: ComplexArray, meridian: FloatArray) -> dict[str, FloatArray]:
     """The residual by pitch and yaw, and in and out of plane."""
-    meridian = look.seen.reconstruction.motion.windward_meridian
     plane = plane_from_body(body, meridian)
     return {"C_m": body.real, "C_n": body.imag, "C_N'": plane.real, "C_Z'": plane.imag}
 
@@ -111,9 +133,8 @@ def _dominant(body: ComplexArray, usable: BoolArray, step: float) -> float:
     return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
 
 
-def _name_frequency(look: Look, frequency: float) -> str:
+def _name_frequency(motion: Motion, frequency: float) -> str:
     """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
-    motion = look.seen.reconstruction.motion
     resolution = 1.5 / float(motion.time[-1] - motion.time[0])
     rates = {
         "roll rate": float(np.mean(motion.p)),
@@ -131,9 +152,10 @@ def _name_frequency(look: Look, frequency: float) -> str:
     return name if away < max(resolution, 0.1 * abs(frequency)) else "no multiple of roll or meridian rate"
 
 
-def _correlations(look: Look, channels: dict[str, FloatArray], usable: BoolArray) -> tuple[Correlation, ...]:
+def _correlations(
+    flight: Flight, motion: Motion, samples: IntArray, channels: dict[str, FloatArray], usable: BoolArray
+) -> tuple[Correlation, ...]:
     """The most telling correlations of the in-plane and out-of-plane residual with motion and record."""
-    motion, flight = look.seen.reconstruction.motion, look.seen.flight
     others = {name: getattr(motion, name) for name in ("time", "alpha", *SMOOTH)}
     others |= {name: getattr(flight, name) for name in ("ax", "ay", "az")}
     found = []
@@ -141,7 +163,7 @@ def _correlations(look: Look, channels: dict[str, FloatArray], usable: BoolArray
         own = channels[moment][usable]
         n = effective_samples([own - own.mean()], max_lag=own.size // 4)
         for name, values in others.items():
-            other = values[usable]
+            other = values[samples][usable]
             if not np.all(np.isfinite(other)) or np.ptp(other) == 0.0 or np.ptp(own) == 0.0:
                 continue
             r = float(np.corrcoef(own, other)[0, 1])

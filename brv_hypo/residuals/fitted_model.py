@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
+from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
@@ -16,8 +18,8 @@ from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.judge import Prediction, moment_errors
-from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
-from brv_hypo.residuals.problem import linearised_at, problem_of, record_values
+from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, tolerated, with_in_plane_moment
+from brv_hypo.residuals.problem import errors_beside, linearised_at, problem_of
 
 # How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
 _CORRECTIONS = 2
@@ -28,7 +30,7 @@ _TRIFLE = 1.01
 
 @dataclass(frozen=True)
 class State:
-    """A model with its coefficients (columns,), the flight as it is seen with it, and the moments that it leaves.
+    """A model with its coefficients (columns,), the flights as they are seen with it, and the moments that it leaves.
 
     `problem` is the regression that the coefficients are of.
     """
@@ -53,29 +55,39 @@ def state_of(model: Model, seen: Seen, problem: Problem) -> State:
 
 def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
     """The state of a model of which nothing but its columns is known."""
-    flight = linearised_at(seen, model, seen.values(seen.fitted, model.columns))
-    return state_of(model, seen, problem_of(seen, model, flight, config))
+    flights = linearised_at(seen, model, seen.values(seen.fitted, model.columns))
+    return state_of(model, seen, problem_of(seen, model, flights, config))
 
 
-def settled_state(flight: Flight, model: Model, config: TraceConfig) -> State:
+def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
     """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
     What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays
     of the model are refined there.
     """
-    state = first_state(model, with_in_plane_moment(see(flight, model, config), model.columns), config)
-    free = {(applied.effect.name, applied.component) for applied in model.applied}
+    state = first_state(model, with_in_plane_moment(see(flights, model, config), model.columns), config)
     for _ in range(_LINEARISATIONS):
-        found = record_values(state.problem, fit_hypothesis(state.problem, "none", ()))
-        of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
-        of_vehicle = {mechanism.name for mechanism in carried_mechanisms(flight)}
-        before = state.seen.taken
-        taken = {name: before.get(name, 0.0) + value for name, value in found.items() if name in of_record}
-        taken |= {name: value for name, value in found.items() if name[0] in of_vehicle}
-        seen = with_in_plane_moment(see(flight, model, config, taken), model.columns)
+        found = errors_beside(state.problem, fit_hypothesis(state.problem, "none", ()))
+        taken = [
+            taken_out(number, flight, model, found[number], state.seen.taken[number])
+            for number, flight in enumerate(flights)
+        ]
+        seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
         state = _refined(first_state(model, seen, config))
         model = state.model
     return state
+
+
+def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
+    """What is taken out of one flight's record from here on: its errors within their tolerances.
+
+    `found` are whole errors, with what was taken out `before` in them.
+    """
+    free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
+    of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
+    of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
+    known = {name: value for name, value in found.items() if name in of_record or name[0] in of_vehicle}
+    return {**before, **known}
 
 
 def _refined(state: State) -> State:
@@ -92,9 +104,9 @@ def _refined(state: State) -> State:
 
 
 def with_candidate(
-    flight: Flight, config: TraceConfig, here: Look, state: State, candidate: Candidate
+    flights: Sequence[Flight], config: TraceConfig, here: Look, state: State, candidate: Candidate
 ) -> State:
-    """The model with the candidate added, fitted to the fitted part of `flight`."""
+    """The model with the candidate added, fitted to the fitted part of the flights."""
     model = state.model
     if candidate.effect is None:
         known = {**model.mechanisms, **{m.name: m for m in candidate.fit.mechanisms}}
@@ -104,20 +116,22 @@ def with_candidate(
         seen = replace(state.seen, frame=candidate.fit.frame)
         return state_of(model, seen, replace(here.problem, frame=seen.frame))
     values = candidate.fit.values[candidate.fit.baseline_size :]
-    sizes = {component: (units, size) for component, units, size in candidate.effect.components(flight)}
     applied = tuple(
-        Applied(candidate.effect, component, *sizes[component], float(value))
+        Applied(candidate.effect, component.name, component.units, component.size, float(value), number)
         for column, value in zip(candidate.fit.selected, values, strict=True)
-        for component in [here.components[column.term]]
+        for number, component in [here.components[column.term]]
     )
     model = replace(model, applied=(*model.applied, *applied), added=(*model.added, candidate.name))
-    freed = {(each.effect.name, each.component) for each in applied}
-    taken = {name: value for name, value in state.seen.taken.items() if name not in freed}
-    seen = with_in_plane_moment(see(flight, model, config, taken), model.columns)
+    freed = {(each.flight, each.effect.name, each.component) for each in applied}
+    taken = [
+        {name: value for name, value in known.items() if (number, *name) not in freed}
+        for number, known in enumerate(state.seen.taken)
+    ]
+    seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
     return state_of(model, seen, bare_look(seen, model, state.values, config, here.problem.rows.noise).problem)
 
 
-def refitted(flight: Flight, config: TraceConfig, state: State) -> State:
+def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> State:
     """The state with its errors of the record fitted once more, all together and under the final noise.
 
     Their first values are those of a reconstruction that the errors themselves had spoilt. The state itself where that
@@ -126,12 +140,13 @@ def refitted(flight: Flight, config: TraceConfig, state: State) -> State:
     best = state
     for _ in range(_CORRECTIONS if state.model.applied else 0):
         fit = fit_hypothesis(best.problem, "none", ())
-        wrong = record_values(best.problem, fit)
+        wrong = errors_beside(best.problem, fit)
         applied = tuple(
-            replace(a, value=a.value + wrong.get((a.effect.name, a.component), 0.0)) for a in best.model.applied
+            replace(a, value=a.value + wrong[a.flight].get((a.effect.name, a.component), 0.0))
+            for a in best.model.applied
         )
         model = replace(best.model, applied=applied)
-        seen = with_in_plane_moment(see(flight, model, config, best.seen.taken), model.columns)
+        seen = with_in_plane_moment(see(flights, model, config, best.seen.taken), model.columns)
         problem = bare_look(seen, model, best.values, config, best.problem.rows.noise).problem
         found = state_of(model, seen, problem)
         if found.errors.mean_square > best.errors.mean_square * _TRIFLE:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import Noise, Part, Rows
-from brv_hypo.regression.frame import Piece
+from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments
 
@@ -133,8 +132,11 @@ def ratio(before: Prediction, after: Prediction) -> tuple[float, float]:
     return whole, float(np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2)))
 
 
-def noise_floor(part: Part, reconstruction: Reconstruction) -> float:
+def noise_floor(part: Part, frame: RateFrame) -> float:
     """Mean square of the moment coefficients' noise on a part."""
-    moments = reconstruction.moments
-    usable = moments.usable[part.samples]
-    return float(np.mean(moments.noise_sigma[part.samples][usable] ** 2))
+    flights, squares = frame.flight_of_row[part.rows], []
+    for number, reconstruction in enumerate(frame.reconstructions):
+        samples = part.samples[flights == number]
+        usable = reconstruction.moments.usable[samples]
+        squares.append(reconstruction.moments.noise_sigma[samples][usable] ** 2)
+    return float(np.mean(np.concatenate(squares)))

@@ -18,13 +18,14 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
     On a record that limits the reconstruction the search takes long and seldom ends: it is left out.
     """
     seen, columns = state.seen, state.model.columns
-    if seen.reconstruction.status == "degraded":
-        return MaximumLikelihood(
-            status="left out",
-            iterations=0,
-            log_likelihood=None,
-            message="the record limits the reconstruction, where its search seldom ends",
-        )
+    if len(seen.records) > 1:
+        return _left_out("of several flights, it knows no terms that are of one of them")
+    if seen.reconstructions[0].status == "degraded":
+        return _left_out("the record limits the reconstruction, where its search seldom ends")
     values = state.values
     found = identify(seen.frame, columns, values, _OPTIONS)
     return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
+
+
+def _left_out(message: str) -> MaximumLikelihood:
+    return MaximumLikelihood(status="left out", iterations=0, log_likelihood=None, message=message)

@@ -1,24 +1,27 @@
-"""A flight as a model reads it: what the model takes out of the record taken out, and reconstructed."""
+"""Flights as a model reads them: what the model takes out of each record taken out, and reconstructed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import without
+from brv_hypo.mechanisms.carried import carried_mechanisms, without
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.build import linearised, on_rows
-from brv_hypo.regression.channels import Noise, Part, split, whole
+from brv_hypo.regression.build import baseline_columns, linearised, on_rows
+from brv_hypo.regression.channels import Noise, Part, part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.response import linearisation_point
@@ -36,23 +39,19 @@ Taken = Mapping[tuple[str, str], float]
 
 @dataclass(frozen=True)
 class Applied:
-    """A component of a record effect that the model holds, with the value that was taken out of the record."""
+    """A component of a record effect that the model holds, with the value that was taken out of one flight's record."""
 
     effect: RecordEffect
     component: str
     units: str
     size: float
     value: float
-
-    @property
-    def name(self) -> str:
-        """The name of its history."""
-        return f"{self.effect.name} {self.component}"
+    flight: int = 0
 
 
 @dataclass(frozen=True)
 class Model:
-    """What explains the flight: moment columns of these mechanisms, and components of record effects."""
+    """What explains the flights: moment columns of these mechanisms, and components of record effects."""
 
     mechanisms: Mapping[str, Mechanism]
     columns: tuple[Column, ...]
@@ -62,21 +61,47 @@ class Model:
 
 @dataclass(frozen=True)
 class Seen:
-    """A flight, with what the model takes out of the record taken out, reconstructed.
+    """Flights, with what the model takes out of their records taken out, reconstructed.
 
-    `taken` (SI, by effect and component) is what was found of the errors that the tolerances allow. The regression
-    knows them by their priors still, but is linearised where those of the record are taken out and those of the vehicle
-    act.
+    `taken`, one a flight, is what was found of the errors that the tolerances allow. The regression knows them by their
+    priors still, but is linearised where those of the record are taken out and those of the vehicle act.
     """
 
-    flight: Flight
-    record: InertialRecord
-    reconstruction: Reconstruction
+    records: tuple[InertialRecord, ...]
     frame: RateFrame
     fitted: Part
     held_out: Part
     whole: Part
-    taken: Taken
+    taken: tuple[Taken, ...]
+
+    @property
+    def reconstructions(self) -> tuple[Reconstruction, ...]:
+        """One a flight."""
+        return self.frame.reconstructions
+
+    @property
+    def flights(self) -> tuple[Flight, ...]:
+        """The records as they are read."""
+        return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
+
+    def rows_of(self, number: int) -> IntArray:
+        """Rows of the frame that belong to one flight."""
+        return np.flatnonzero(self.frame.flight_of_row == number)
+
+    def samples_of(self, number: int) -> IntArray:
+        """The sample of the flight that each of these rows is."""
+        own = [np.arange(s.rows.start, s.rows.stop) for s in self.frame.segments if s.flight == number]
+        return np.concatenate(own) if own else np.zeros(0, dtype=int)
+
+    def part_of(self, chosen: Collection[int]) -> Part:
+        """All of some of the flights."""
+        return self.part_where(np.isin(self.frame.flight_of_row, list(chosen)))
+
+    def part_where(self, chosen: BoolArray) -> Part:
+        """The rows that are chosen (frame rows,)."""
+        seen = np.zeros(self.frame.observed.size, dtype=bool)
+        seen[self.whole.rows] = self.whole.seen
+        return part(self.frame, seen, chosen, shared=True)
 
     def values(self, part: Part, columns: tuple[Column, ...]) -> FloatArray:
         """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
@@ -87,46 +112,85 @@ class Seen:
         return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
 
 
-def see(flight: Flight, model: Model, config: TraceConfig, taken: Taken | None = None) -> Seen:
-    """Reconstruct the flight as the model reads its record, `taken` out of it besides.
+def see(
+    flights: Sequence[Flight], model: Model, config: TraceConfig, taken: Sequence[Taken] | None = None
+) -> Seen:
+    """Reconstruct the flights as the model reads their records, `taken` out of each besides.
 
     What the reconstruction finds of the remaining errors within their tolerances is taken out too.
     """
-    taken = taken or {}
-    flight = without(flight, taken)
-    for applied in model.applied:
-        flight = applied.effect.perturb(flight, applied.component, -applied.value)
+    taken = tuple(taken) if taken is not None else tuple({} for _ in flights)
     settings = ReconstructionConfig(method=config.method)
-    record, reconstruction = linearisation_point(reconstruct(flight, settings), settings)
-    frame = build_frame([reconstruction], list(model.mechanisms.values()))
-    seen = _force_seen(frame, record, reconstruction)
+    points = []
+    for number, flight in enumerate(flights):
+        read = without(flight, taken[number])
+        for applied in model.applied:
+            if applied.flight == number:
+                read = applied.effect.perturb(read, applied.component, -applied.value)
+        points.append(linearisation_point(reconstruct(read, settings), settings))
+    records = tuple(record for record, _ in points)
+    frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
+    seen = _force_seen(frame, records)
     fitted, held_out = split(frame, seen, config.blocks)
-    return Seen(reconstruction.flight, record, reconstruction, frame, fitted, held_out, whole(frame, seen), taken)
+    return Seen(records, frame, fitted, held_out, whole(frame, seen), taken)
 
 
-def start_model(flight: Flight, mechanisms: Sequence[Mechanism], baseline: Baseline = "constant") -> Model:
-    """The baseline alone: with constant coefficients, or with a stiffness that follows Mach and Reynolds number."""
-    known = {m.name: m for m in (static_moment(flight, baseline), PitchDamping(), *mechanisms)}
-    return Model(known, ())
+def start_model(
+    flights: Sequence[Flight],
+    mechanisms: Sequence[Mechanism],
+    baseline: Baseline = "constant",
+    aero: AeroTable | None = None,
+) -> Model:
+    """The baseline alone: with constant coefficients, with a stiffness that follows Mach and Reynolds number, or with
+    that of a table.
+
+    Raises UnanswerableError where a record has no Mach number at which a table could be read.
+    """
+    table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))
+    if table and any(flight.mach is None or not np.all(np.isfinite(flight.mach)) for flight in flights):
+        raise UnanswerableError(
+            "a record has no Mach number, at which an aerodynamic table is read. Add mach or altitude to it."
+        )
+    static = static_moment(flights, "constant" if table else baseline)
+    return Model({m.name: m for m in (static, PitchDamping(), *table, *mechanisms)}, ())
 
 
-def static_moment(flight: Flight, baseline: Baseline) -> StaticMoment:
-    """The static moment of a baseline; constant where the record's Mach number is missing or stands still."""
-    start, stop = float(flight.time[0]), float(flight.time[-1])
-    mach = _span(flight.mach) if baseline == "scheduled" else None
+def starting_columns(model: Model, frame: RateFrame) -> tuple[Column, ...]:
+    """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
+    columns = baseline_columns(frame)
+    table = model.mechanisms.get(TableSlope.name)
+    if table is None:
+        return columns
+    kept = tuple(column for column in columns if not column.term.startswith("C_Nalpha"))
+    term = table.terms(frame.motions[0], {})[0]
+    return (*kept, Column(table.name, term.name, (), TimeFunction("constant"), term.units))
+
+
+def tolerated(model: Model, flight: Flight) -> tuple[Mechanism, ...]:
+    """The mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of a table."""
+    table = model.mechanisms.get(TableIncrements.name)
+    return (*carried_mechanisms(flight), *(() if table is None else (table,)))
+
+
+def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:
+    """The static moment of a baseline; constant where the records' Mach number is missing or stands still."""
+    start = min(float(flight.time[0]) for flight in flights)
+    stop = max(float(flight.time[-1]) for flight in flights)
+    mach = _span([flight.mach for flight in flights]) if baseline == "scheduled" else None
     if mach is None:
         return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
-    decades = None if flight.reynolds is None else _span(np.log10(flight.reynolds))
+    decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
     return StaticMoment(
         start=mach[0], stop=mach[1], offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach", reynolds=decades
     )
 
 
-def _span(values: FloatArray | None) -> tuple[float, float] | None:
-    """The ends of what a quantity runs through; None where it is missing or stands still."""
-    if values is None or not np.all(np.isfinite(values)):
+def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
+    """The ends of what a quantity runs through on all flights; None where it is missing or stands still."""
+    known = [values for values in histories if values is not None and np.all(np.isfinite(values))]
+    if len(known) < len(histories):
         return None
-    low, high = np.percentile(values, [0.5, 99.5])
+    low, high = np.percentile(np.concatenate(known), [0.5, 99.5])
     return (float(low), float(high)) if high - low > _SMALLEST_SPAN * abs(high) else None
 
 
@@ -140,7 +204,7 @@ def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:
     return seen
 
 
-def _force_seen(frame: RateFrame, record: InertialRecord, reconstruction: Reconstruction) -> BoolArray:
+def _force_seen(frame: RateFrame, records: Sequence[InertialRecord]) -> BoolArray:
     """Where the transverse force was measured and is no spike against the normal-force model (frame rows,)."""
-    flight = linearised(record, reconstruction, frame, (), np.zeros(0))
-    return on_rows(frame, [flight])[1]
+    pairs = zip(records, frame.reconstructions, strict=True)
+    return on_rows(frame, [linearised(*pair, frame, (), np.zeros(0)) for pair in pairs])[1]

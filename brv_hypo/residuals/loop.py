@@ -7,55 +7,68 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
-from brv_hypo.regression.build import baseline_columns
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.likelihood import maximum_likelihood
-from brv_hypo.residuals.linearisation import Seen, see, start_model
+from brv_hypo.residuals.linearisation import Model, Seen, see, start_model, starting_columns
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary
 
 Progress = Callable[[str], None]
-SMALLEST_RECORD = 120
+Source = Flight | str | Path
 SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
 _GENERIC = 4
 
 
-def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progress | None = None) -> Trace:
-    """Trace what a model lacks on one flight, effect by effect.
+def trace(
+    flights: Source | Sequence[Source], config: TraceConfig | None = None, *, progress: Progress | None = None
+) -> Trace:
+    """Trace what a model lacks on one flight or several, effect by effect.
 
-    Raises UsageError for an unknown effect and UnanswerableError where the record is too short.
+    Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
+    the record are of each. Raises UsageError for an unknown effect and UnanswerableError where a record is too short.
     """
     config = config or TraceConfig()
+    records = tuple(each if isinstance(each, Flight) else load_flight(each) for each in _several(flights))
     fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)
-    if flight.samples < fewest:
-        raise UnanswerableError(
-            f"the record holds {flight.samples} samples in the window, expected at least {fewest}: too few to hold any "
-            f"of {config.blocks} blocks out. Widen --start and --stop, or have fewer `blocks` in the configuration."
-        )
+    for record in records:
+        if record.samples < fewest:
+            raise UnanswerableError(
+                f"the record holds {record.samples} samples in the window, expected at least {fewest}: too few to hold "
+                f"any of {config.blocks} blocks out. Widen --start and --stop, or have fewer `blocks` in the "
+                "configuration."
+            )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        return _trace(flight, config, progress or (lambda message: None))
+        return _trace(records, config, progress or (lambda message: None))
 
 
-def _trace(flight: Flight, config: TraceConfig, say: Progress) -> Trace:
+def _several(flights: Source | Sequence[Source]) -> Sequence[Source]:
+    return (flights,) if isinstance(flights, Flight | str | Path) else flights
+
+
+def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> Trace:
     begun = clock.perf_counter()
-    course = _Course(flight, config, *_candidates(config))
+    course = _Course(flights, config, *_candidates(config))
     steps: list[Step] = []
     stopped: Stop = "limit"
     say("reconstructing the motion")
@@ -74,12 +87,29 @@ def _trace(flight: Flight, config: TraceConfig, say: Progress) -> Trace:
             stopped = turn.reason
             break
     assert first is not None
-    end = Ending(config, refitted(flight, config, state), tuple(steps), stopped, discovery)
-    result = summary(flight, first.left, end)
+    end = Ending(config, refitted(flights, config, state), tuple(steps), stopped, discovery)
+    result = summary(flights, first.left, end)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
         result = result.model_copy(update={"ml": maximum_likelihood(end.state)})
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
+
+
+def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Column, ...]:
+    """Every term of mechanisms whose courses leave nothing to choose."""
+    motion, always = seen.reconstructions[0].motion, TimeFunction("constant")
+    return tuple(
+        Column(m.name, term.name, (), always, term.units, m.terms_enter_together, None, flight)
+        for m in mechanisms
+        for flight in _flights_with_own(m, seen)
+        for term in m.terms(motion, {})
+    )
+
+
+def _flights_with_own(mechanism: Mechanism, seen: Seen) -> Sequence[int | None]:
+    """The flights that have columns of their own; None for all together."""
+    own = len(seen.flights) > 1 and mechanism.of_each_flight(seen.flights[0])
+    return range(len(seen.flights)) if own else (None,)
 
 
 def _candidates(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
@@ -107,7 +137,7 @@ class Turn:
 class _Course:
     """What stays the same over the steps."""
 
-    flight: Flight
+    flights: tuple[Flight, ...]
     config: TraceConfig
     mechanisms: tuple[Mechanism, ...]
     effects: tuple[RecordEffect, ...]
@@ -116,21 +146,24 @@ class _Course:
         """The model that the trace starts from."""
         start = self.config.start
         if not isinstance(start, str):
-            return settled_state(self.flight, restored(start, self.flight), self.config)
+            return settled_state(self.flights, restored(start, self.flights), self.config)
         held = parse_hypothesis(start)
-        model = start_model(self.flight, held, self.config.baseline)
-        seen = see(self.flight, model, self.config)
-        model = replace(model, columns=baseline_columns(seen.frame), added=tuple(m.name for m in held))
-        if held:
-            state = settled_state(self.flight, model, self.config)
-            model = replace(model, columns=fit_hypothesis(state.problem, "start", held).columns)
-        return settled_state(self.flight, model, self.config)
+        model = start_model(self.flights, held, self.config.baseline, self.config.aero)
+        seen = see(self.flights, model, self.config)
+        model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
+        chosen = tuple(m for m in held if m.time_variation != ("constant",) or m.parameters())
+        declared = tuple(m for m in held if m not in chosen)
+        model = replace(model, columns=(*model.columns, *_declared(declared, seen)))
+        if chosen:
+            state = settled_state(self.flights, model, self.config)
+            model = replace(model, columns=fit_hypothesis(state.problem, "start", chosen).columns)
+        return settled_state(self.flights, model, self.config)
 
     def turn(self, number: int, state: State) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed."""
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
-        untried = [m for m in usable if m.name not in state.model.added]
-        effects = [e for e in self.effects if e.name not in state.model.added]
+        untried = [m for m in usable if _may_join(m, state.model, len(self.flights))]
+        effects = [e for e in self.effects if not _held_everywhere(e.name, state.model, len(self.flights))]
         here = look(
             state.seen,
             state.model,
@@ -153,14 +186,14 @@ class _Course:
         after = choice.taken.state if choice.taken else None
         if after is not None and choice.taken is not None and choice.taken.candidate.effect is None:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = settled_state(self.flight, after.model, self.config)
+            after = settled_state(self.flights, after.model, self.config)
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
     def _choice(
         self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = (), white: bool = False
     ) -> Choice:
         def add(candidate: Candidate) -> State:
-            return with_candidate(self.flight, self.config, here, state, candidate)
+            return with_candidate(self.flights, self.config, here, state, candidate)
 
         return choose(here, state, discovery, self.config.significance, add, before, white)
 
@@ -178,11 +211,23 @@ def _counting(choice: Choice, significance: float) -> Discovery | None:
     return found
 
 
+def _may_join(mechanism: Mechanism, model: Model, flights: int) -> bool:
+    """Whether columns of the mechanism may be added: what changes in time may be described better by more of them."""
+    return mechanism.time_variation != ("constant",) or not _held_everywhere(mechanism.name, model, flights)
+
+
+def _held_everywhere(name: str, model: Model, flights: int) -> bool:
+    """Whether the effect was added for all of the flights: to those that lack it, it may be added yet."""
+    own = {column.flight for column in model.columns if column.mechanism == name}
+    own |= {applied.flight for applied in model.applied if applied.effect.name == name}
+    return name in model.added and (None in own or len(own) in (0, flights))
+
+
 def _applicable(mechanism: Mechanism, seen: Seen) -> bool:
-    """Whether the record holds what the mechanism needs, such as the Mach number."""
-    motion = seen.reconstruction.motion
+    """Whether the records hold what the mechanism needs, such as the Mach number."""
     theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
     return all(
         np.all(np.isfinite(term.in_plane)) and np.all(np.isfinite(term.out_of_plane))
-        for term in mechanism.terms(motion, theta)
+        for reconstruction in seen.reconstructions
+        for term in mechanism.terms(reconstruction.motion, theta)
     )

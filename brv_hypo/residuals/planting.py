@@ -97,8 +97,8 @@ def _clean_look(config: SimulationConfig, seed: int) -> Look:
     """The regression of the same flight with nothing planted: it tells how well a coefficient can be known."""
     flight = simulate(config, seed=seed).flight
     settings = TraceConfig(discover=False)
-    model = start_model(flight, ())
-    seen = see(flight, model, settings)
+    model = start_model((flight,), ())
+    seen = see((flight,), model, settings)
     columns = baseline_columns(seen.frame)
     model = replace(model, columns=columns)
     return look(seen, model, seen.values(seen.fitted, columns), (), record_effects(), settings)
@@ -134,7 +134,7 @@ def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str
     if effect in UNNAMED:
         return {"mechanism": _unnamed_file(effect, here), "terms": {"a": 1.0, "b": 0.7}, "kind": "constant"}
     mechanism = find(effect)
-    names = [term.name for term in mechanism.terms(here.seen.reconstruction.motion, {})]
+    names = [term.name for term in mechanism.terms(here.seen.reconstructions[0].motion, {})]
     if not mechanism.terms_enter_together:
         return {"mechanism": effect, "terms": {names[0]: float(draw.choice([-1.0, 1.0]))}, "kind": "constant"}
     angle = float(draw.uniform(0.0, 2.0 * np.pi))
@@ -147,7 +147,7 @@ def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str
 
 def _unnamed_file(effect: str, here: Look) -> str:
     """A mechanism file of an effect that no plugin describes; its path."""
-    motion = here.seen.reconstruction.motion
+    motion = here.seen.reconstructions[0].motion
     alpha = Factor(of="alpha")
     terms = {
         "turning_moment": (
@@ -215,11 +215,11 @@ def _plant_record(
 ) -> str:
     """Plant an error of one component of an instrument, or a step of the wind."""
     limits = {}
-    for name, component in here.components.items():
+    for name, (_, planted) in here.components.items():
         if name.split(" ")[0] == effect:
             column = here.problem.design(here.problem.frame, [given_column(name)])[:, 0]
-            limits[name] = (component, _LIMIT / max(_free_length(here, column), 1e-12))
-    flight = here.seen.flight
+            limits[name] = (planted.name, _LIMIT / max(_free_length(here, column), 1e-12))
+    flight = here.seen.flights[0]
     sizes = {c.name: c.size for e in record_effects() if e.name == effect for c in e.components(flight)}
     fit = [name for name, (component, limit) in limits.items() if times * limit < 15.0 * sizes[component]]
     name = str(draw.choice(fit or [min(limits, key=lambda n: limits[n][1] / sizes[limits[n][0]])]))

@@ -3,37 +3,47 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.summary import flight_summary
+from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.band import band_of, predictive_sigma
+from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
+from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
 from brv_hypo.residuals.model_file import read_model
-from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
+from brv_hypo.residuals.prediction import Band, ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
-from brv_hypo.residuals.restore import column_of, restored
+from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.residuals.summary import term_estimates
 
 # Stretches of the record whose errors are told apart.
 _REGIONS = 8
+# Share of the samples where the model's flights flew, from which nothing is said of it.
+_NEARLY_ALL = 0.995
 # What every fit finds anew: how the flight began, and the normal force that tells it.
 _OF_THE_MOTION = ("motion", "force")
+# What `refit` calls all errors of record and vehicle that the tolerances allow.
+INSTRUMENTS = "instruments"
+# How often the flight is linearised anew where errors of its record are fitted.
+_LINEARISATIONS = 2
 
 
 def predict(
@@ -44,12 +54,13 @@ def predict(
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
-    `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record.
+    `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
+    `instruments` stands for all of these, within their tolerances.
     Errors of the record that the model holds are those of its own flight, and are left out.
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
     path = None if isinstance(model, SavedModel) else Path(model)
-    content = model if isinstance(model, SavedModel) else read_model(Path(model))
+    content = of_as_many(model if isinstance(model, SavedModel) else read_model(Path(model)), 1)
     record = flight if isinstance(flight, Flight) else load_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
         return _predict(record, content, path, tuple(refit), config or TraceConfig())
@@ -71,6 +82,12 @@ class _Task:
     def moments(self, solved: Constrained) -> ResidualMoments:
         return residual_moments(self.seen.frame, self.problem.records, solved.left.rates)
 
+    def sigma(self, covariance: FloatArray) -> ComplexArray:
+        """Standard deviation of the residual moments (rows,), the held coefficients known to their covariance."""
+        fitted = np.isnan(np.concatenate([self.held, self.others]))
+        noise = self.seen.reconstructions[0].moments.noise_sigma[self.seen.samples_of(0)]
+        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise)
+
 
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
@@ -84,15 +101,18 @@ def _predict(
         without=_mean_square(measured),
         frozen=_mean_square(left),
         own=_mean_square(own),
-        noise=noise_floor(task.seen.whole, task.seen.reconstruction),
+        noise=noise_floor(task.seen.whole, task.seen.frame),
     )
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
-    if content.covariance:
-        known_by = task.seen.frame.mechanisms
-        place = {column_of(c, known_by[c.mechanism]): k for k, c in enumerate(content.columns)}
-        order = [place[task.columns[k]] for k in known]
-        covariance[np.ix_(known, known)] = np.array(content.covariance)[np.ix_(order, order)]
+    covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
+    flown = _flown(content.flown, task.seen)
+    band = band_of(task.seen.frame.time, measured, left, task.sigma(covariance[np.ix_(known, known)]), flown)
+    shares = _Shares(
+        frozen=_explained(measured, left, errors.noise, flown),
+        own=_explained(measured, own, errors.noise, flown),
+        flown=float(flown.mean()),
+    )
     terms = term_estimates(task.seen, task.columns, frozen.values, covariance)
     return Prediction(
         flight=flight_summary(flight),
@@ -101,31 +121,73 @@ def _predict(
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
         ratio=errors.frozen / errors.without,
+        explained=shares.frozen,
+        flown=shares.flown,
+        band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(errors),
+        reason=_reason(shares, band),
     )
 
 
+def _covariance_of(content: SavedModel, task: _Task, known: IntArray) -> FloatArray:
+    """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none."""
+    errors = np.array([column.std_error or 0.0 for column in content.columns])
+    whole = np.array(content.covariance) if content.covariance else np.diag(errors**2)
+    mechanisms = task.seen.frame.mechanisms
+    place = {column_of(c, mechanisms[c.mechanism]): k for k, c in enumerate(content.columns)}
+    order = [place[task.columns[k]] for k in known]
+    return np.asarray(whole[np.ix_(order, order)], dtype=float)
+
+
 def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Task:
-    model = replace(restored(content, flight), applied=())
+    model = replace(restored(content, (flight,), frozen=True), applied=())
     coefficients = dict(zip(model.columns, (column.value for column in content.columns), strict=True))
-    effects = _effects(refit, model)
+    effects = _effects(refit, model, flight)
     model = _with_refitted(model, refit, flight, config)
-    seen = with_in_plane_moment(see(flight, model, config), model.columns)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in coefficients}
     held = np.array([np.nan if c in free else coefficients[c] for c in model.columns], dtype=float)
+    taken: Errors = {}
+    task = _seen_with(flight, model, held, effects, taken, config, content.flown)
+    for _ in range(_LINEARISATIONS if effects else 0):
+        found = task.problem.rows.nuisances.values(task.solved(held).others, 1)[0]
+        own = {name: value for name, value in found.items() if name[0] in effects}
+        taken = taken_out(0, flight, model, own, taken)
+        task = _seen_with(flight, model, held, effects, taken, config, content.flown)
+    return task
+
+
+def _seen_with(
+    flight: Flight,
+    model: Model,
+    held: FloatArray,
+    effects: tuple[str, ...],
+    taken: Errors,
+    config: TraceConfig,
+    flown: Mapping[str, tuple[float, float]],
+) -> _Task:
+    """The task where `taken` is taken out of the record and `effects` are free within their tolerances.
+
+    What is fitted here is fitted where the model is known, if that is enough of the record.
+    """
+    seen = with_in_plane_moment(see((flight,), model, config, (taken,)), model.columns)
     start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
-    problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(seen.whole)
+    there = _flown(flown, seen)
+    part = seen.part_where(there) if there.sum() >= SMALLEST_RECORD else seen.whole
+    problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(part)
     items = problem.rows.nuisances.items
     others = np.array([np.nan if item.name in (*_OF_THE_MOTION, *effects) else item.present for item in items])
     return _Task(seen, problem, model.columns, held, others)
 
 
-def _effects(refit: tuple[str, ...], model: Model) -> tuple[str, ...]:
-    """The names among `refit` that are errors of the record; UsageError for those that nothing has."""
+def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:
+    """The names among `refit` that are errors of record or vehicle; UsageError for those that nothing has."""
     known = {name for column in model.columns for name in (column.mechanism, column.term)}
-    others = (name for name in refit if name not in known)
-    return tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
+    others = tuple(name for name in refit if name not in known and name != INSTRUMENTS)
+    named = tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
+    if INSTRUMENTS not in refit:
+        return named
+    carried = [effect.name for effect in carried_effects()] + [m.name for m in carried_mechanisms(flight)]
+    return tuple(dict.fromkeys((*named, *carried)))
 
 
 def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig) -> Model:
@@ -133,9 +195,9 @@ def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config:
     known = {name for column in model.columns for name in (column.mechanism, column.term)}
     always = TimeFunction("constant")
     for name in refit:
-        item = None if name in known else find_installed(name)
+        item = None if name in known or name == INSTRUMENTS else find_installed(name)
         if isinstance(item, Mechanism):
-            motion = see(flight, model, config).reconstruction.motion
+            motion = see((flight,), model, config).reconstructions[0].motion
             more = [Column(name, term.name, (), always, term.units) for term in item.terms(motion, {})]
             mechanisms = {**model.mechanisms, name: item}
             model = replace(model, mechanisms=mechanisms, columns=(*model.columns, *more))
@@ -148,8 +210,7 @@ def _mean_square(moments: ResidualMoments) -> float:
 
 def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    samples = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in seen.frame.segments])
-    time, mach = seen.frame.time, seen.reconstruction.motion.mach[samples]
+    time, mach = seen.frame.time, seen.reconstructions[0].motion.mach[seen.samples_of(0)]
     edges = np.linspace(time.min(), time.max(), _REGIONS + 1)
     found = []
     for start, stop in itertools.pairwise(edges):
@@ -168,11 +229,44 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
     return tuple(found)
 
 
-def _reason(errors: ErrorsOfPrediction) -> str:
-    """The outcome in a sentence."""
-    signal = max(errors.without - errors.noise, 1e-300)
-    explained, best = (1.0 - max(e - errors.noise, 0.0) / signal for e in (errors.frozen, errors.own))
+@dataclass(frozen=True)
+class _Shares:
+    """What the frozen model explains, and the same model refitted; the share of the samples that both are told of."""
+
+    frozen: float
+    own: float
+    flown: float
+
+
+def _flown(ends: Mapping[str, tuple[float, float]], seen: Seen) -> BoolArray:
+    """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
+    motion, samples = seen.reconstructions[0].motion, seen.samples_of(0)
+    there = np.ones(samples.size, dtype=bool)
+    for name, (low, high) in ends.items():
+        values = getattr(motion, name)[samples]
+        there &= ~((values < low) | (values > high))
+    return there
+
+
+def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, flown: BoolArray) -> float:
+    """The share of the moments' mean square, noise aside, that a model explains over some of the samples."""
+    kept = left.usable & flown
+    if not np.any(kept):
+        return 0.0
+    without, error = (float(np.mean(np.abs(each.body[kept]) ** 2) / 2.0) for each in (measured, left))
+    return 1.0 - max(error - noise, 0.0) / max(without - noise, 1e-300)
+
+
+def _reason(shares: _Shares, band: Band) -> str:
+    """The outcome in a few sentences."""
+    if shares.flown == 0.0:
+        return "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
+    beyond = (
+        f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than the "
+        "model was found at, and are left out of these shares."
+    )
     return (
-        f"The frozen model explains {100.0 * explained:.1f} % of the moments' mean square, noise aside; "
-        f"the same model fitted to this flight explains {100.0 * best:.1f} %."
+        f"The frozen model explains {100.0 * shares.frozen:.1f} % of the moments' mean square, noise aside; "
+        f"the same model fitted to this flight explains {100.0 * shares.own:.1f} %. Its {100.0 * band.level:.0f} % "
+        f"band holds {100.0 * band.inside:.1f} % of the samples." + (beyond if shares.flown < _NEARLY_ALL else "")
     )

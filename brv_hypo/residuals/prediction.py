@@ -39,8 +39,29 @@ class Region(_Result):
     ratio: float
 
 
+Series = tuple[float, ...]
+
+
+class Band(_Result):
+    """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
+
+    Counted where the model's flights flew. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
+    """
+
+    level: float
+    inside: float
+    time_s: Series
+    measured: tuple[Series, Series]
+    predicted: tuple[Series, Series]
+    half_width: tuple[Series, Series]
+
+
 class Prediction(_Result):
-    """What a frozen model says of a flight; `ratio` is the error with it over that without."""
+    """What a frozen model says of a flight; `ratio` is the error with it over that without.
+
+    `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
+    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
+    """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
     flight: FlightSummary
@@ -49,5 +70,8 @@ class Prediction(_Result):
     refitted: tuple[TermEstimate, ...]
     error: ErrorsOfPrediction
     ratio: float
+    explained: float
+    flown: float
+    band: Band
     regions: tuple[Region, ...]
     reason: str

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
-from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.model.columns import Column, default_knots
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Rows
@@ -17,24 +16,30 @@ from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.noise import first_noise, settled_noise
-from brv_hypo.regression.nuisance import nuisances
+from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.linearisation import Model, Seen, tolerated
 
 
-def linearised_at(seen: Seen, model: Model, values: FloatArray) -> LinearisedFlight:
-    """The flight, linearised about the model with coefficients (columns,), and the vehicle's errors as far as known."""
-    vehicle = carried_mechanisms(seen.flight)
-    known = with_vehicle(seen.frame, model.columns, values, vehicle, seen.taken)
-    return linearised(seen.record, seen.reconstruction, *known)
+def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
+    """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
+    return tuple(_linearised_at(seen, number, model, values) for number in range(len(seen.records)))
+
+
+def _linearised_at(seen: Seen, number: int, model: Model, values: FloatArray) -> LinearisedFlight:
+    own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
+    columns = tuple(model.columns[j] for j in own)
+    vehicle = tolerated(model, seen.flights[number])
+    known = with_vehicle(seen.frame, columns, values[own], vehicle, seen.taken[number])
+    return linearised(seen.records[number], seen.reconstructions[number], *known)
 
 
 def problem_of(
     seen: Seen,
     model: Model,
-    flight: LinearisedFlight,
+    flights: Sequence[LinearisedFlight],
     config: TraceConfig,
     given: Mapping[str, Rows] | None = None,
     noise: Noise | None = None,
@@ -45,29 +50,26 @@ def problem_of(
     `noise`, it is what the record itself says.
     """
     frame = seen.frame
-    free = frozenset((applied.effect.name, applied.component) for applied in model.applied)
-    effects = [effect for effect in carried_effects() if effect.name not in _own(model)]
-    carried = (*effects, *(_own(model).values()))
-    unknown = nuisances(frame, [flight], carried, carried_mechanisms(seen.flight), free, [seen.taken])
-    force, _ = on_rows(frame, [flight])
+    free = [
+        {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
+        for number in range(len(flights))
+    ]
+    vehicle = tolerated(model, seen.flights[0])
+    unknown = nuisances(frame, flights, carried_effects(), vehicle, free, seen.taken)
+    force, _ = on_rows(frame, flights)
     time = frame.time
     problem = Problem(
         frame=frame.with_mechanisms([GivenColumns()]),
-        records=(seen.record,),
+        records=seen.records,
         force=force,
-        rows=WhitenedRows(seen.fitted, noise or first_noise([flight]), unknown),
+        rows=WhitenedRows(seen.fitted, noise or first_noise(flights), unknown),
         baseline=model.columns,
         knots=default_knots(float(time.min()), float(time.max()), config.knot_count),
-        max_terms=config.max_terms,
+        max_terms=config.max_terms * len(flights),
         exact_terms=config.max_terms,
         given=dict(given or {}),
     )
     return problem if noise is not None else problem.under(settled_noise(problem))
-
-
-def _own(model: Model) -> dict[str, RecordEffect]:
-    """The effects that the model holds, by name, with their options."""
-    return {applied.effect.name: applied.effect for applied in model.applied}
 
 
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
@@ -96,9 +98,13 @@ def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
 
 @dataclass(frozen=True)
 class Constrained:
-    """Coefficients (columns,), their covariance (0 for those that were held), and what is left (frame rows,)."""
+    """Coefficients (columns,), their covariance (0 for those that were held), and what is left (frame rows,).
+
+    `others` (unknowns,) are the nuisances.
+    """
 
     values: FloatArray
+    others: FloatArray
     covariance: FloatArray
     left: Rows
 
@@ -119,15 +125,12 @@ def constrained(
         design[:, free], error, problem.samples, problem.efficiency_of(error)
     )
     count = len(columns)
-    left = problem.left(frame, columns, values[:count], values[count + constants :])
-    return Constrained(values[:count], covariance[:count, :count], left)
+    found = values[count + constants :]
+    left = problem.left(frame, columns, values[:count], found)
+    return Constrained(values[:count], found, covariance[:count, :count], left)
 
 
-def record_values(problem: Problem, fit: HypothesisFit) -> dict[tuple[str, str], float]:
-    """What the record effects come to beside a fit, in SI, by effect and component."""
+def errors_beside(problem: Problem, fit: HypothesisFit) -> tuple[Errors, ...]:
+    """What the errors of record and vehicle come to beside a fit, in SI: one mapping a flight."""
     _, others = problem.solution(fit.frame, fit.columns)
-    items = problem.rows.nuisances.items
-    return {
-        (item.name, item.component): float(value) * item.size + item.taken_out
-        for item, value in zip(items, np.asarray(others), strict=True)
-    }
+    return problem.rows.nuisances.values(others, len(problem.records))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+import numpy as np
 from pydantic import ValidationError
 
 from brv_hypo.arrays import FloatArray
@@ -13,6 +14,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
 from brv_hypo.mechanisms.registry import find, find_installed
+from brv_hypo.model.aero_table import TableIncrements, TableSlope
 from brv_hypo.model.baseline import StaticMoment
 from brv_hypo.model.columns import Column, delay_name
 from brv_hypo.model.time_variation import TimeFunction
@@ -25,18 +27,28 @@ def saved(
     values: FloatArray | None = None,
     covariance: FloatArray | None = None,
     found_on: tuple[str, ...] = (),
+    flown: dict[str, tuple[float, float]] | None = None,
 ) -> SavedModel:
     """The model as data, with its coefficients (columns,) and their covariance where they are known."""
     static = model.mechanisms.get(StaticMoment.name)
-    known = [None] * len(model.columns) if values is None else values.tolist()
+    table = model.mechanisms.get(TableSlope.name)
+    nothing: list[float | None] = [None] * len(model.columns)
+    known = nothing if values is None else values.tolist()
+    errors = nothing if covariance is None else np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     return SavedModel(
-        columns=tuple(_saved_column(*pair) for pair in zip(model.columns, known, strict=True)),
+        columns=tuple(_saved_column(*each) for each in zip(model.columns, known, errors, strict=True)),
         covariance=() if covariance is None else tuple(tuple(row) for row in covariance.tolist()),
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
+        table=table.table if isinstance(table, TableSlope) else None,
         found_on=found_on,
+        flown=flown or {},
         record=tuple(
             SavedRecordError(
-                effect=a.effect.name, component=a.component, value=a.value, options=a.effect.model_dump()
+                effect=a.effect.name,
+                component=a.component,
+                value=a.value,
+                options=a.effect.model_dump(),
+                flight=a.flight,
             )
             for a in model.applied
         ),
@@ -44,28 +56,51 @@ def saved(
     )
 
 
-def restored(content: SavedModel, flight: Flight) -> Model:
-    """The model that the data hold, for this flight.
+def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = False) -> Model:
+    """The model that the data hold, for these flights.
 
+    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
+    to a table are columns where the model is `frozen`; else they are estimated anew, within the table's uncertainty.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
+    content = of_as_many(content, len(flights))
     files: Mapping[str, Mechanism] = {file.name: mechanism_of(file) for file in content.files}
-    baseline = dict(start_model(flight, ()).mechanisms)
+    baseline = dict(start_model(flights, (), aero=content.table).mechanisms)
     if content.static is not None:
         baseline[content.static.name] = content.static
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
-    applied = tuple(_applied(error, flight) for error in content.record)
+    applied = tuple(_applied(error, flights[error.flight]) for error in content.record)
     known = {**baseline, **{mechanism.name: mechanism for mechanism in own}}
     return Model(
         mechanisms=known,
-        columns=tuple(column_of(column, known[column.mechanism]) for column in content.columns),
+        columns=tuple(
+            column_of(column, known[column.mechanism])
+            for column in content.columns
+            if frozen or column.mechanism != TableIncrements.name
+        ),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
     )
 
 
-def _saved_column(column: Column, value: float | None) -> SavedColumn:
+def of_as_many(content: SavedModel, flights: int) -> SavedModel:
+    """The model without what belongs to single flights, unless it was found on as many."""
+    if max(len(content.found_on), 1) == flights:
+        return content
+    kept = [k for k, column in enumerate(content.columns) if column.flight is None]
+    return content.model_copy(
+        update={
+            "columns": tuple(content.columns[k] for k in kept),
+            "covariance": tuple(tuple(row[k] for k in kept) for row in (content.covariance[j] for j in kept))
+            if content.covariance
+            else (),
+            "record": () if len(content.found_on) > 1 or flights > 1 else content.record,
+        }
+    )
+
+
+def _saved_column(column: Column, value: float | None, std_error: float | None) -> SavedColumn:
     ends = [end if math.isfinite(end) else None for end in (column.course.start, column.course.stop)]
     return SavedColumn(
         mechanism=column.mechanism,
@@ -77,6 +112,8 @@ def _saved_column(column: Column, value: float | None) -> SavedColumn:
         stop=ends[1],
         tied=column.tied,
         value=value,
+        std_error=std_error,
+        flight=column.flight,
     )
 
 
@@ -92,6 +129,7 @@ def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
         column.units,
         column.tied,
         delay_name(mechanism),
+        column.flight,
     )
 
 
@@ -121,4 +159,4 @@ def _applied(error: SavedRecordError, flight: Flight) -> Applied:
             f"the model holds '{error.component}' of '{error.effect}', which has {', '.join(sizes)}. "
             "Trace the flight anew."
         )
-    return Applied(effect, error.component, *sizes[error.component], error.value)
+    return Applied(effect, error.component, *sizes[error.component], error.value, error.flight)

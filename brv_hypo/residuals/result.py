@@ -36,9 +36,11 @@ class Residual(_Result):
 
     `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
     `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
-    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z.
+    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z. `flight`: which of several
+    all but whiteness is told of, counted from 0.
     """
 
+    flight: int | None = None
     rms: float
     white: bool
     p_value: float
@@ -73,6 +75,18 @@ class Errors(_Result):
     held_out: float
 
 
+class FlightLeftOut(_Result):
+    """Mean squares of the moment errors of each flight, the shared terms known from the others alone.
+
+    What belongs to a flight (trim, instruments, what changes at its times) is fitted to it in either case. `before`
+    and `after` are without and with the effect, by flight; `ratio` is that of their sums.
+    """
+
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    ratio: float
+
+
 class Step(_Result):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
@@ -82,6 +96,7 @@ class Step(_Result):
     which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
     blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
+    `flight_left_out`: with several flights, what the shared terms predict of each from the others.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
     `held_out_score` the fall of the held-out error in both channels in its standard errors.
     """
@@ -100,6 +115,7 @@ class Step(_Result):
     error_ratio_held_out: float | None
     force_error_before: Errors
     force_error_after: Errors | None
+    flight_left_out: FlightLeftOut | None = None
     error_ratio_std_error: float | None = None
     held_out_score: float | None = None
 
@@ -126,6 +142,7 @@ class Trace(_Result):
 
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
     flight: FlightSummary
+    flights: tuple[FlightSummary, ...] = ()
     steps: tuple[Step, ...]
     findings: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
@@ -144,5 +161,5 @@ class Trace(_Result):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The effects that were added, in order."""
-        return tuple(step.added for step in self.steps if step.added is not None)
+        """The effects that were added, in order; once, though an effect was added in parts."""
+        return tuple(dict.fromkeys(step.added for step in self.steps if step.added is not None))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, model_validator
 
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.filed import MechanismFile
+from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticMoment
 
 
@@ -18,7 +19,9 @@ class _Saved(BaseModel):
 class SavedColumn(_Saved):
     """A column of the moment model; `start`, `stop` s, None where its course has no such end.
 
-    `value` is its coefficient in `units`, None where the model is a structure alone.
+    `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
+    `flight`: the one of several
+    flights that it belongs to, counted from 0; None for all.
     """
 
     mechanism: str
@@ -30,27 +33,46 @@ class SavedColumn(_Saved):
     stop: float | None = None
     tied: bool = False
     value: float | None = None
+    std_error: float | None = None
+    flight: int | None = None
 
 
 class SavedRecordError(_Saved):
-    """A component of a record effect with its value (SI); `options` are the effect's own, such as its time."""
+    """A component of a record effect with its value (SI) on one flight; `options` are the effect's own, as its time."""
 
     effect: str
     component: str
     value: float
     options: dict[str, Any] = {}
+    flight: int = 0
 
 
 class SavedModel(_Saved):
     """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
-    baseline's static moment with its schedule; None for constant coefficients. `found_on` names the flights.
+    baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
+    stands in its place. `found_on` names the flights; `flown` the ends of what they ran through, by quantity (`mach`,
+    `alpha` in rad): beyond, the model is known to nobody.
     """
 
+    format: Literal["brv-model"] = "brv-model"
+    format_version: Literal[1] = 1
     columns: tuple[SavedColumn, ...]
     record: tuple[SavedRecordError, ...] = ()
     files: tuple[MechanismFile, ...] = ()
     static: StaticMoment | None = None
+    table: AeroTable | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
     found_on: tuple[str, ...] = ()
+    flown: dict[str, tuple[float, float]] = {}
+
+    @model_validator(mode="after")
+    def _covariance_fits(self) -> SavedModel:
+        sizes = {len(self.covariance), *(len(row) for row in self.covariance)}
+        if self.covariance and sizes != {len(self.columns)}:
+            raise ValueError(
+                f"the covariance has {len(self.covariance)} rows for {len(self.columns)} columns: edit both alike, or "
+                "take it out, so that the columns' own std_error count"
+            )
+        return self

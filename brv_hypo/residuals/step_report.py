@@ -8,11 +8,12 @@ from brv_hypo.residuals.choice import Choice, Tried
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.flight_left_out import flight_left_out
 from brv_hypo.residuals.judge import Prediction, force_errors, residuals_of
 from brv_hypo.residuals.near_equals import near_equals
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.repetition import named_in
-from brv_hypo.residuals.result import Errors, Residual, Standing, Step, TriedCandidate
+from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate
 
 _TOLD = 8
 # Standard errors by which a finding lowers the held-out moment error (5 %, one-sided), and the share of the
@@ -36,6 +37,7 @@ def step_of(
     force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, left))
     before = _errors(state.errors, state.held_out) if leading is None else _errors(*leading.errors_before)
     chances = adjusted(choice.ranked)
+    without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
     return Step(
         step=number,
         residual=residual,
@@ -43,7 +45,8 @@ def step_of(
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
         refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
         added=None if taken is None else taken.candidate.name,
-        standing=None if taken is None or share is None else _standing(taken, share),
+        standing=None if taken is None or share is None else _standing(taken, share, without_flight),
+        flight_left_out=without_flight,
         named_in=share,
         description=_words(leading.candidate, here, choice.discovery) if leading else "",
         error_before=before,
@@ -80,9 +83,10 @@ def _told(
     )
 
 
-def _standing(taken: Tried, share: float) -> Standing:
+def _standing(taken: Tried, share: float, without_flight: FlightLeftOut | None) -> Standing:
     lowers = taken.ratio + _SIGMAS * taken.ratio_error < 1.0
-    return "finding" if lowers and share >= _MOST else "hint"
+    elsewhere = without_flight is None or without_flight.ratio < 1.0
+    return "finding" if lowers and elsewhere and share >= _MOST else "hint"
 
 
 def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:
@@ -94,8 +98,9 @@ def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str
     if candidate.effect is not None:
         when = getattr(candidate.effect, "time", None)
         sizes = ", ".join(
-            f"{here.components[column.term]} {value:.3g} {column.units}"
+            f"{component.name} {value:.3g} {column.units}{_of_flight(here, number)}"
             for column, value in zip(candidate.fit.selected, values, strict=True)
+            for number, component in [here.components[column.term]]
         )
         return (sizes if when is None else f"{sizes} at {when:.3f} s") + where
     return ", ".join(
@@ -103,7 +108,13 @@ def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str
         + (
             ""
             if column.course.kind == "constant"
-            else f" at {max(column.course.start, float(here.seen.flight.time[0])):.2f} s"
+            else f" at {max(column.course.start, float(here.seen.flights[column.flight or 0].time[0])):.2f} s"
         )
+        + _of_flight(here, column.flight)
         for column, value in zip(candidate.fit.selected, values, strict=True)
     )
+
+
+def _of_flight(here: Look, number: int | None) -> str:
+    """Which flight a value is of, where there are several; counted from 1."""
+    return "" if number is None or len(here.seen.records) == 1 else f" on flight {number + 1}"

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
+from brv_hypo.model.aero_table import TableIncrements
 from brv_hypo.model.columns import BASELINE, Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.residual_moments import ResidualMoments
-from brv_hypo.residuals.candidates_at_step import Look, bare_look
+from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.find import find
@@ -22,7 +27,7 @@ from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import saved
-from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Step, Stop, Trace
+from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
 
 _FEW_SAMPLES = 25.0
 
@@ -38,32 +43,84 @@ class Ending:
     discovery: Discovery | None
 
 
-def summary(flight: Flight, before: ResidualMoments, end: Ending) -> Trace:
+def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
     state, last, model = end.state, end.state.seen, end.state.model
     here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
     final = find(here, state.left)
     values, covariance = whole_fit(here)
-    count = len(model.columns)
-    definition = saved(model, values[:count], covariance[:count, :count], (flight.path or flight.title,))
+    moments = _with_increments(here, model, values, covariance)
+    findings = _added(end.steps, "finding")
+    found_on = tuple(flight.path or flight.title for flight in flights)
+    definition = saved(
+        replace(model, columns=moments.columns), moments.values, moments.covariance, found_on, flown(last)
+    )
     terms = (
-        *term_estimates(last, model.columns, values[:count], covariance[:count, :count]),
+        *term_estimates(last, moments.columns, moments.values, moments.covariance),
         *_record_terms(here, model, covariance),
     )
     return Trace(
-        flight=flight_summary(flight),
+        flight=flight_summary(flights[0]),
+        flights=tuple(flight_summary(flight) for flight in flights),
         steps=end.steps,
-        findings=tuple(step.added for step in end.steps if step.added and step.standing == "finding"),
-        hints=tuple(step.added for step in end.steps if step.added and step.standing == "hint"),
+        findings=findings,
+        hints=tuple(name for name in _added(end.steps, "hint") if name not in findings),
         model=ModelSummary(terms=terms, definition=definition),
         stopped=end.stopped,
         unexplained=_unexplained(final),
-        caveats=_caveats(flight, last),
-        noise_floor=noise_floor(last.held_out, last.reconstruction),
+        caveats=_caveats(flights, last),
+        noise_floor=noise_floor(last.held_out, last.frame),
         final_residual=final,
-        discovered=None if end.discovery is None else end.discovery.file,
-        picture=_picture(before, end),
+        discovered=_described(end, moments),
+        picture=_picture(before, end, final.flight or 0),
     )
+
+
+def _added(steps: Sequence[Step], standing: Standing) -> tuple[str, ...]:
+    """What was added with this standing, in order; once, though it was added in parts."""
+    return tuple(dict.fromkeys(step.added for step in steps if step.added and step.standing == standing))
+
+
+def flown(seen: Seen) -> dict[str, tuple[float, float]]:
+    """The ends of the Mach numbers and angles of attack (rad) that the flights ran through, where they are known.
+
+    The model knows small angles of attack, where its moment is nothing, as well as those that it was found at.
+    """
+    mach, alpha = (
+        np.concatenate([getattr(each.motion, name) for each in seen.reconstructions]) for name in ("mach", "alpha")
+    )
+    found = {"alpha": (0.0, float(alpha.max()))}
+    if np.all(np.isfinite(mach)):
+        found["mach"] = (float(mach.min()), float(mach.max()))
+    return found
+
+
+def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
+    """All that was described in generic terms, with its values; where nothing was added, what could not be."""
+    model = end.state.model
+    pieces = [
+        (name, model.mechanisms[name])
+        for name in dict.fromkeys(column.mechanism for column in model.columns)
+        if name.startswith(GENERIC) and isinstance(model.mechanisms[name], FiledMechanism)
+    ]
+    if not pieces:
+        return None if end.discovery is None else end.discovery.file
+    values = {(c.mechanism, c.term): float(v) for c, v in zip(moments.columns, moments.values, strict=True)}
+    terms = [
+        term.model_copy(
+            update={
+                "name": term.name if len(pieces) == 1 else f"{name}: {term.name}",
+                "value": values.get((name, term.name)),
+            }
+        )
+        for name, piece in pieces
+        if isinstance(piece, FiledMechanism)
+        for term in piece.definition
+    ]
+    words = " and ".join(piece.title for _, piece in pieces)
+    name = pieces[0][0] if len(pieces) == 1 else GENERIC
+    source = "found in the residual of a flight"
+    return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
 
 
 def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
@@ -78,28 +135,62 @@ def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
     return values[kept], covariance[np.ix_(kept, kept)]
 
 
+@dataclass(frozen=True)
+class _Coefficients:
+    """Columns of moments with their coefficients (columns,) and these' covariance."""
+
+    columns: tuple[Column, ...]
+    values: FloatArray
+    covariance: FloatArray
+
+
+def _with_increments(here: Look, model: Model, values: FloatArray, covariance: FloatArray) -> _Coefficients:
+    """The model's columns, and the increments to its table after them, which are known by a prior in the fit."""
+    count, always = len(model.columns), TimeFunction("constant")
+    items = here.problem.rows.nuisances.items
+    places = [k for k, item in enumerate(items) if item.name == TableIncrements.name]
+    scale = np.array([*np.ones(count), *(items[k].size for k in places)])
+    chosen = np.array([*range(count), *(count + k for k in places)], dtype=int)
+    more = (Column(items[k].name, items[k].component, (), always, items[k].units) for k in places)
+    return _Coefficients(
+        (*model.columns, *more),
+        scale * values[chosen],
+        covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale),
+    )
+
+
 def term_estimates(
     seen: Seen, columns: tuple[Column, ...], values: FloatArray, covariance: FloatArray
 ) -> tuple[TermEstimate, ...]:
     """Coefficients (columns,) of the moment model with their standard errors."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    time = seen.frame.time
     return tuple(
         TermEstimate(
-            name=column.label,
+            name=column.label + _of_flight(seen, column.flight),
             mechanism=_owner(column),
             channel=_channel(seen, column),
             value=float(value),
             std_error=float(sigma),
             f_ratio=_f_ratio(float(value), float(sigma)),
             units=column.units,
-            region_s=None
-            if column.course.kind == "constant"
-            else (max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))),
+            region_s=_region(seen, column),
             delay_s=column.delay,
         )
         for column, value, sigma in zip(columns, values, sigmas, strict=True)
     )
+
+
+def _of_flight(seen: Seen, number: int | None) -> str:
+    """Which flight a term is of, where there are several; counted from 1."""
+    return "" if number is None or len(seen.records) == 1 else f" [flight {number + 1}]"
+
+
+def _region(seen: Seen, column: Column) -> tuple[float, float] | None:
+    """Where the course of a column acts, s; None where it is constant."""
+    if column.course.kind == "constant":
+        return None
+    time = seen.flights[column.flight or 0].time
+    return max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))
 
 
 def _record_terms(here: Look, model: Model, covariance: FloatArray) -> tuple[TermEstimate, ...]:
@@ -109,18 +200,19 @@ def _record_terms(here: Look, model: Model, covariance: FloatArray) -> tuple[Ter
     count = len(here.null.columns)
     items = here.problem.rows.nuisances.items
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[count:]
-    by_name = {(i.name, i.component): float(s) * i.size for i, s in zip(items, sigmas, strict=True)}
+    by_name = {(i.name, i.component, i.flight): float(s) * i.size for i, s in zip(items, sigmas, strict=True)}
+    names = [(a.effect.name, a.component, a.flight) for a in model.applied]
     return tuple(
         TermEstimate(
-            name=applied.component,
+            name=applied.component + _of_flight(here.seen, applied.flight),
             mechanism=applied.effect.name,
             channel="record",
             value=applied.value,
-            std_error=by_name[applied.effect.name, applied.component],
-            f_ratio=_f_ratio(applied.value, by_name[applied.effect.name, applied.component]),
+            std_error=by_name[name],
+            f_ratio=_f_ratio(applied.value, by_name[name]),
             units=applied.units,
         )
-        for applied in model.applied
+        for applied, name in zip(model.applied, names, strict=True)
     )
 
 
@@ -133,7 +225,8 @@ def _owner(column: Column) -> str:
 
 
 def _channel(seen: Seen, column: Column) -> str:
-    terms = seen.frame.mechanisms[column.mechanism].terms(seen.reconstruction.motion, dict(column.theta))
+    motion = seen.reconstructions[column.flight or 0].motion
+    terms = seen.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
     term = next(term for term in terms if term.name == column.term)
     inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
     return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
@@ -157,10 +250,15 @@ def _unexplained(residual: Residual) -> str | None:
     )
 
 
-def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
+def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
     """What in the data could pose as an effect."""
-    found = list(seen.reconstruction.warnings)
-    motion = seen.reconstruction.motion
+    each = zip(flights, seen.reconstructions, strict=True)
+    return tuple(dict.fromkeys(caveat for pair in each for caveat in _caveats_of(*pair)))
+
+
+def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
+    found = list(reconstruction.warnings)
+    motion = reconstruction.motion
     turning = float(np.percentile(np.abs(motion.windward_meridian_rate), 90.0)) + float(
         np.mean(np.abs(motion.p))
     )
@@ -178,7 +276,7 @@ def _caveats(flight: Flight, seen: Seen) -> tuple[str, ...]:
             "derived from drag, its errors are those of the assumed drag coefficient, and a stiffness that changes "
             "along the flight may in part be that coefficient's change"
         )
-    return tuple(dict.fromkeys(found))
+    return found
 
 
 def _drag_spread(flight: Flight) -> float | None:
@@ -188,16 +286,17 @@ def _drag_spread(flight: Flight) -> float | None:
     return None if centre == 0.0 else float(np.std(share) / abs(centre))
 
 
-def _picture(before: ResidualMoments, end: Ending) -> Picture:
+def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
+    """Of several flights, that of the one with this number."""
     after, seen = end.state.left, end.state.seen
-    moments = seen.reconstruction.moments
-    kept = before.usable & after.usable
-    samples = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in seen.frame.segments])[kept]
+    moments, rows = seen.reconstructions[number].moments, seen.rows_of(number)
+    kept = (before.usable & after.usable)[rows]
+    samples = seen.samples_of(number)[kept]
     return Picture(
-        time_s=tuple(seen.reconstruction.motion.time[samples].tolist()),
+        time_s=tuple(seen.reconstructions[number].motion.time[samples].tolist()),
         measured=_pair(moments.body[samples]),
-        before=_pair(before.body[kept]),
-        after=_pair(after.body[kept]),
+        before=_pair(before.body[rows][kept]),
+        after=_pair(after.body[rows][kept]),
         sigma=tuple(moments.noise_sigma[samples].tolist()),
     )
 

@@ -126,3 +126,22 @@ def test_what_is_no_model_is_refused(tmp_path, text):
 def test_a_missing_model_is_refused(tmp_path):
     with pytest.raises(UsageError, match="cannot be read"):
         starting_model(tmp_path / "nowhere.json", Session())
+
+
+@pytest.mark.slow
+def test_several_flights_and_the_model_as_a_file(brv_hypo, simulated_file, tmp_path):
+    (tmp_path / "config.yaml").write_text(
+        "effects: [magnus]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
+    )
+    files = ("--json", tmp_path / "out.json", "--write-model", tmp_path / "model.yaml")
+    done = brv_hypo("trace", simulated_file, simulated_file, "--config", tmp_path / "config.yaml", *files)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "out.json").read_text())
+    assert len(result["flights"]) == 2
+    told = ("--json", tmp_path / "predicted.json", "--report", tmp_path / "predicted.html")
+    model = ("--model", tmp_path / "model.yaml", "--refit", "trim,instruments")
+    done = brv_hypo("predict", simulated_file, *model, *told)
+    assert done.returncode == 0, done.stderr
+    predicted = json.loads((tmp_path / "predicted.json").read_text())
+    assert set(predicted["band"]) >= {"level", "inside", "time_s", "measured", "predicted", "half_width"}
+    assert "predictive band" in (tmp_path / "predicted.html").read_text()

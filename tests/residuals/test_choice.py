@@ -46,7 +46,7 @@ def chosen(
 
     monkeypatch.setattr(choice, "_try", tried)
     nuisances = SimpleNamespace(items=(), bounded=())
-    problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances))
+    problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
     here: Any = SimpleNamespace(candidates=tuple(found), problem=problem)
     discovery: Any = None if description is None else SimpleNamespace(candidate=description)
     return choose(here, any_state, discovery, 0.01, lambda one: any_state)

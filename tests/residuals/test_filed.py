@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
@@ -20,6 +21,7 @@ from brv_hypo.mechanisms.filed import (
     read_mechanism,
 )
 from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.motion.history import recorded
 
 FILE = MechanismFile(
     name="turning_moment",
@@ -60,8 +62,37 @@ def test_a_turning_moment_turns_in_the_body(rate: float, size: float) -> None:
 
 def test_a_bump_and_its_neighbours_add_up_to_one() -> None:
     motion = sample_motion(uniform_time(50))
-    hats = [Factor(of="time", function="bump", at=at, width=2.0)(motion) for at in (0.0, 2.0, 4.0, 6.0)]
+    hats = [Factor(of="time", function="bump", at=at, width=2.0)(motion.time) for at in (0.0, 2.0, 4.0, 6.0)]
     np.testing.assert_allclose(np.sum(hats, axis=0), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"),
+    [
+        (Factor(of="time", function="step", at=2.0), [0.0, 0.0, 1.0, 1.0]),
+        (Factor(of="time", function="ramp", at=1.0), [0.0, 0.0, 1.0, 2.0]),
+        (Factor(of="time", function="ramp", at=1.0, width=1.5), [0.0, 0.0, 1.0, 1.5]),
+        (Factor(of="mach", function="schedule", places=(0.0, 2.0), values=(1.0, 3.0)), [1.0, 2.0, 3.0, 3.0]),
+    ],
+)
+def test_jumps_ramps_and_schedules(factor: Factor, expected: list[float]) -> None:
+    np.testing.assert_allclose(factor(np.arange(4.0)), expected)
+
+
+@given(delay=st.floats(0.0, 0.2), size=st.floats(0.1, 3.0))
+def test_a_delayed_term_stands_where_it_stood_in_the_body(delay: float, size: float) -> None:
+    motion = recorded(sample_motion(uniform_time(80)))
+    term = FiledTerm(name="t", axis="in_plane", delay=delay, factors=(Factor(of="alpha"),)).column(motion)
+    before = motion.delayed(delay)
+    body = body_from_plane(size * term.in_plane, size * term.out_of_plane, motion.windward_meridian)
+    expected = body_from_plane(size * before.alpha, np.zeros_like(before.alpha), before.windward_meridian)
+    np.testing.assert_allclose(body, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("values", [(), (1.0,), (1.0, 2.0, 3.0)])
+def test_a_schedule_without_its_values_is_refused(values: tuple[float, ...]) -> None:
+    with pytest.raises(ValidationError, match="schedule"):
+        Factor(of="mach", function="schedule", places=(0.0, 2.0), values=values)
 
 
 @pytest.mark.parametrize(

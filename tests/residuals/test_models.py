@@ -102,7 +102,7 @@ def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
     term = FiledTerm(name="a", axis="body_y", turn=Turn(of="time", rate=5.0))
     file = MechanismFile(name="found", title="t", claims="c", source="s", terms=(term,))
     content = SavedModel(columns=(SavedColumn(mechanism="found", term="a", units="1"),), files=(file,))
-    model = restored(content, flight)
+    model = restored(content, (flight,))
     assert model.added == ("found",)
     assert saved(model) == content
 
@@ -127,14 +127,14 @@ def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
 )
 def test_a_model_that_does_not_fit_is_refused(flight: Flight, content: dict[str, object], said: str) -> None:
     with pytest.raises(UsageError, match=said):
-        restored(SavedModel.model_validate(content), flight)
+        restored(SavedModel.model_validate(content), (flight,))
 
 
 def test_a_saved_effect_keeps_its_options(flight: Flight) -> None:
     error = SavedRecordError(effect="wind_step", component="y", value=2.0, options={"time": 3.0})
-    model = restored(SavedModel(columns=(), record=(error,)), flight)
+    model = restored(SavedModel(columns=(), record=(error,)), (flight,))
     assert saved(model).record[0].options["time"] == 3.0
-    assert saved(restored(saved(model), flight)) == saved(model)
+    assert saved(restored(saved(model), (flight,))) == saved(model)
 
 
 def test_another_flight_has_the_same_effects_and_another_start() -> None:

@@ -10,8 +10,10 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.prediction_page import prediction_page
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
+from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
 TRIM = (1e-3, -5e-4)
@@ -96,3 +98,38 @@ def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, 
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(UsageError, match="no coefficients"):
         predict(sister, path)
+
+
+def test_the_band_holds_nearly_all_samples(traced: Trace, sister: Flight) -> None:
+    band = predict(sister, traced.model.definition, ("trim", "instruments")).band
+    assert 0.90 <= band.inside <= 0.99
+    widths = np.array(band.half_width)
+    assert widths.shape == np.array(band.measured).shape == (2, len(band.time_s))
+    assert np.all(widths > 0.0)
+
+
+def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    content = traced.model.definition.model_dump()
+    content["covariance"] = tuple(tuple(100.0 * value for value in row) for row in content["covariance"])
+    unsure = predict(sister, SavedModel.model_validate(content), ("trim",))
+    assert np.median(unsure.band.half_width) > 1.05 * np.median(predicted.band.half_width)
+    assert unsure.error.frozen == pytest.approx(predicted.error.frozen)
+
+
+def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    fitted = predict(sister, traced.model.definition, ("trim", "instruments"))
+    assert fitted.error.frozen < 1.05 * predicted.error.frozen
+    assert fitted.frozen == predicted.frozen
+
+
+def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Flight) -> None:
+    content = traced.model.definition.model_copy(update={"flown": {"mach": (0.1, 0.2)}})
+    nowhere = predict(sister, content, ("trim",))
+    assert nowhere.flown == 0.0
+    assert "other Mach numbers" in nowhere.reason
+
+
+def test_the_page_draws_the_band(predicted: Prediction) -> None:
+    page = prediction_page(predicted)
+    assert page.count('class="plotly-graph-div"') == 1
+    assert "95 % predictive band" in page

@@ -1,0 +1,196 @@
+"""A user's aerodynamic table: the static slope C_Nalpha by Mach number and angle of attack, with its uncertainty.
+
+As CSV, one line a place, angles in rad (`alpha`) or degrees (`alpha_deg`), or left out where nothing depends on it:
+
+    mach,alpha_deg,slope,std_error
+    2.0,0.0,-0.11,0.005
+
+or as YAML, with `slope` and `std_error` a number, a list by Mach number, or a list of lists by Mach number and alpha:
+
+    mach: [2.0, 5.0]
+    slope: [-0.11, -0.14]
+    std_error: 0.005
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.files.mappings import read_yaml
+from brv_hypo.files.printed import one_line
+from brv_hypo.files.regular import read_text
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.motion.motion import Motion
+
+_EXPECTED = "an aerodynamic table: mach, alpha or alpha_deg (may be left out), slope (1/rad), std_error (1/rad)"
+_CSV_BYTES = 1024 * 1024
+_MOST_PLACES = 400  # every place is an unknown of the regression
+_YAML = (".yaml", ".yml")
+
+
+class AeroTable(BaseModel):
+    """C_Nalpha (1/rad; negative on a stable vehicle) and its 1-sigma uncertainty, by Mach number and alpha (rad).
+
+    Between the places it is linear in each, beyond them it keeps its last value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    mach: tuple[float, ...]
+    alpha: tuple[float, ...] = (0.0,)
+    slope: tuple[tuple[float, ...], ...]
+    std_error: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> AeroTable:
+        for name, places in (("mach", self.mach), ("alpha", self.alpha)):
+            if not places or any(b <= a for a, b in pairwise(places)):
+                raise ValueError(f"'{name}' must hold increasing values, got {list(places)[:6]}")
+        if len(self.mach) * len(self.alpha) > _MOST_PLACES:
+            raise ValueError(f"got {len(self.mach) * len(self.alpha)} places, expected at most {_MOST_PLACES}")
+        for name, values in (("slope", self.slope), ("std_error", self.std_error)):
+            if len(values) != len(self.mach) or any(len(row) != len(self.alpha) for row in values):
+                raise ValueError(f"'{name}' must hold one value for each mach ({len(self.mach)}) and alpha")
+        if any(error <= 0.0 for row in self.std_error for error in row):
+            raise ValueError("'std_error' must be greater than zero: no table is exact")
+        return self
+
+    def weights(self, mach: FloatArray, alpha: FloatArray) -> FloatArray:
+        """What each place counts at these motions (..., places), the alphas of each Mach number together."""
+        by_mach, by_alpha = _hats(mach, self.mach), _hats(alpha, self.alpha)
+        both = by_mach[..., :, np.newaxis] * by_alpha[..., np.newaxis, :]
+        return np.asarray(both.reshape(*mach.shape, -1), dtype=float)
+
+    def labels(self) -> tuple[str, ...]:
+        """Where each place lies, in words."""
+        if len(self.alpha) == 1:
+            return tuple(f"at Mach {mach:g}" for mach in self.mach)
+        return tuple(f"at Mach {mach:g}, alpha {alpha:.4g} rad" for mach in self.mach for alpha in self.alpha)
+
+
+def _hats(values: FloatArray, places: Sequence[float]) -> FloatArray:
+    """Linear B-splines at the places (..., places), the outer ones constant beyond."""
+    inside = np.clip(values, places[0], places[-1])
+    return np.stack([np.interp(inside, places, row) for row in np.eye(len(places))], axis=-1)
+
+
+class TableSlope(Mechanism):
+    """The static moment that the table gives; its coefficient is 1 where the table is right on the whole."""
+
+    name = "aero_table"
+    title = "static moment by the aerodynamic table"
+    claims = "the table's moment in the plane of the angle of attack"
+    source = "the user's table"
+    wind_fixed = True
+    time_variation = ("constant",)
+
+    table: AeroTable
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term: the table's slope times alpha."""
+        slope = self.table.weights(motion.mach, motion.alpha) @ np.ravel(self.table.slope)
+        return (Term("C_Nalpha by the table", slope * motion.alpha, np.zeros_like(motion.alpha), "1"),)
+
+
+class TableIncrements(Mechanism):
+    """What the slope is more at each place of the table, as far as its uncertainty allows."""
+
+    name = "aero_increment"
+    title = "increments to the aerodynamic table"
+    claims = "the table is wrong by about its uncertainty"
+    source = "the user's table"
+    wind_fixed = True
+    time_variation = ("constant",)
+
+    table: AeroTable
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term a place: a linear spline around it, times alpha."""
+        weights = self.table.weights(motion.mach, motion.alpha)
+        return tuple(
+            Term(f"C_Nalpha {label}", weight * motion.alpha, np.zeros_like(motion.alpha), "1/rad")
+            for label, weight in zip(self.table.labels(), np.moveaxis(weights, -1, 0), strict=True)
+        )
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...]:
+        """The table's uncertainty at each place."""
+        return tuple(error for row in self.table.std_error for error in row)
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Never: the table is the design's."""
+        return False
+
+
+def read_aero_table(path: str | Path) -> AeroTable:
+    """The table in a CSV or YAML file; see the module's description.
+
+    Raises UsageError that says what is wrong and where.
+    """
+    path = Path(path)
+    content = _of_yaml(path) if path.suffix in _YAML else _of_csv(path)
+    try:
+        return AeroTable.model_validate(content)
+    except ValidationError as error:
+        said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'table'}: {e['msg']}" for e in error.errors()[:4])
+        raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
+
+
+def _of_yaml(path: Path) -> dict[str, Any]:
+    content = read_yaml(path, _EXPECTED)
+    if "alpha_deg" in content:
+        content["alpha"] = [np.radians(float(value)) for value in _listed(content.pop("alpha_deg"))]
+    machs, alphas = len(_listed(content.get("mach"))), len(_listed(content.get("alpha", [0.0])))
+    for name in ("slope", "std_error"):
+        if name in content:
+            content[name] = _by_place(content[name], machs, alphas)
+    return content
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _by_place(value: Any, machs: int, alphas: int) -> Any:
+    """A number, or a list by Mach number, as a list of lists."""
+    rows = value if isinstance(value, list) else [value] * machs
+    return [row if isinstance(row, list) else [row] * alphas for row in rows]
+
+
+def _of_csv(path: Path) -> dict[str, Any]:
+    rows = list(csv.DictReader(io.StringIO(read_text(path, _EXPECTED, _CSV_BYTES)), skipinitialspace=True))
+    names = set(rows[0]) if rows else set()
+    angle = next((name for name in ("alpha", "alpha_deg") if name in names), None)
+    if not {"mach", "slope", "std_error"} <= names or names > {"mach", "slope", "std_error", angle}:
+        raise UsageError(f"{path} has the columns {sorted(map(str, names))}, expected {_EXPECTED}. Correct its head.")
+    places: dict[tuple[float, float], tuple[float, float]] = {}
+    for number, row in enumerate(rows, start=2):
+        try:
+            alpha = 0.0 if angle is None else float(row[angle])
+            place = (float(row["mach"]), np.radians(alpha) if angle == "alpha_deg" else alpha)
+            values = (float(row["slope"]), float(row["std_error"]))
+        except (TypeError, ValueError):
+            raise UsageError(
+                f"{path}, line {number}: got {one_line(repr(row))}, expected numbers in every column."
+            ) from None
+        if place in places:
+            raise UsageError(f"{path}, line {number}: Mach {place[0]:g} and this alpha stand there twice.")
+        places[place] = values
+    machs, alphas = (tuple(sorted({place[k] for place in places})) for k in (0, 1))
+    if len(places) != len(machs) * len(alphas):
+        raise UsageError(
+            f"{path} has {len(places)} places, expected every alpha ({len(alphas)}) at every Mach number "
+            f"({len(machs)}). Fill in what is missing."
+        )
+    slope, error = (tuple(tuple(places[m, a][k] for a in alphas) for m in machs) for k in (0, 1))
+    return {"mach": machs, "alpha": alphas, "slope": slope, "std_error": error}

@@ -1,0 +1,89 @@
+"""The predictive band: how far the measured moments may lie from a frozen model's, noise included.
+
+What the model's coefficients err by, and what is held of the record's errors within their tolerances, changes what is
+fitted along; to first order, what is left of it after that fit widens the band beyond the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.model.columns import Column
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.residuals.prediction import Band
+
+# Standard deviations on either side of the prediction, and the share of a normal distribution between them.
+SIGMAS, LEVEL = 1.96, 0.95
+# Samples of the band that are told: a picture has no more.
+_MOST_TOLD = 2000
+
+
+def predictive_sigma(
+    problem: Problem,
+    frame: RateFrame,
+    columns: Sequence[Column],
+    covariance: FloatArray,
+    fitted: BoolArray,
+    noise_sigma: FloatArray,
+) -> ComplexArray:
+    """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
+
+    `covariance` is that of the held coefficients (held columns, held columns); `fitted` (columns + nuisances,) what is
+    fitted here; `noise_sigma` (rows,).
+    """
+    constants = 2 * len(problem.rows.part.levels)
+    count = len(columns)
+    design = problem.whole_design(frame, columns)
+    free = np.concatenate([fitted[:count], np.ones(constants, dtype=bool), fitted[count:]])
+    scale = lengths(design[:, free])
+    answer = np.linalg.lstsq(design[:, free] / scale, design[:, ~free], rcond=None)[0] / scale[:, np.newaxis]
+    histories = np.column_stack([frame.columns(columns), problem.rows.nuisances.rows.rates])
+    moments = np.column_stack([residual_moments(frame, problem.records, column).body for column in histories.T])
+    of_fitted = np.zeros((moments.shape[0], int(free.sum())), dtype=complex)
+    of_fitted[:, ~_constants(free, count, constants)] = moments[:, fitted]
+    slopes = moments[:, ~fitted] - of_fitted @ answer
+    held = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))
+    return np.asarray(
+        np.sqrt(noise_sigma**2 + _variance(slopes.real, held))
+        + 1j * np.sqrt(noise_sigma**2 + _variance(slopes.imag, held))
+    )
+
+
+def _constants(free: BoolArray, count: int, constants: int) -> BoolArray:
+    """Which of the fitted unknowns are constants of integration, in which no moment shows."""
+    which = np.zeros(free.size, dtype=bool)
+    which[count : count + constants] = True
+    return which[free]
+
+
+def _variance(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.maximum(np.sum((slopes @ covariance) * slopes, axis=1), 0.0), dtype=float)
+
+
+def band_of(
+    time: FloatArray, measured: ResidualMoments, left: ResidualMoments, sigma: ComplexArray, flown: BoolArray
+) -> Band:
+    """The band with the share of the samples that it holds where the model is known (rows,), both axes together."""
+    kept, counted = np.flatnonzero(left.usable), left.usable & flown
+    inside = [np.abs(getattr(left.body, axis)) <= SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
+    told = kept[:: max(1, -(-kept.size // _MOST_TOLD))]
+    predicted = measured.body - left.body
+    return Band(
+        level=LEVEL,
+        inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
+        time_s=tuple(time[told].tolist()),
+        measured=_pair(measured.body[told]),
+        predicted=_pair(predicted[told]),
+        half_width=_pair(SIGMAS * sigma[told]),
+    )
+
+
+def _pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    return tuple(values.real.tolist()), tuple(values.imag.tolist())

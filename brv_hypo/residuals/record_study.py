@@ -1,0 +1,130 @@
+"""Known effects planted, undeclared, into a measured record: are they found?
+
+By hand: python -m brv_hypo.residuals.record_study FLIGHT.h5 --effects magnus,stiffness_asymmetry --times 5
+
+Each is planted at so many times its detection limit on that record, and traced from the model that the record itself
+ends with. The errors before and after are those of the step that adds it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight import load_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import find, find_installed
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.linear import lengths
+from brv_hypo.residuals.candidates_at_step import Look, look
+from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.fitted_model import State, settled_state
+from brv_hypo.residuals.loop import trace
+from brv_hypo.residuals.planting_on_record import with_moment
+from brv_hypo.residuals.restore import restored
+from brv_hypo.residuals.result import Trace
+from brv_hypo.residuals.saved import SavedModel
+
+# A coefficient is detected at this many of its standard errors.
+_LIMIT = 5.0
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A measured record with the model that it ends with, and its regression there."""
+
+    flight: Flight
+    model: SavedModel
+    state: State
+    here: Look
+
+
+def ground(flight: Flight, steps: int) -> Ground:
+    """The record traced for `steps` steps; where none are asked for, its scheduled baseline alone."""
+    settings = TraceConfig(max_steps=max(steps, 1), maximum_likelihood=False)
+    if steps == 0:
+        settings = settings.model_copy(update={"effects": (), "discover": False})
+    found = trace(flight, settings).model.definition
+    with threadpool_limits(limits=1, user_api="blas"):
+        state = settled_state((flight,), restored(found, (flight,)), settings)
+        here = look(state.seen, state.model, state.values, (), (), settings.model_copy(update={"discover": False}))
+    return Ground(flight, found, state, here)
+
+
+def planted(base: Ground, effect: str, times: float, seed: int) -> tuple[Flight, str]:
+    """The record with the effect at `times` its detection limit, in a random direction of its terms; its size."""
+    draw = np.random.default_rng([seed, *(ord(letter) for letter in effect)])
+    item = find_installed(effect)
+    if isinstance(item, Mechanism):
+        motion = base.state.seen.reconstructions[0].motion
+        names = [term.name for term in item.terms(motion, {})]
+        direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[0]
+        values = times * _limit(base.here, effect, names, direction) * direction
+        told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
+        return with_moment(base.flight, base.state, item, values.tolist()), told
+    component = item.components(base.flight)[int(draw.integers(len(item.components(base.flight))))]
+    value = 3.0 * times * component.size  # in tolerances: a smaller one is no error beyond them
+    return item.perturb(base.flight, component.name, value), f"{component.name} {value:.3g} {component.units}"
+
+
+def _limit(here: Look, effect: str, names: Sequence[str], direction: FloatArray) -> float:
+    """Detection limit along a direction of the terms, as a multiple of it."""
+    problem, always = here.problem, TimeFunction("constant")
+    frame = problem.frame.with_mechanisms([find(effect)])
+    columns = [Column(effect, name, (), always, "1") for name in names]
+    own = problem.design(frame, columns) @ direction
+    design = problem.design(problem.frame, problem.baseline)
+    basis = np.linalg.qr(design / lengths(design))[0]
+    return _LIMIT / float(np.linalg.norm(own - basis @ (basis.T @ own)))
+
+
+def found_in(base: Ground, flight: Flight) -> Trace:
+    """The planted record traced from the model of the record itself."""
+    start = base.model.model_copy(update={"covariance": ()})
+    return trace(replace(flight), TraceConfig(start=start, max_steps=2, maximum_likelihood=False))
+
+
+def line(effect: str, size: str, result: Trace) -> str:
+    """One planted effect in words."""
+    told = [
+        f"{step.standing} {step.added} ({step.description}): held out {step.error_before.held_out:.3g} to "
+        f"{step.error_after.held_out:.3g}"
+        + (f", cannot be told from {', '.join(near)}" if (near := step.candidates[0].near_equals) else "")
+        for step in result.steps
+        if step.added is not None and step.error_after is not None
+    ]
+    named = effect in result.added or any(
+        effect in (*step.candidates[0].near_equals, *step.look_alikes) for step in result.steps if step.added
+    )
+    return f"{effect} ({size}) {'found' if named else 'not found'}: {'; '.join(told) or 'nothing is added'}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("flight", type=Path)
+    parser.add_argument("--effects", default="magnus,stiffness_asymmetry,cubic_stiffness,gyro_scale")
+    parser.add_argument("--times", type=float, default=5.0, help="of the detection limit")
+    parser.add_argument("--steps", type=int, default=8, help="of the record's own trace")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--start", type=float, default=None)
+    parser.add_argument("--stop", type=float, default=None)
+    given = parser.parse_args(arguments)
+    base = ground(load_flight(given.flight).window(given.start, given.stop), given.steps)
+    print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
+    print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
+    for effect in given.effects.split(","):
+        flight, size = planted(base, effect, given.times, given.seed)
+        print(line(effect, size, found_in(base, flight)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

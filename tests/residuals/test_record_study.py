@@ -1,0 +1,49 @@
+"""Effects planted into a record that was made without them, through the motion that they would have made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.mechanisms import find
+from brv_hypo.residuals import TraceConfig, trace
+from brv_hypo.residuals.planting_on_record import with_moment
+from brv_hypo.residuals.record_study import Ground, found_in, ground, line, planted
+from tests.flights import nominal
+
+MAGNUS = -1.0
+
+
+@pytest.fixture(scope="module")
+def base() -> Ground:
+    return ground(nominal().flight, 0)
+
+
+def test_nothing_planted_changes_nothing(base: Ground) -> None:
+    flight = with_moment(base.flight, base.state, find("magnus"), [0.0])
+    for name in ("q", "r", "ay", "az"):
+        np.testing.assert_array_equal(getattr(flight, name), getattr(base.flight, name))
+
+
+def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
+    flight = with_moment(base.flight, base.state, find("magnus"), [MAGNUS])
+    settings = TraceConfig(effects=("magnus", "trim"), discover=False, max_steps=2, maximum_likelihood=False)
+    result = trace(flight, settings)
+    assert result.added == ("magnus",)
+    term = next(term for term in result.model.terms if term.mechanism == "magnus")
+    assert abs(term.value - MAGNUS) < 0.1 * abs(MAGNUS)
+
+
+def test_planting_is_linear(base: Ground) -> None:
+    def change(value: float) -> np.ndarray:
+        flight = with_moment(base.flight, base.state, find("magnus"), [value])
+        return np.concatenate([flight.q - base.flight.q, flight.az - base.flight.az])
+
+    np.testing.assert_allclose(change(2.0 * MAGNUS), 2.0 * change(MAGNUS), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_study_tells_of_a_planted_effect(base: Ground) -> None:
+    flight, size = planted(base, "stiffness_asymmetry", 8.0, 1)
+    said = line("stiffness_asymmetry", size, found_in(base, flight))
+    assert " found: " in said
