@@ -14,7 +14,7 @@ from scipy.linalg import solve
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import residual_moments
 
@@ -104,6 +104,14 @@ def left_out(
         rest = response[~out] - design[~out] @ values
         score = _score(response[out & is_rate] - rates @ values, rates, others)
         yield Without(block, values / scale, score, float(rest @ rest))
+
+
+def nothing_left_out(problem: Problem, frame: RateFrame, columns: Sequence[Column]) -> float:
+    """Residual sum of squares of all rows, under the likelihood of `left_out`."""
+    problem = problem.untied()
+    design, response = problem.whole_design(frame, columns), problem.raw_response
+    left = response - design @ solve_scaled(design, response)
+    return float(left @ left)
 
 
 def _score(error: FloatArray, design: FloatArray, normal: FloatArray) -> float:

@@ -1,0 +1,55 @@
+"""The walk of the attitude is the integral of the very noise that the rates show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from brv_hypo.motion import ReconstructionConfig, reconstruct
+from brv_hypo.motion.perturbation import perturbed
+from brv_hypo.motion.wind import body_crossflow, wind_direction
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.preparation import prepare
+from brv_hypo.regression.response import _walk, _walk_noise, linearisation_point, start_of, wind_to_body
+from tests.flights import nominal
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: int):
+    """Noise of -i w in the rates across the velocity is read as a walk of w less, so that its correction is w."""
+    record, point = linearisation_point(reconstruct(nominal().flight), ReconstructionConfig())
+    start = start_of(point)
+    direction = wind_direction(record, start)
+    turn = wind_to_body(record, direction)
+    noise = 1j * turn * _walk_noise(record, order + 1)[:, order]
+    noisy = perturbed(
+        record, replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)
+    )
+    shift = body_crossflow(noisy, wind_direction(noisy, start)) - body_crossflow(record, direction)
+    walk = _walk(record, order + 1)[:, order]
+    found = np.vdot(walk, shift * np.conj(turn)) / np.vdot(walk, walk)
+    assert found == pytest.approx(-1.0, abs=0.1)
+
+
+def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
+    problem = prepare([reconstruct(nominal().flight)], CompareConfig(knot_count=3))
+    rows = problem.rows
+    lengths = np.linalg.norm(rows.own_noise, axis=0)
+    assert np.all((lengths > 0.1) & (lengths < 1.3))  # the noise's level is found twice, its colour once
+    assert rows.nuisances.tied.size == rows.own_noise.shape[1] > 0
+    assert problem.untied().rows.own_noise.shape[1] == 0
+
+
+def test_what_is_tied_is_known_better():
+    """The same coefficients with a walk beside the noise are less certain."""
+    problem = prepare([reconstruct(nominal().flight)], CompareConfig(knot_count=3))
+    frame, columns = problem.frame, problem.baseline
+    tied, loose = (each.whole_design(frame, columns) for each in (problem, problem.untied()))
+    place = [column.term for column in columns].index("C_Nalpha")
+
+    def sigma(design: np.ndarray) -> float:
+        return float(np.sqrt(np.linalg.pinv(design.T @ design)[place, place]))
+
+    assert sigma(tied) < sigma(loose)
