@@ -25,4 +25,4 @@ def docs(
         page = "\n".join(["# The manual", "", "`brv-hypo docs TOPIC` shows one of", "", *lines])
     else:
         page = text(topic)
-    session.present(Markdown(page), conclusion=page)
+    session.tell(Markdown(page), conclusion=page)

@@ -26,7 +26,7 @@ def listing(session: Session, context: typer.Context) -> None:
     from brv_hypo.report.mechanisms import listing_data, listing_table
 
     found = installed()
-    session.present(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
+    session.tell(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
     session.write_json(listing_data(found))
 
 
@@ -68,7 +68,7 @@ def check(
     outcomes = conformance(find_installed(name))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
     passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
-    session.present(conformance_table(name, outcomes), conclusion=passed)
+    session.tell(conformance_table(name, outcomes), conclusion=passed)
     session.write_json(conformance_data(name, outcomes))
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")

@@ -31,7 +31,7 @@ MechanismFile = Annotated[
 ]
 
 
-@in_session("json", "report", "force", "plugin")
+@in_session("json", "report", "figures", "force", "plugin")
 def trace(
     session: Session,
     flight: options.FlightFile,
@@ -45,7 +45,7 @@ def trace(
 ) -> None:
     """Trace what a model leaves over to its effects, one by one."""
     session.claim(mechanism_file)
-    from brv_hypo.report.trace import conclusion, trace_view
+    from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
     from brv_hypo.settings import read_settings
@@ -55,14 +55,12 @@ def trace(
     record = load(flight, start, stop, instruments)
     with session.progress("tracing") as progress:
         result = traced(record, settings, progress=progress)
-    session.present(trace_view(result, verbose=session.verbose), conclusion=conclusion(result))
+    document = trace_document(result)
+    session.present(document)
     session.write_json(result)
     if mechanism_file is not None:
         _write_mechanism(session, mechanism_file, result.discovered)
-    if session.report is not None:
-        from brv_hypo.report.trace_page import trace_page
-
-        session.write_report(trace_page(result))
+    session.write_report(document, settings, [record.path])
 
 
 def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:

@@ -174,7 +174,8 @@ class Seconds(_Result):
 class Series(_Result):
     """Histories for pictures, of one flight: not part of the JSON.
 
-    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`.
+    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`. Standard deviations, rates and
+    Mach number are empty where they are not known.
     """
 
     time_s: tuple[float, ...]
@@ -183,6 +184,11 @@ class Series(_Result):
     measured: tuple[tuple[float, ...], tuple[float, ...]]
     sigma: tuple[float, ...]
     fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+    alpha_sigma_rad: tuple[float, ...] = ()
+    windward_meridian_sigma_rad: tuple[float, ...] = ()
+    roll_rate_rad_s: tuple[float, ...] = ()
+    windward_meridian_rate_rad_s: tuple[float, ...] = ()
+    mach: tuple[float, ...] = ()
 
 
 class CoefficientSeries(_Result):

@@ -112,13 +112,20 @@ class ModelSummary(_Result):
 
 
 class Picture(_Result):
-    """Residual moments before and after, for pictures of the report: not part of the JSON."""
+    """Residual moments (pitch, yaw) before and after, for pictures of the report: not part of the JSON.
+
+    Angles and rates of the motion are empty where they are not known.
+    """
 
     time_s: tuple[float, ...]
     measured: tuple[tuple[float, ...], tuple[float, ...]]
     before: tuple[tuple[float, ...], tuple[float, ...]]
     after: tuple[tuple[float, ...], tuple[float, ...]]
     sigma: tuple[float, ...]
+    alpha_rad: tuple[float, ...] = ()
+    windward_meridian_rad: tuple[float, ...] = ()
+    roll_rate_rad_s: tuple[float, ...] = ()
+    windward_meridian_rate_rad_s: tuple[float, ...] = ()
 
 
 class Trace(_Result):

@@ -190,15 +190,19 @@ def _drag_spread(flight: Flight) -> float | None:
 
 def _picture(before: ResidualMoments, end: Ending) -> Picture:
     after, seen = end.state.left, end.state.seen
-    moments = seen.reconstruction.moments
+    moments, motion = seen.reconstruction.moments, seen.reconstruction.motion
     kept = before.usable & after.usable
     samples = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in seen.frame.segments])[kept]
     return Picture(
-        time_s=tuple(seen.reconstruction.motion.time[samples].tolist()),
+        time_s=tuple(motion.time[samples].tolist()),
         measured=_pair(moments.body[samples]),
         before=_pair(before.body[kept]),
         after=_pair(after.body[kept]),
         sigma=tuple(moments.noise_sigma[samples].tolist()),
+        alpha_rad=tuple(motion.alpha[samples].tolist()),
+        windward_meridian_rad=tuple(motion.windward_meridian[samples].tolist()),
+        roll_rate_rad_s=tuple(motion.p[samples].tolist()),
+        windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
     )
 
 
