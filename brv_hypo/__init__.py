@@ -37,6 +37,10 @@ __all__ = ["compare", "load_flight", "predict", "reconstruct", "simulate", "trac
 
 def __getattr__(name: str) -> Any:
     """The public functions, imported at first use: the package itself costs nothing to import."""
+    if name == "__version__":
+        from brv_hypo.version import version
+
+        return version()
     if name not in _HOME:
         raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)

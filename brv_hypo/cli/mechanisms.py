@@ -36,6 +36,9 @@ def listing(session: Session, context: typer.Context) -> None:
 def new(
     session: Session,
     name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    effect: Annotated[
+        bool, typer.Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
+    ] = False,
     directory: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
     ] = Path(),
@@ -43,12 +46,13 @@ def new(
     """Write a ready plugin package with its tests, to start from."""
     from brv_hypo.mechanisms.template import write_plugin
 
-    written = write_plugin(name, directory)
+    written = write_plugin(name, directory, effect=effect)
+    part = "components and perturb" if effect else "the terms"
     session.show(
         f"Wrote {written}. Next:\n"
         f"  pip install -e '{written}[test]'\n"
         f"  brv-hypo mechanisms check {name}\n"
-        f"then replace the terms in {written}/brv_hypo_{name}.py by your own."
+        f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
     )
 
 

@@ -6,6 +6,7 @@ terminal.py, pages.py, drawing.py      a document in the terminal, as an HTML pa
 chart.py           what a chart shows; plotly_chart.py for pages
 *_charts.py        the charts of each result
 rows.py, study_rows.py, style.py       rows of tables, and how numbers are written
+write.py           write_report, write_figures: any result, from Python
 provenance.py      version, settings, digests of records, command
 flight.py, simulate.py, mechanisms.py  what else the terminal shows, and as data for JSON
 picture.py         the README's picture

@@ -109,7 +109,8 @@ class Chart:
 def thinned(values: Values) -> FloatArray:
     """At most `MOST_POINTS` of the values, evenly."""
     every = max(1, -(-len(values) // MOST_POINTS))
-    return np.asarray(values[::every], dtype=np.float64)
+    kept: FloatArray = np.asarray(values, dtype=np.float64)[::every]
+    return kept
 
 
 def wrapped_degrees(angle: Values) -> FloatArray:

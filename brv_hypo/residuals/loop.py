@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
@@ -36,19 +37,20 @@ SMALLEST_RECORD = 120
 _GENERIC = 4
 
 
-def trace(flight: Flight, config: TraceConfig | None = None, *, progress: Progress | None = None) -> Trace:
-    """Trace what a model lacks on one flight, effect by effect.
+def trace(flight: FlightSource, config: TraceConfig | None = None, *, progress: Progress | None = None) -> Trace:
+    """Trace what a model lacks on one flight (a path, a `Flight` or a simulated flight), effect by effect.
 
     Raises UsageError for an unknown effect and UnanswerableError where the record is too short.
     """
-    if flight.samples < SMALLEST_RECORD:
+    record = one_flight(flight)
+    if record.samples < SMALLEST_RECORD:
         raise UnanswerableError(
-            f"the record holds {flight.samples} samples in the window, expected at least {SMALLEST_RECORD}: too few to "
+            f"the record holds {record.samples} samples in the window, expected at least {SMALLEST_RECORD}: too few to "
             "hold any out. Widen --start and --stop."
         )
     config = config or TraceConfig()
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        return _trace(flight, config, progress or (lambda message: None))
+        return _trace(record, config, progress or (lambda message: None))
 
 
 def _trace(flight: Flight, config: TraceConfig, say: Progress) -> Trace:
