@@ -115,7 +115,7 @@ def thinned(values: Values) -> FloatArray:
 
 def wrapped_degrees(angle: Values) -> FloatArray:
     """An angle (rad) in degrees within half a turn, with a break (NaN) wherever it passes from one end to the other."""
-    degrees = (np.degrees(np.asarray(angle, dtype=float)) + 180.0) % 360.0 - 180.0
-    broken = degrees.copy()
+    degrees = (np.degrees(np.asarray(angle, dtype=np.float64)) + 180.0) % 360.0 - 180.0
+    broken: FloatArray = degrees.copy()
     broken[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
     return broken

@@ -19,6 +19,7 @@ class TraceConfig(BaseModel):
     file), or the model of an earlier trace. `baseline`: whether the stiffness that it starts from follows
     Mach and Reynolds number, or is constant, so that such a change is for the loop to find. `effects`: the effects to
     try; None tries all that are installed.
+    `method`: of reconstruction, as in `reconstruct`.
     `discover`: search the dictionary of generic terms too. `blocks`: parts that the record is cut into; every
     fourth is held out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an
     effect counts. `knot_count`, `max_terms`: as in `compare`. `maximum_likelihood`: refine the final model by
