@@ -75,7 +75,7 @@ Block = Table | Texts | Picture
 
 TEXT_COLUMNS = frozenset(
     (
-        *("mechanism", "criterion", "term", "plane", "unit", "effect", "kind", "cannot be told from", "moments less"),
+        *("mechanism", "criterion", "term", "plane", "unit", "effect", "kind", "near-equals", "moments less"),
         *("planted", "vehicle", "parameter", "status", "flight", "ranked first", "verdict", "reason", "history"),
     )
 )

@@ -19,7 +19,7 @@ IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′ · 10³", "out of plane, C<
 BODY = ("pitch, C<sub>m</sub> · 10³", "yaw, C<sub>n</sub> · 10³")
 TIME = "time, s"
 _SHARE, _MARGIN = 0.98, 2.0
-"""A spectrum is shown up to this multiple of the frequency below which this share of the power lies."""
+"""A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _NARROWEST = 0.003
 """Share of the record that a shaded stretch takes at least, to be seen."""
 _SEGMENT = 512
@@ -185,7 +185,7 @@ def spectrum_chart(
     for name, (moments, role) in histories.items():
         frequency, power = _spectrum(moments, sample_rate)
         layers.append(Line(frequency, power, role, name))
-        highest = max(highest, float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))]))
+        highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
     highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
     return Chart(
         f"spectrum{setting.suffix}",

@@ -13,6 +13,8 @@ from rich.text import Text
 from brv_hypo.report.blocks import TEXT_COLUMNS, Block, Document, Picture, Table, Texts
 from brv_hypo.report.style import bullets, plain_table
 
+_BETWEEN = 2
+"""Characters between columns."""
 _LEAST_TEXT = 12
 """Characters below which a column of words is not folded further."""
 
@@ -93,7 +95,7 @@ class Fitted:
         return table
 
     def _least(self, columns: Sequence[int]) -> int:
-        return sum(self._width(column) + 1 for column in columns) - 1
+        return sum(self._width(column) + _BETWEEN for column in columns) - _BETWEEN
 
     def _width(self, column: int) -> int:
         """The width below which the column is not readable."""

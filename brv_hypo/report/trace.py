@@ -12,7 +12,7 @@ from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
 TOLD = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
 
-CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "cannot be told from")
+CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "near-equals")
 
 
 def trace_document(result: Trace) -> Document:
