@@ -55,7 +55,7 @@ def _topics() -> str:
 
 
 def _as_page(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
-    """Write the manual, where nothing else was asked for among the temporary files, and open it if it is to be shown."""
+    """Write the manual, among the temporary files where no other was named, and open it if it is to be shown."""
     import tempfile
     import webbrowser
 

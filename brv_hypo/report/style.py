@@ -30,8 +30,8 @@ def plain_console() -> Console:
     return _PlainConsole(highlight=False, markup=False)
 
 
-def plain_table(title: str | None = None) -> Table:
-    """An empty table in the house style: rules above and below the heading, no other lines."""
+def plain_table(title: str | None = None, *, close: bool = False) -> Table:
+    """An empty table in the house style: a rule below the heading; `close` leaves one space between columns."""
     return Table(
         title=title,
         title_justify="left",
@@ -39,7 +39,7 @@ def plain_table(title: str | None = None) -> Table:
         box=box.SIMPLE_HEAD,
         show_edge=False,
         pad_edge=False,
-        padding=(0, 1, 0, 0),
+        padding=(0, 0 if close else 1, 0, 0),
     )
 
 

@@ -61,13 +61,15 @@ def _lines(block: Table | Texts) -> Iterator[RenderableType]:
 
 
 class Fitted:
-    """A table that fits the console: words fold; where the numbers still do not fit, it goes on below itself."""
+    """A table that fits the console: columns move together, then words fold, then it goes on below itself."""
 
     def __init__(self, block: Table) -> None:
         self.block = block
+        self.room = 0  # characters of the console, known when rendered
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, in as many parts as it takes."""
+        self.room = options.max_width
         kept = [0]
         parts = []
         for column in range(1, len(self.block.headings)):
@@ -79,7 +81,7 @@ class Fitted:
             yield self._part(columns)
 
     def _part(self, columns: Sequence[int]) -> RenderableType:
-        table = plain_table()
+        table = plain_table(close=self._wide(columns) > self.room)
         for column in columns:
             heading = self.block.headings[column]
             words = heading in TEXT_COLUMNS
@@ -94,8 +96,13 @@ class Fitted:
             table.add_row(*(row[c] for c in columns), style="bold" if index in self.block.marked else "")
         return table
 
+    def _wide(self, columns: Sequence[int]) -> int:
+        """The width that the columns take with nothing folded."""
+        cells = ((self.block.headings[c], *(row[c] for row in self.block.rows)) for c in columns)
+        return sum(max(cell_len(text) for text in column) + _BETWEEN for column in cells) - _BETWEEN
+
     def _least(self, columns: Sequence[int]) -> int:
-        return sum(self._width(column) + _BETWEEN for column in columns) - _BETWEEN
+        return sum(self._width(column) + 1 for column in columns) - 1
 
     def _width(self, column: int) -> int:
         """The width below which the column is not readable."""
