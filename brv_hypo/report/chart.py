@@ -22,7 +22,9 @@ MOST_POINTS = 2500
 
 @dataclass(frozen=True)
 class Line:
-    """A history, or dots; `labels` stand beside the dots, `error` is the standard error of y."""
+    """A history, or dots, `large` where they are few; `labels` stand beside them, `error` is how far y may lie below
+    and above.
+    """
 
     x: Values
     y: Values
@@ -30,8 +32,9 @@ class Line:
     name: str = ""
     dots: bool = False
     dashed: bool = False
+    large: bool = False
     labels: Sequence[str] = ()
-    error: Values | None = None
+    error: tuple[Values, Values] | None = None
 
 
 @dataclass(frozen=True)

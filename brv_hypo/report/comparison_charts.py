@@ -90,6 +90,7 @@ def _sizes(comparison: Comparison) -> Chart:
         "first",
         "hypotheses",
         dots=True,
+        large=True,
         labels=[row.mechanism for row in rows],
     )
     return Chart(

@@ -143,11 +143,11 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
     if not layer.dots:
         axes.plot(layer.x, layer.y, ":" if layer.dashed else "-", color=colour, linewidth=1.0, label=name)
         return
-    large = bool(layer.labels) or layer.error is not None
-    size = 5.0 if large else 1.2
+    size = 5.0 if layer.large else 1.2
     axes.plot(layer.x, layer.y, "o", color=colour, markersize=size, markeredgewidth=0.0, label=name)
-    if layer.error is not None and np.any(np.asarray(layer.error)):
-        axes.errorbar(layer.x, layer.y, yerr=layer.error, fmt="none", ecolor=colour, linewidth=1.0)
+    if layer.error is not None:
+        spread = np.asarray(layer.error, dtype=float)
+        axes.errorbar(layer.x, layer.y, yerr=spread, fmt="none", ecolor=colour, linewidth=1.0)
     for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
         axes.annotate(label, (x, y), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=8)
 

@@ -147,8 +147,8 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
                 "theta, deg",
                 [
                     Line(psi, theta, "measured", "path"),
-                    Line(psi[:1], theta[:1], "second", "start", dots=True, error=np.zeros(1)),
-                    Line(psi[-1:], theta[-1:], "first", "end", dots=True, error=np.zeros(1)),
+                    Line(psi[:1], theta[:1], "second", "start", dots=True, large=True),
+                    Line(psi[-1:], theta[-1:], "first", "end", dots=True, large=True),
                 ],
             )
         ],

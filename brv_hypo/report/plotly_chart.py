@@ -50,13 +50,16 @@ def _line(layer: Line) -> dict[str, Any]:
         "mode": ("markers+text" if layer.labels else "markers") if layer.dots else "lines",
     }
     if layer.dots:
-        trace["marker"] = {"color": colour, "size": 8 if layer.labels or layer.error is not None else 2.6}
+        trace["marker"] = {"color": colour, "size": 8 if layer.large else 2.6}
     else:
         trace["line"] = {"color": colour, "width": 1.5, **({"dash": "dot"} if layer.dashed else {})}
     if layer.labels:
         trace |= {"text": list(layer.labels), "textposition": _beside(len(layer.labels)), "cliponaxis": False}
     if layer.error is not None:
-        trace["error_y"] = {"type": "data", "array": np.asarray(layer.error, dtype=float).tolist(), "color": colour}
+        below, above = (np.asarray(values, dtype=float).tolist() for values in layer.error)
+        trace["error_y"] = {
+            "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
+        }  # fmt: skip
     return trace
 
 

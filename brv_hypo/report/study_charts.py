@@ -12,18 +12,19 @@ from brv_hypo.study.calibration import Calibration
 
 
 def calibration_chart(calibration: Calibration) -> Chart:
-    """Share right over stated probability, with its standard error; the line is perfect calibration."""
+    """Share right over stated probability, with its interval; the line is perfect calibration."""
     bins = [item for item in calibration.bins if item.right.total and item.mean_probability is not None]
     share = np.array([item.right.value for item in bins], dtype=float)
-    wide = np.array([item.right.high - item.right.low for item in bins], dtype=float)
+    low, high = (np.array([getattr(item.right, end) for item in bins], dtype=float) for end in ("low", "high"))
     dots = Line(
         np.array([item.mean_probability for item in bins], dtype=float),
         share,
         "first",
         "verdicts, with their number",
         dots=True,
+        large=True,
         labels=[str(item.right.total) for item in bins],
-        error=wide / 4.0,
+        error=(share - low, high - share),
     )
     perfect = Line([0.0, 1.0], [0.0, 1.0], "guide", "perfect", dashed=True)
     panels = [Panel("share right", [perfect, dots], range=(-0.03, 1.08))] if bins else []
@@ -40,7 +41,7 @@ def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
     )
     layers = [
         Line([100.0 * o.effect for o in some], [lines.index(_line(o)) for o in some], role, name, dots=True,
-             error=np.zeros(len(some)))
+             large=True)
         for name, role, some in kinds
         if some
     ]  # fmt: skip

@@ -157,9 +157,10 @@ class TestDrawing:
     @pytest.fixture
     def plain(self) -> Chart:
         time = np.linspace(0.0, 1.0, 50)
+        dots = Line(time, time, "measured", "b", dots=True, large=True, labels=["x"] * 50, error=(time, time))
         panels = [
             Panel("∂C<sub>N</sub>′/∂α", [Band(time, time, time + 1), Line(time, time, "first", "a")]),
-            Panel("y", [Line(time, time, "measured", "b", dots=True, labels=["x"])]),
+            Panel("y", [dots]),
         ]
         return Chart("two panels", "h", "t", panels, marks=[Mark(0.5, "knot")], spans=[Span(0.1, 0.2)])
 
