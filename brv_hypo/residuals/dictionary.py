@@ -63,7 +63,7 @@ def _turning(motion: Motion) -> list[Entry]:
 
     def entry(rate: float) -> Entry:
         roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
-        name = f"turns at {rate:.4g} rad/s"
+        name = f"turns at {rate:.8g} rad/s"
         terms = tuple(
             FiledTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY
         )
