@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+import shutil
 
 import pytest
 
@@ -12,6 +14,7 @@ from brv_hypo.docs.offline import manual_page
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
 from tests.docs.snippets import execute, matches, snippets
+from tests.shared_data import shared_file
 
 __all__ = ["brv_hypo"]
 
@@ -30,6 +33,23 @@ def _no_plugin_files_afterwards():
 @pytest.mark.parametrize("topic", EXECUTED)
 def test_what_a_topic_shows_is_what_happens(topic, brv_hypo, tmp_path):
     assert execute(topic, tmp_path, brv_hypo) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.shared
+def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
+    (shown,) = (snippet for snippet in snippets("loop") if snippet.language == "sh")
+    shutil.copy(shared_file("data/opportunity/opportunity_entry.h5"), tmp_path)
+    printed = []
+    for line in shown.body.splitlines():
+        done = brv_hypo(*shlex.split(line)[1:], cwd=tmp_path, COLUMNS="80")
+        assert done.returncode == 0, done.stderr
+        printed.append(done.stdout)
+    inspected, compared, traced = printed
+    assert "samples a cycle" in inspected
+    assert "Verdict: none adequate" in compared
+    assert "dynamic pressure keeps a fixed proportion" in traced
+    assert all((tmp_path / name).stat().st_size < 1_500_000 for name in ("compare.html", "trace.html"))
 
 
 def test_every_topic_with_something_to_execute_is_executed():
@@ -60,11 +80,12 @@ def test_links_and_commands_that_a_topic_mentions_exist(topic):
     assert mentioned <= names
 
 
-class TestPage:
-    @pytest.fixture(scope="class")
-    def html(self):
-        return manual_page()
+@pytest.fixture(scope="module")
+def html():
+    return manual_page()
 
+
+class TestPage:
     def test_it_has_every_topic_and_asks_the_network_for_nothing(self, html):
         assert all(f'<article id="{topic}">' in html for topic in topics())
         assert not re.findall(r"(?:src|href)\s*=\s*[\"']?https?:", html)

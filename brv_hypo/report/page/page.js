@@ -31,12 +31,14 @@
     modebar: { bgcolor: "rgba(0,0,0,0)", color: "--quiet", activecolor: "--accent" },
     legend: { orientation: "h", yanchor: "bottom", y: 1.06, x: 0 },
   };
+  const PAPER = 660;  // px: the width of a sheet between its margins
   const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "resetScale2d"]] };
   const draw = async () => {
     const style = getComputedStyle(root);
     for (const [index, node] of nodes.entries()) {
       const chart = charts[index];
       const layout = painted({ ...common, ...chart.layout, height: chart.height }, style);
+      if ("printing" in root.dataset) layout.width = PAPER;
       if (node.layout && node.layout.xaxis && chart.time) layout.xaxis.range = node.layout.xaxis.range;
       await Plotly.react(node, painted(chart.traces, style), layout, config);
     }
