@@ -7,6 +7,7 @@ trace(flight, config)          what is left over, traced to its effect     brv_h
 predict(flight, model, refit)  a model of other flights on this one        brv_hypo.residuals
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
 best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
+write_report, write_figures    any result as a page, as PNG and SVG        brv_hypo.report.write
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
 brv-hypo --help                the command line                            brv_hypo.cli
 """
@@ -37,6 +38,10 @@ __all__ = ["compare", "load_flight", "predict", "reconstruct", "simulate", "trac
 
 def __getattr__(name: str) -> Any:
     """The public functions, imported at first use: the package itself costs nothing to import."""
+    if name == "__version__":
+        from brv_hypo.version import version
+
+        return version()
     if name not in _HOME:
         raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)

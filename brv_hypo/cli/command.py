@@ -16,6 +16,7 @@ from brv_hypo.cli.session import Session, left_out
 _SHARED = {
     "json": options.Json,
     "report": options.Report,
+    "figures": options.Figures,
     "quiet": options.Quiet,
     "verbose": options.Verbose,
     "force": options.Force,
@@ -34,8 +35,8 @@ def _use(files: list[Path] | None) -> None:
 def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command its session as first argument, and the command line the options that the session needs.
 
-    `outputs` are those of "json", "report", "force" and "plugin" that the command takes; -q and -v are everyone's.
-    What was left out of the plugins is said on standard error, however quiet the command is to be.
+    `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
+    everyone's. What was left out of the plugins is said on standard error, however quiet the command is to be.
     """
     with_plugins = "plugin" in outputs
     names = [name for name in _SHARED if name in (*outputs, "quiet", "verbose")]

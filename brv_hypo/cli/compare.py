@@ -13,7 +13,7 @@ from brv_hypo.cli.session import Session
 from brv_hypo.errors import UnanswerableError, UsageError
 
 if TYPE_CHECKING:
-    from brv_hypo.ranking import Comparison
+    from brv_hypo.ranking import CompareConfig, Comparison
 
 Mechanisms = Annotated[
     str | None,
@@ -25,7 +25,7 @@ Mechanisms = Annotated[
 ]
 
 
-@in_session("json", "report", "force", "plugin")
+@in_session("json", "report", "figures", "force", "plugin")
 def compare(
     session: Session,
     flights: options.FlightFiles,
@@ -48,24 +48,21 @@ def compare(
     records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("comparing") as progress:
         comparison = rank(records, settings, progress=progress)
-    report_comparison(session, comparison)
+    report_comparison(session, comparison, settings)
 
 
-def report_comparison(session: Session, comparison: Comparison) -> None:
-    """To the terminal, and to JSON and HTML where they were asked for."""
-    from brv_hypo.report.compare import comparison_view
+def report_comparison(session: Session, comparison: Comparison, settings: CompareConfig) -> None:
+    """To the terminal, and to JSON, HTML and picture files where they were asked for."""
+    from brv_hypo.report.compare import comparison_document
 
-    view = comparison_view(comparison, verbose=session.verbose)
-    session.present(view, conclusion=comparison.verdict.reason)
+    document = comparison_document(comparison)
+    session.present(document)
     session.write_json(comparison)
     if session.quiet or session.json_only:
         for warning in comparison.warnings:
             if "is left out" in warning:
                 session.warn(warning)
-    if session.report is not None:
-        from brv_hypo.report.compare_page import comparison_page
-
-        session.write_report(comparison_page(comparison))
+    session.write_report(document, settings, [flight.path for flight in comparison.flights])
     if comparison.verdict.outcome == "record fault":
         raise typer.Exit(UnanswerableError.exit_code)
 

@@ -1,7 +1,8 @@
-"""`brv-hypo docs`: the manual in the terminal."""
+"""`brv-hypo docs`: the manual, in the terminal or as an offline page."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -9,20 +10,60 @@ import typer
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
 
+NAME = "brv-hypo-manual.html"
 
-@in_session()
+
+@in_session("force")
 def docs(
     session: Session,
     topic: Annotated[str | None, typer.Argument(metavar="TOPIC", help="What to read about.")] = None,
+    show: Annotated[bool, typer.Option("--open", help="Open the manual as a page in the browser.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="Write the manual as an offline page.")
+    ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
+    session.claim(output)
+    from brv_hypo.docs import text
+
+    if topic is not None:
+        text(topic)  # an unknown topic is refused whatever is to be done with it
+    if show or output is not None:
+        _as_page(session, topic, output, show)
+        return
     from rich.markdown import Markdown
 
-    from brv_hypo.docs import text, topics
+    page = _topics() if topic is None else text(topic)
+    session.tell(Markdown(page), conclusion=page)
 
-    if topic is None:
-        lines = [f"- `{name}`: {title}" for name, title in topics().items()]
-        page = "\n".join(["# The manual", "", "`brv-hypo docs TOPIC` shows one of", "", *lines])
-    else:
-        page = text(topic)
-    session.present(Markdown(page), conclusion=page)
+
+def _topics() -> str:
+    from brv_hypo.docs import topics
+
+    lines = [f"- `{name}`: {title}" for name, title in topics().items()]
+    return "\n".join(
+        [
+            "# The manual",
+            "",
+            "`brv-hypo docs TOPIC` shows one of",
+            "",
+            *lines,
+            "",
+            "`brv-hypo docs --open` opens all of it as a page.",
+        ]
+    )
+
+
+def _as_page(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
+    """Write the manual, among the temporary files where no other was named, and open it if it is to be shown."""
+    import tempfile
+    import webbrowser
+
+    from brv_hypo.docs.offline import manual_page
+    from brv_hypo.files.whole import write_whole
+
+    path = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / NAME if output is None else output
+    write_whole(path, manual_page(), overwrite=True)
+    session.show(f"Wrote {path}.")
+    if show and not webbrowser.open(f"{path.resolve().as_uri()}{'' if topic is None else f'#{topic}'}"):
+        session.warn(f"no browser was found: open {path} yourself")

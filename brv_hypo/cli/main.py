@@ -9,13 +9,23 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import compare, docs, mechanisms, predict, reconstruct, records, simulate, study, trace
+from brv_hypo.cli import (
+    compare,
+    config,
+    docs,
+    mechanisms,
+    predict,
+    reconstruct,
+    records,
+    simulate,
+    study,
+    trace,
+)
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.signals import listen
 
 app = typer.Typer(
     name="brv-hypo",
-    add_completion=False,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -23,18 +33,18 @@ app = typer.Typer(
 )
 
 
-def _version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from brv_hypo.version import version
 
-        typer.echo(f"brv-hypo {version('brv-hypo')}")
+        typer.echo(f"brv-hypo {version()}")
         raise typer.Exit
 
 
 @app.callback()
 def program(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Which mechanism explains the moments that a spinning entry body flew through?"""
@@ -51,6 +61,7 @@ app.command("inspect")(guarded(records.inspect))
 app.command("import")(guarded(records.import_))
 app.command("docs")(guarded(docs.docs))
 app.add_typer(mechanisms.app, name="mechanisms")
+app.add_typer(config.app, name="config")
 
 
 def run() -> None:

@@ -26,7 +26,7 @@ def listing(session: Session, context: typer.Context) -> None:
     from brv_hypo.report.mechanisms import listing_data, listing_table
 
     found = installed()
-    session.present(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
+    session.tell(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
     session.write_json(listing_data(found))
 
 
@@ -36,6 +36,9 @@ def listing(session: Session, context: typer.Context) -> None:
 def new(
     session: Session,
     name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    effect: Annotated[
+        bool, typer.Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
+    ] = False,
     directory: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
     ] = Path(),
@@ -43,12 +46,13 @@ def new(
     """Write a ready plugin package with its tests, to start from."""
     from brv_hypo.mechanisms.template import write_plugin
 
-    written = write_plugin(name, directory)
+    written = write_plugin(name, directory, effect=effect)
+    part = "components and perturb" if effect else "the terms"
     session.show(
         f"Wrote {written}. Next:\n"
         f"  pip install -e '{written}[test]'\n"
         f"  brv-hypo mechanisms check {name}\n"
-        f"then replace the terms in {written}/brv_hypo_{name}.py by your own."
+        f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
     )
 
 
@@ -68,7 +72,7 @@ def check(
     outcomes = conformance(find_installed(name))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
     passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
-    session.present(conformance_table(name, outcomes), conclusion=passed)
+    session.tell(conformance_table(name, outcomes), conclusion=passed)
     session.write_json(conformance_data(name, outcomes))
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")

@@ -26,6 +26,12 @@ Report = Annotated[
     Path | None,
     typer.Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline."),
 ]
+Figures = Annotated[
+    Path | None,
+    typer.Option(
+        "--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."
+    ),
+]
 Start = Annotated[float | None, typer.Option("--start", metavar="T", help="Use the record from T (s).")]
 Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="Use the record up to T (s).")]
 Instruments = Annotated[

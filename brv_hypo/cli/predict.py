@@ -13,7 +13,7 @@ from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 
 
-@in_session("json", "report", "force", "plugin")
+@in_session("json", "report", "figures", "force", "plugin")
 def predict(
     session: Session,
     flight: options.FlightFile,
@@ -37,7 +37,7 @@ def predict(
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
-    from brv_hypo.report.prediction import prediction_view
+    from brv_hypo.report.prediction import prediction_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import predict as predicted
     from brv_hypo.settings import read_settings
@@ -45,9 +45,7 @@ def predict(
     settings = read_settings(TraceConfig, config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
     result = predicted(load(flight, start, stop, instruments), model, names, settings)
-    session.present(prediction_view(result), conclusion=result.reason)
+    document = prediction_document(result)
+    session.present(document)
     session.write_json(result)
-    if session.report is not None:
-        from brv_hypo.report.prediction_page import prediction_page
-
-        session.write_report(prediction_page(result))
+    session.write_report(document, settings, [flight, model])

@@ -23,7 +23,7 @@ class Method(StrEnum):
     POLAR = "polar"
 
 
-@in_session("json", "report", "force")
+@in_session("json", "report", "figures", "force")
 def reconstruct(
     session: Session,
     flight: options.FlightFile,
@@ -42,7 +42,7 @@ def reconstruct(
     session.claim(output)
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
-    from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_line, reconstruction_view
+    from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import read_settings
 
     chosen = {} if method is None else {"method": method.value}
@@ -50,9 +50,7 @@ def reconstruct(
     result = reconstructed(load(flight, start, stop, instruments), settings)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
-    session.present(reconstruction_view(result), conclusion=reconstruction_line(result))
+    document = reconstruction_document(result)
+    session.present(document)
     session.write_json(reconstruction_data(result))
-    if session.report is not None:
-        from brv_hypo.report.reconstruction_page import reconstruction_page
-
-        session.write_report(reconstruction_page(result))
+    session.write_report(document, settings, [result.flight.path])

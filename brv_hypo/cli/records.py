@@ -30,7 +30,7 @@ def inspect(
     loaded = load_flight(flight, start=start, stop=stop)
     inspection = inspect_flight(loaded if windowed else flight)
     trial = try_record(loaded)[1]
-    session.present(inspection_view(inspection, trial), conclusion=inspection_line(inspection))
+    session.tell(inspection_view(inspection, trial), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
 

@@ -8,16 +8,23 @@ from __future__ import annotations
 
 import json as json_format
 import os
+import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
 from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import printable
 from brv_hypo.files.whole import check_target, write_whole
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from brv_hypo.report.blocks import Document
+    from brv_hypo.report.provenance import Provenance
 
 STANDARD_OUTPUT = "-"
 
@@ -35,6 +42,7 @@ class Session:
 
     json: str | None = None
     report: Path | None = None
+    figures: Path | None = None
     force: bool = False
     quiet: bool = False
     verbose: bool = False
@@ -57,6 +65,16 @@ class Session:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
             self._claim_one(file)
+        if self.figures is not None:
+            self._claim_figures(self.figures)
+
+    @staticmethod
+    def _claim_figures(folder: Path) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
+        from brv_hypo.report.drawing import require_matplotlib
+
+        require_matplotlib()
 
     def _claim_one(self, file: Path) -> None:
         check_target(file, overwrite=self.force)
@@ -73,8 +91,17 @@ class Session:
         if not self.quiet:
             self._print(*renderables)
 
-    def present(self, view: Any, conclusion: str) -> None:
-        """Print the view; with -q the conclusion alone; nothing where standard output belongs to JSON."""
+    def present(self, document: Document) -> None:
+        """Print a document; with -q its conclusion alone; nothing where standard output belongs to JSON."""
+        if self.quiet:
+            self._print(document.conclusion)
+            return
+        from brv_hypo.report.terminal import terminal_view
+
+        self._print(terminal_view(document, verbose=self.verbose))
+
+    def tell(self, view: Any, conclusion: str) -> None:
+        """Print a view that is no document; with -q the conclusion alone."""
         self._print(conclusion if self.quiet else view)
 
     def _print(self, *renderables: Any) -> None:
@@ -100,10 +127,26 @@ class Session:
         else:
             write_whole(Path(self.json), text)
 
-    def write_report(self, page: str) -> None:
-        """The HTML report, where it was asked for."""
+    def write_report(
+        self, document: Document, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
+    ) -> None:
+        """The HTML report and the picture files, where they were asked for."""
         if self.report is not None:
-            write_whole(self.report, page)
+            from brv_hypo.report.pages import page
+
+            write_whole(self.report, page(document, self.provenance(settings, records)))
+        if self.figures is not None:
+            from brv_hypo.report.drawing import draw_into
+
+            written = draw_into(self.figures, document.charts, overwrite=self.force)
+            self.show(f"Wrote {len(written)} files to {self.figures}.")
+
+    @staticmethod
+    def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> Provenance:
+        """Version, settings, digests of the records, and the command line that this process was given."""
+        from brv_hypo.report.provenance import provenance
+
+        return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress]:

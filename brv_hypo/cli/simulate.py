@@ -45,7 +45,7 @@ def simulate(
     session.write_json(simulation_data(flown, output))
 
 
-@in_session("json", "report", "force", "plugin")
+@in_session("json", "report", "figures", "force", "plugin")
 def demo(
     session: Session,
     mechanisms: Mechanisms = None,
@@ -63,7 +63,7 @@ def demo(
     session.show(simulation_text(flown), "")
     with session.progress("comparing") as progress:
         comparison = compare([flown.flight], settings, progress=progress)
-    report_comparison(session, comparison)
+    report_comparison(session, comparison, settings)
 
 
 def fly(session: Session, config: str, seed: int | None, plant: tuple[str, ...]) -> SimulatedFlight:

@@ -43,8 +43,8 @@ def study(
 ) -> None:
     """Fly many simulated flights with planted mechanisms and judge the verdicts."""
     session.claim()
-    from brv_hypo.report.study import study_view
-    from brv_hypo.report.study_rows import headline
+    from brv_hypo.report.pages import page
+    from brv_hypo.report.study import study_document
     from brv_hypo.study import read_study, run_study, summarise
 
     settings = read_study(config, **({} if seed is None else {"seed": seed}))
@@ -62,13 +62,14 @@ def study(
     except KeyboardInterrupt as interrupt:
         raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
-    _write(output, outcomes, summary)
+    document = study_document(summary, outcomes)
+    _write(output, outcomes, summary, page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(
             f"none of {summary.flights} flights was compared. {first.key}: {first.reason}"
         )
-    session.present(study_view(summary, verbose=session.verbose), conclusion=headline(summary))
+    session.present(document)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)
 
@@ -80,10 +81,9 @@ def _advance(progress: Progress) -> StudyProgress:
     return advance
 
 
-def _write(folder: Path, outcomes: tuple[Outcome, ...], summary: StudySummary) -> None:
-    from brv_hypo.report.study_page import study_page
+def _write(folder: Path, outcomes: tuple[Outcome, ...], summary: StudySummary, page: str) -> None:
     from brv_hypo.study.store import results_csv
 
     write_whole(folder / RESULTS, results_csv(outcomes))
     write_whole(folder / SUMMARY, as_json(summary))
-    write_whole(folder / REPORT, study_page(summary, outcomes))
+    write_whole(folder / REPORT, page)

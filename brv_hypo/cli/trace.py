@@ -45,7 +45,7 @@ Aero = Annotated[
 ]
 
 
-@in_session("json", "report", "force", "plugin")
+@in_session("json", "report", "figures", "force", "plugin")
 def trace(
     session: Session,
     flights: options.FlightFiles,
@@ -65,7 +65,7 @@ def trace(
     """
     session.claim(mechanism_file, model_file)
     from brv_hypo.model.aero_table import read_aero_table
-    from brv_hypo.report.trace import conclusion, trace_view
+    from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
     from brv_hypo.residuals.model_file import model_text
@@ -78,17 +78,15 @@ def trace(
     records = [load(path, start, stop, instruments) for path in flights]
     with session.progress("tracing") as progress:
         result = traced(records, settings, progress=progress)
-    session.present(trace_view(result, verbose=session.verbose), conclusion=conclusion(result))
+    document = trace_document(result)
+    session.present(document)
     session.write_json(result)
     if model_file is not None:
         write_whole(model_file, model_text(result.model.definition))
         session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
     if mechanism_file is not None:
         _write_mechanism(session, mechanism_file, result.discovered)
-    if session.report is not None:
-        from brv_hypo.report.trace_page import trace_page
-
-        session.write_report(trace_page(result))
+    session.write_report(document, settings, [record.path for record in records])
 
 
 def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:

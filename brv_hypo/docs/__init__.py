@@ -1,12 +1,16 @@
-"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows them."""
+"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows them, offline.py is a page."""
 
 from __future__ import annotations
 
+import difflib
 from importlib.resources import files
 
 from brv_hypo.errors import UsageError
 
-_FIRST = ("start", "record", "verdict", "validation")
+_FIRST = (
+    *("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation"),
+    *("changelog", "citation"),
+)
 
 
 def topics() -> dict[str, str]:
@@ -20,5 +24,8 @@ def text(topic: str) -> str:
     """The Markdown of a topic; UsageError with the topics there are where there is no such one."""
     page = files(__name__) / f"{topic}.md"
     if not topic.isidentifier() or not page.is_file():
-        raise UsageError(f"the manual has no topic '{topic}'; it has {', '.join(topics())}.")
+        known = topics()
+        near = difflib.get_close_matches(topic, known, n=1, cutoff=0.5)
+        hint = f"is '{near[0]}' meant? " if near else ""
+        raise UsageError(f"the manual has no topic '{topic}'; {hint}it has {', '.join(known)}.")
     return page.read_text(encoding="utf-8")

@@ -2,6 +2,7 @@
 
 - `load_flight`, `save_flight`, `load_truth` (store.py): format 1 in and out, on hdf5.py and units.py
 - `Flight`, `Vehicle` (record.py): what the rest of the library sees
+- `one_flight`, `flights_of` (sources.py): what functions take for a flight
 - schema.py: what a valid record holds (pydantic)
 - assemble.py: from record to flight through spikes.py, resample.py (gaps too) and derive.py
 - faults.py: faults of single channels, masked on reading, by stuck.py, bursts.py and clock.py; `RecordTrial`
@@ -20,6 +21,7 @@ from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
 from brv_hypo.flight.phases import Phase, find_phases
 from brv_hypo.flight.quality import Inspection, Noise, inspect_flight, white_noise
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
+from brv_hypo.flight.sources import FlightSource, flights_of, one_flight
 from brv_hypo.flight.spikes import despiked
 from brv_hypo.flight.store import Quantity, load_flight, load_truth, save_flight
 
@@ -28,6 +30,7 @@ __all__ = [
     "OPTIONAL_CHANNELS",
     "Dataset",
     "Flight",
+    "FlightSource",
     "Imported",
     "Inspection",
     "Noise",
@@ -40,10 +43,12 @@ __all__ = [
     "bring_in",
     "despiked",
     "find_phases",
+    "flights_of",
     "import_record",
     "inspect_flight",
     "load_flight",
     "load_truth",
+    "one_flight",
     "read_tree",
     "save_flight",
     "white_noise",

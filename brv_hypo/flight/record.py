@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.instruments import Instruments, of_grade
+from brv_hypo.tabular import Histories
 
 if TYPE_CHECKING:  # faults are found by what reads records
     from brv_hypo.flight.faults import RecordFault
@@ -45,7 +47,7 @@ class Vehicle:
 
 
 @dataclass(frozen=True)
-class Flight:
+class Flight(Histories):
     """One flight, format 1, in SI units; every channel is (n,) over a uniform `time` (n,), without NaN.
 
     Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment.
@@ -86,6 +88,20 @@ class Flight:
         """A record without gaps is one segment."""
         if not self.segments:
             object.__setattr__(self, "segments", ((0, self.time.size),))
+
+    __repr__ = Histories.__repr__
+
+    def headline(self) -> str:
+        """Title or path, length and rate."""
+        name = self.title or self.path or "flight"
+        return (
+            f"{name}: {self.samples} samples, {self.time[0]:.2f} to {self.time[-1]:.2f} s, {self.sample_rate:.4g} Hz"
+        )
+
+    def columns(self) -> Mapping[str, Any]:
+        """Time (s) and every channel that the record has, SI."""
+        known = {name: getattr(self, name) for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)}
+        return {name: values for name, values in known.items() if values is not None}
 
     @property
     def samples(self) -> int:

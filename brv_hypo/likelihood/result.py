@@ -15,6 +15,7 @@ from brv_hypo.likelihood.leave_out import Linearised
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+from brv_hypo.tabular import Row, Tabular
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -32,8 +33,8 @@ class Beginning:
     log_likelihood: float
 
 
-@dataclass(frozen=True, repr=False)
-class FitResult:
+@dataclass(frozen=True)
+class FitResult(Tabular):
     """A maximum-likelihood fit; p free parameters in the order of `names`.
 
     Attributes:
@@ -109,6 +110,25 @@ class FitResult:
     mesh_steps: int = 1
     beginnings: tuple[Beginning, ...] = ()
     remarks: tuple[str, ...] = ()
+
+    def headline(self) -> str:
+        """Status, likelihood and size."""
+        return (
+            f"{self.status} after {self.iterations} iterations, log-likelihood {self.log_likelihood:.6g}, "
+            f"{len(self.names)} parameters, {self.samples} values"
+        )
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each parameter; the standard error is the one for coloured residuals."""
+        return [
+            {
+                "parameter": name,
+                "value": value,
+                "std_error": self.std_error_coloured.get(name, 0.0),
+                "at_bound": name in self.at_bound,
+            }
+            for name, value in self.theta.items()
+        ]
 
     def theta_without(self, left_out: Sequence[BoolArray]) -> dict[str, float]:
         """Estimate by name where the marked samples, (n,) a segment, take no part, to first order.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,25 +22,37 @@ def recorded(motion: Motion) -> Motion:
     names = [name for name in (*SMOOTH, "in_plane_moment") if np.all(np.isfinite(getattr(motion, name)))]
     xi = crossflow(motion.alpha, motion.windward_meridian)
     stacked = np.column_stack([xi.real, xi.imag, *(getattr(motion, name) for name in names)])
-    spline = CubicSpline(time, stacked)
+    return replace(motion, history=_Past(replace(motion, history=None), tuple(names), CubicSpline(time, stacked)))
 
-    def past(tau: float) -> Motion:
-        earlier = time - tau
-        values = spline(np.maximum(earlier, time[0]))
+
+@dataclass(frozen=True)
+class _Past:
+    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
+
+    `spline` holds the crossflow and the quantities `names`.
+    """
+
+    motion: Motion
+    names: tuple[str, ...]
+    spline: CubicSpline
+    ago: float = 0.0
+
+    def __call__(self, tau: float) -> Motion:
+        motion, ago = self.motion, self.ago + tau
+        earlier = motion.time - ago
+        values = self.spline(np.maximum(earlier, motion.time[0]))
         xi = values[:, 0] + 1j * values[:, 1]
-        before = np.minimum(earlier - time[0], 0.0) * motion.windward_meridian_rate[0]
+        before = np.minimum(earlier - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
         meridian = _nearest_turn(windward_meridian(xi) + before, motion.windward_meridian)
         return replace(
             motion,
             time=earlier,
             alpha=angle_of_attack(xi),
             windward_meridian=meridian,
-            history=lambda more: past(tau + more),
+            history=replace(self, ago=ago),
             roll_acceleration=None,
-            **dict(zip(names, values.T[2:], strict=True)),
+            **dict(zip(self.names, values.T[2:], strict=True)),
         )
-
-    return replace(motion, history=past)
 
 
 def _nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:

@@ -46,6 +46,10 @@ class Motion:
     history: Callable[[float], Motion] | None = None
     roll_acceleration: FloatArray | None = None
 
+    def __repr__(self) -> str:
+        """Short: the arrays are long."""
+        return f"<Motion: {self.time.size} samples>"
+
     def delayed(self, tau: float) -> Motion:
         """The whole motion tau seconds earlier, on the same shape; tau >= 0.
 

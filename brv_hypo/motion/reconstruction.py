@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.smoothing import InputError
+from brv_hypo.tabular import Histories
 
 Method = Literal["joint", "velocity", "rates", "polar"]
 
@@ -37,6 +39,10 @@ class MomentEstimate:
     noise_correlation: FloatArray
     spin_angle: FloatArray
 
+    def __repr__(self) -> str:
+        """Short: the arrays are long."""
+        return f"<MomentEstimate: {self.body.size} samples, {np.count_nonzero(self.usable)} usable>"
+
 
 @dataclass(frozen=True)
 class EffectEstimate:
@@ -54,7 +60,7 @@ class EffectEstimate:
 
 
 @dataclass(frozen=True)
-class Reconstruction:
+class Reconstruction(Histories):
     """Wind-relative motion and moments of one flight.
 
     Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
@@ -80,6 +86,30 @@ class Reconstruction:
     status: Literal["ok", "degraded"]
     warnings: tuple[str, ...]
     input_errors: tuple[InputError, ...] = ()
+
+    __repr__ = Histories.__repr__
+
+    def headline(self) -> str:
+        """The flight, the method, and how well the motion is known."""
+        return (
+            f"{self.flight.title or self.flight.path or 'flight'}: {self.method} method, {self.status}; alpha known to "
+            f"{np.degrees(self.alpha_rms_sigma):.2g} deg, meridian to {self.phi_w_rms_sigma:.2g} rad (rms)"
+        )
+
+    def columns(self) -> Mapping[str, Any]:
+        """Time (s), angles and their standard deviations (rad), moments C_N', C_Z' with theirs; NaN where unusable."""
+        usable = self.moments.usable
+        plane = np.where(usable, self.plane_moments, np.nan)
+        return {
+            "time": self.motion.time,
+            "alpha": self.motion.alpha,
+            "alpha_sigma": self.alpha_sigma,
+            "windward_meridian": self.motion.windward_meridian,
+            "windward_meridian_sigma": self.phi_w_sigma,
+            "C_N_prime": plane.real,
+            "C_Z_prime": np.where(usable, plane.imag, np.nan),
+            "C_sigma": np.where(usable, self.moments.sigma, np.nan),
+        }
 
     @property
     def plane_moments(self) -> ComplexArray:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import MechanismError
+from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.isolation import checked_terms, without_faulty
@@ -44,9 +45,12 @@ REPETITIONS = (8, 12)
 
 
 def compare(
-    flights: Sequence[Flight], config: CompareConfig | None = None, *, progress: Progress | None = None
+    flights: FlightSource | Sequence[FlightSource],
+    config: CompareConfig | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> Comparison:
-    """Rank competing mechanisms on one or several flights of a vehicle.
+    """Rank competing mechanisms on one or several flights of a vehicle: paths, `Flight`s or simulated flights.
 
     A record that contradicts itself is not compared unless `config.accept_record`: the verdict says why. Raises
     UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
@@ -54,7 +58,7 @@ def compare(
     config, say = config or CompareConfig(), progress or (lambda message: None)
     _hypotheses(config)  # an unknown name is refused whatever the record is like
     say("trying the record")
-    trials = [try_record(flight) for flight in flights]
+    trials = [try_record(flight) for flight in flights_of(flights)]
     record = record_summary([trial for _, trial in trials])
     tried = [flight for flight, _ in trials]
     if not (record.sound or config.accept_record):

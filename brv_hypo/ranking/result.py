@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from brv_hypo.tabular import NullIsNaN, Result, Row
 
 Interval = tuple[float, float]
 
 
-class _Result(BaseModel):
-    model_config = ConfigDict(frozen=True, populate_by_name=True)
-
-
-class TermEstimate(_Result):
+class TermEstimate(NullIsNaN):
     """One fitted coefficient: value, standard error and partial F-ratio, with its region and delay in s."""
 
     name: str
@@ -27,7 +26,7 @@ class TermEstimate(_Result):
     delay_s: float | None = None
 
 
-class DerivedEstimate(_Result):
+class DerivedEstimate(NullIsNaN):
     """A quantity derived from coefficients of one region, such as phi_b."""
 
     name: str
@@ -37,7 +36,7 @@ class DerivedEstimate(_Result):
     region_s: Interval | None = None
 
 
-class MaximumLikelihood(_Result):
+class MaximumLikelihood(NullIsNaN):
     """The likelihood fit of one hypothesis; `derived` holds delays and knots, `instrument` the instrument errors."""
 
     status: str
@@ -50,7 +49,7 @@ class MaximumLikelihood(_Result):
     message: str = ""
 
 
-class NetInterval(_Result):
+class NetInterval(NullIsNaN):
     """The net values of a hypothesis between two of its knots (s)."""
 
     start_s: float
@@ -58,7 +57,7 @@ class NetInterval(_Result):
     values: tuple[TermEstimate, ...]
 
 
-class RankedHypothesis(_Result):
+class RankedHypothesis(NullIsNaN):
     """One hypothesis as fitted and scored.
 
     `f_ratio` is of the mechanism's terms together against the baseline (None for `none`), `cp` Mallows' C_p
@@ -87,7 +86,7 @@ class RankedHypothesis(_Result):
     ml: MaximumLikelihood | None = None
 
 
-class FlightSummary(_Result):
+class FlightSummary(NullIsNaN):
     """The part of a record that was compared."""
 
     path: str
@@ -99,7 +98,7 @@ class FlightSummary(_Result):
     notes: tuple[str, ...] = ()
 
 
-class ReconstructionSummary(_Result):
+class ReconstructionSummary(NullIsNaN):
     """How well the motion is known."""
 
     method: str
@@ -108,13 +107,13 @@ class ReconstructionSummary(_Result):
     warnings: tuple[str, ...] = ()
 
 
-class BaselineSummary(_Result):
+class BaselineSummary(NullIsNaN):
     """The terms that are fitted along with every hypothesis, as estimated without any mechanism."""
 
     terms: tuple[TermEstimate, ...]
 
 
-class Adequacy(_Result):
+class Adequacy(NullIsNaN):
     """Residual rms over what instruments and reconstruction explain, and whether that is all that is left."""
 
     ratio: float
@@ -122,14 +121,14 @@ class Adequacy(_Result):
     adequate: bool
 
 
-class MechanismLimit(_Result):
+class MechanismLimit(NullIsNaN):
     """The largest share of the moment's rms that a mechanism may have, at 95 %."""
 
     mechanism: str
     share_of_moment_95: float
 
 
-class RecordFaultSummary(_Result):
+class RecordFaultSummary(NullIsNaN):
     """A fault of the record: in which channel, what, when (s), and what was done about it."""
 
     channel: str
@@ -139,7 +138,7 @@ class RecordFaultSummary(_Result):
     action: str
 
 
-class RecordSummary(_Result):
+class RecordSummary(NullIsNaN):
     """What the trial of the record found; a record that contradicts itself is not sound."""
 
     sound: bool = True
@@ -149,7 +148,7 @@ class RecordSummary(_Result):
 Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
-class Verdict(_Result):
+class Verdict(NullIsNaN):
     """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand."""
 
     winner: str | None
@@ -162,7 +161,7 @@ class Verdict(_Result):
     reason: str
 
 
-class Seconds(_Result):
+class Seconds(NullIsNaN):
     """Wall-clock time of each stage, s."""
 
     reconstruct: float
@@ -171,10 +170,11 @@ class Seconds(_Result):
     total: float
 
 
-class Series(_Result):
+class Series(NullIsNaN):
     """Histories for pictures, of one flight: not part of the JSON.
 
-    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`.
+    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`. Standard deviations, rates and
+    Mach number are empty where they are not known.
     """
 
     time_s: tuple[float, ...]
@@ -183,9 +183,14 @@ class Series(_Result):
     measured: tuple[tuple[float, ...], tuple[float, ...]]
     sigma: tuple[float, ...]
     fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+    alpha_sigma_rad: tuple[float, ...] = ()
+    windward_meridian_sigma_rad: tuple[float, ...] = ()
+    roll_rate_rad_s: tuple[float, ...] = ()
+    windward_meridian_rate_rad_s: tuple[float, ...] = ()
+    mach: tuple[float, ...] = ()
 
 
-class CoefficientSeries(_Result):
+class CoefficientSeries(NullIsNaN):
     """A coefficient or derivative over time, as one hypothesis has it: not part of the JSON.
 
     `value` and `std_error` over `time_s`, of one segment of flight number `flight`; moment coefficients have
@@ -201,7 +206,7 @@ class CoefficientSeries(_Result):
     std_error: tuple[float, ...]
 
 
-class StepwiseDifference(_Result):
+class StepwiseDifference(NullIsNaN):
     """A number of terms at which Efroymson's stepwise search misses the `best` subset on the grid, by `rss_ratio`."""
 
     mechanism: str
@@ -211,7 +216,7 @@ class StepwiseDifference(_Result):
     rss_ratio: float
 
 
-class Comparison(_Result):
+class Comparison(Result):
     """The ranking of the hypotheses with its verdict.
 
     `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
@@ -231,3 +236,33 @@ class Comparison(_Result):
     stepwise: tuple[StepwiseDifference, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
+
+    def headline(self) -> str:
+        """Flights, outcome, and what the verdict names."""
+        verdict = self.verdict
+        names = ", ".join(verdict.equivalent)
+        told = verdict.outcome + (f" {verdict.winner}" if verdict.winner else f" ({names})" if names else "")
+        count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
+        return f"{count}, {len(self.ranking)} hypotheses: {told}"
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each hypothesis, likeliest first, with its criteria and probability."""
+        probability = self.verdict.probability
+        limits = {limit.mechanism: limit.share_of_moment_95 for limit in self.verdict.limits}
+        return [
+            {
+                "rank": row.rank,
+                "mechanism": row.mechanism,
+                "probability": probability.get(row.mechanism),
+                "n_terms": row.n_terms,
+                "f_ratio": row.f_ratio,
+                "cp": row.cp,
+                "prediction_error": row.prediction_error,
+                "prediction_ratio": row.prediction_ratio,
+                "r2": row.r2,
+                "bic": row.bic,
+                "log_likelihood": row.log_likelihood,
+                "share_of_moment_95": limits.get(row.mechanism),
+            }
+            for row in self.ranking
+        ]

@@ -334,6 +334,11 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
                 measured=plane(measured),
                 sigma=tuple(frame.reconstructions[index].moments.noise_sigma[kept].tolist()),
                 fitted={name: plane(body) for name, body in predicted.items()},
+                alpha_sigma_rad=tuple(frame.reconstructions[index].alpha_sigma[kept].tolist()),
+                windward_meridian_sigma_rad=tuple(frame.reconstructions[index].phi_w_sigma[kept].tolist()),
+                roll_rate_rad_s=tuple(motion.p[kept].tolist()),
+                windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[kept].tolist()),
+                mach=tuple(motion.mach[kept].tolist()),
             )
         )
     return tuple(found)

@@ -102,21 +102,21 @@ def nuisances(
     noise: list[ComplexArray] = []
     silent = np.zeros(frame.observed.size, dtype=complex)
 
-    def add(item: Nuisance, history: Rows, own: ComplexArray = silent) -> None:
+    def add(item: Nuisance, history: Rows, seen: ComplexArray = silent) -> None:
         if np.any(history.rates) or np.any(history.force):
             items.append(item)
             rows.append(history)
-            noise.append(own)
+            noise.append(seen)
 
     for number, linearised in enumerate(flights):
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
         names, histories, values = linearised.start_and_gravity()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
-        names, histories, values, walked = linearised.random_walk()
-        for name, history, value, own in zip(names, histories, values, walked, strict=True):
+        names, histories, values, of_noise = linearised.random_walk()
+        for name, history, value, seen in zip(names, histories, values, of_noise, strict=True):
             item = Nuisance("motion", name, number, "1", 1.0, float(value))
-            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(own, own)).rates)
+            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, seen)).rates)
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):
                 item = Nuisance(error.name, str(k), number, "1", 1.0, 0.0)

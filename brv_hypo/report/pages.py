@@ -1,87 +1,110 @@
-"""Reports as one HTML file that opens offline: plotly's script is in it, once."""
+"""A document as one HTML file that opens offline, in light, dark and print; plotly's script is in it once, packed.
+
+The script is plotly.js (basic), MIT licence: `page/plotly-basic.min.js.gz`, packed as its distribution has it.
+"""
 
 from __future__ import annotations
 
+import base64
+import gzip
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
 
-import plotly.graph_objects as go
-from plotly.io import to_html
-from plotly.offline import get_plotlyjs
+from brv_hypo.report.blocks import TEXT_COLUMNS, Block, Document, Picture, Table, Texts
+from brv_hypo.report.chart import Chart
+from brv_hypo.report.plotly_chart import plotly_chart
+from brv_hypo.report.provenance import Provenance
 
-from brv_hypo.report.figures import FONT
-from brv_hypo.report.rows import TEXT_COLUMNS
-
-_STYLE = f"""
-body {{ font: 16px/1.5 {FONT}; color: #1a1a1a; max-width: 60rem; margin: 2.5rem auto;
-  padding: 0 1.25rem; }}
-h1 {{ font-size: 1.5rem; font-weight: 600; margin-bottom: .25rem; }}
-h2 {{ font-size: 1.1rem; font-weight: 600; margin: 2.25rem 0 .5rem; }}
-.quiet {{ color: #595959; font-size: .9rem; }}
-.verdict {{ border-left: 4px solid #0072B2; padding: .4rem 1rem; margin: 1.25rem 0; font-size: 1.1rem; }}
-.wide {{ overflow-x: auto; }}
-table {{ border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }}
-th, td {{ text-align: right; padding: .25rem .9rem .25rem 0; white-space: nowrap; }}
-th {{ font-weight: 600; border-bottom: 1px solid #1a1a1a; }}
-td.text, th.text {{ text-align: left; }}
-tr.stands td {{ font-weight: 600; }}
-"""
+_FOLDER = "page"
+_WHOLE = 9
+"""A table of more columns takes the whole width of the page."""
 
 
-@dataclass(frozen=True)
-class Block:
-    """One headed part of a page, in HTML."""
-
-    heading: str
-    content: str
-
-
-def page(title: str, subtitle: str, verdict: str, blocks: Sequence[Block]) -> str:
-    """The whole document."""
-    body = "\n".join(
-        f"<section><h2>{escape(block.heading)}</h2>\n{block.content}</section>"
-        for block in blocks
-        if block.content
-    )
+def page(document: Document, provenance: Provenance) -> str:
+    """The whole file: conclusion first, blocks, and at the foot where it came from and how to make it again."""
+    style, script = (resource(name).decode() for name in ("page.css", "page.js"))
+    subtitle = "<br>".join(map(escape, document.subtitle))
+    settled = " settled" if document.settled else ""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n<script>{get_plotlyjs()}</script>\n</head>\n<body>\n"
-        f'<h1>{escape(title)}</h1>\n<p class="quiet">{escape(subtitle)}</p>\n'
-        f'<p class="verdict">{escape(verdict)}</p>\n{body}\n</body>\n</html>\n'
+        f"<title>{escape(document.title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
+        f'<h1>{escape(document.title)}</h1>\n<p class="quiet">{subtitle}</p>\n'
+        f'<p class="verdict{settled}">{escape(document.conclusion)}</p>\n'
+        f"<main>\n{_sections(document.blocks)}\n</main>\n{_footer(provenance)}\n"
+        f"{_charts(document.charts)}<script>{script}</script>\n</body>\n</html>\n"
     )
 
 
-def drawn(figure: go.Figure) -> str:
-    """A figure as HTML that relies on the page's script."""
-    return str(
-        to_html(
-            figure,
-            full_html=False,
-            include_plotlyjs=False,
-            config={"displayModeBar": "hover", "displaylogo": False},
-        )
-    )
+def resource(name: str) -> bytes:
+    """A file that pages are made of."""
+    return (files("brv_hypo.report") / _FOLDER / name).read_bytes()
 
 
-def table(headings: Sequence[str], lines: Sequence[Sequence[str]], *, marked: Sequence[int] = ()) -> str:
-    """A table, numbers to the right; the rows `marked` are bold."""
+def _sections(blocks: Sequence[Block]) -> str:
+    return "\n".join(_section(block) for block in blocks if not block.empty)
 
-    def cells(tag: str, values: Sequence[str]) -> str:
+
+def _section(block: Block) -> str:
+    if isinstance(block, Table):
+        kind, content = "whole" if len(block.headings) > _WHOLE else "", _table(block)
+    elif isinstance(block, Picture):
+        kind, content = "", _figure(block.chart)
+    else:
+        kind, content = "warning" if block.warning else "", _texts(block)
+    heading = f"<h2>{escape(block.heading)}</h2>\n" if block.heading else ""
+    return f'<section class="{kind}">{heading}{content}</section>'
+
+
+def _figure(chart: Chart) -> str:
+    caption = f"<figcaption>{escape(chart.caption)}</figcaption>" if chart.caption else ""
+    return f'<figure><div class="chart" role="img" aria-label="{escape(chart.heading)}"></div>{caption}</figure>'
+
+
+def _texts(block: Texts) -> str:
+    items = list(dict.fromkeys(map(escape, block.texts)))
+    if block.bullets:
+        return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
+    return "".join(f"<p>{item}</p>" for item in items)
+
+
+def _table(block: Table) -> str:
+    """Numbers to the right; marked rows bold."""
+
+    def cells(tag: str, values: Sequence[str], shades: Sequence[float]) -> str:
         return "".join(
-            f"<{tag}{' class=text' if heading in TEXT_COLUMNS else ''}>{escape(value)}</{tag}>"
-            for heading, value in zip(headings, values, strict=True)
+            f"<{tag}{' class=text' if heading in TEXT_COLUMNS else ''}{_shade(shade)}>{escape(value)}</{tag}>"
+            for heading, value, shade in zip(block.headings, values, shades, strict=True)
         )
 
+    plain = [0.0] * len(block.headings)
     body = "\n".join(
-        f"<tr{' class=stands' if i in marked else ''}>{cells('td', line)}</tr>"
-        for i, line in enumerate(lines)
+        f"<tr{' class=stands' if i in block.marked else ''}>"
+        f"{cells('td', line, block.shades[i] if block.shades else plain)}</tr>"
+        for i, line in enumerate(block.rows)
     )
-    return f'<div class="wide"><table><tr>{cells("th", headings)}</tr>\n{body}</table></div>'
+    return f'<div class="wide"><table><tr>{cells("th", block.headings, plain)}</tr>\n{body}</table></div>'
 
 
-def bullets(messages: Sequence[str]) -> str:
-    """A list; nothing where there are none."""
-    items = "".join(f"<li>{escape(message)}</li>" for message in dict.fromkeys(messages))
-    return f"<ul>{items}</ul>" if items else ""
+def _shade(share: float) -> str:
+    return f' style="background: rgba(var(--shade), {0.6 * share:.2f})"' if share > 0.0 else ""
+
+
+def _footer(provenance: Provenance) -> str:
+    rows = "".join(f"<dt>{escape(name)}</dt><dd><code>{escape(value)}</code></dd>" for name, value in provenance.rows)
+    return f"<footer><dl>{rows}</dl></footer>"
+
+
+def _charts(charts: Sequence[Chart]) -> str:
+    """The script and what it draws, packed; nothing where there is nothing to draw."""
+    if not charts:
+        return ""
+    data = json.dumps([plotly_chart(chart) for chart in charts], separators=(",", ":"), allow_nan=False)
+    library = base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii")
+    packed = base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode("ascii")
+    return (
+        f'<script type="text/plain" id="library">{library}</script>\n'
+        f'<script type="text/plain" id="charts">{packed}</script>\n'
+    )

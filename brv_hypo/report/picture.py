@@ -10,8 +10,9 @@ from pathlib import Path
 from rich.console import Console, RenderableType
 
 from brv_hypo.ranking import compare
-from brv_hypo.report.compare import comparison_view
+from brv_hypo.report.compare import comparison_document
 from brv_hypo.report.simulate import simulation_text
+from brv_hypo.report.terminal import terminal_view
 from brv_hypo.simulation import simulate
 
 WIDTH = 88
@@ -33,7 +34,8 @@ def demo_picture() -> str:
     """The demo, simulated and compared afresh."""
     flown = simulate("demo", seed=SEED)
     comparison = compare([flown.flight])
-    return terminal_picture(simulation_text(flown), "", comparison_view(comparison), title="brv-hypo demo")
+    view = terminal_view(comparison_document(comparison))
+    return terminal_picture(simulation_text(flown), "", view, title="brv-hypo demo")
 
 
 if __name__ == "__main__":

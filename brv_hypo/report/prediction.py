@@ -1,33 +1,24 @@
-"""A prediction as tables for the terminal."""
+"""A prediction as a document."""
 
 from __future__ import annotations
 
-from rich.console import Group, RenderableType
-from rich.text import Text
-
-from brv_hypo.report.compare import add_columns, term_table
-from brv_hypo.report.style import interval, number, plain_table
+from brv_hypo.report.blocks import Document, Picture, Table, Texts
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
+from brv_hypo.report.compare import term_table
+from brv_hypo.report.style import interval, number, share
 from brv_hypo.residuals.prediction import Prediction
 
-ERROR_HEADINGS = ("moments less", "mean square", "ratio")
-REGION_HEADINGS = ("time s", "Mach", "ratio")
+SETTLED = 0.5
+"""Ratio of mean squares below which the frozen model is said to hold on the flight."""
 
 
-def error_rows(result: Prediction) -> list[tuple[str, str, str]]:
-    """Mean squares without the model, with it frozen and refitted, and of the noise; over that without."""
-    error = result.error
-    named = (
-        ("nothing", error.without),
-        ("the frozen model", error.frozen),
-        ("the model fitted here", error.own),
-        ("all but noise", error.noise),
-    )
-    return [(name, number(value), number(value / error.without)) for name, value in named]
-
-
-def region_rows(result: Prediction) -> list[tuple[str, str, str]]:
-    """Span, Mach numbers and ratio of errors of each stretch of the record."""
-    return [
+def prediction_document(result: Prediction) -> Document:
+    """Errors without the model, with it frozen and with it refitted; by region; the coefficients."""
+    flight = result.flight
+    span = interval((flight.start_s, flight.stop_s))
+    found_on = ", ".join(result.model.found_on)
+    errors = [(name, number(value), share(value / result.error.without)) for name, value in _errors(result)]
+    regions = [
         (
             interval((region.start_s, region.stop_s)),
             "" if region.mach is None else interval(region.mach),
@@ -35,19 +26,71 @@ def region_rows(result: Prediction) -> list[tuple[str, str, str]]:
         )
         for region in result.regions
     ]
+    subtitle = [f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"]
+    if found_on:
+        subtitle.append(f"model found on {found_on}")
+    return Document(
+        title=f"Predicted: {flight.title or flight.path}",
+        subtitle=subtitle,
+        conclusion_title="Prediction",
+        conclusion=result.reason,
+        settled=result.ratio < SETTLED,
+        blocks=(
+            Table(("moments less", "mean square", "ratio"), errors),
+            Table(("time s", "Mach", "ratio"), regions),
+            *(Picture(chart) for chart in prediction_charts(result)),
+            term_table("frozen", result.frozen, "always"),
+            term_table("fitted to this flight", result.refitted, "always"),
+            Texts(flight.notes, "Notes", shown="page"),
+        ),
+    )
 
 
-def prediction_view(result: Prediction) -> RenderableType:
-    """Errors without the model, with it frozen and with it refitted; by region; the coefficients."""
-    errors = plain_table()
-    add_columns(errors, ERROR_HEADINGS)
-    for line in error_rows(result):
-        errors.add_row(*line)
-    regions = plain_table()
-    add_columns(regions, REGION_HEADINGS)
-    for line in region_rows(result):
-        regions.add_row(*line)
-    parts: list[RenderableType] = [errors, regions, *term_table("frozen", result.frozen)]
-    if result.refitted:
-        parts.extend(term_table("fitted to this flight", result.refitted))
-    return Group(*parts, Text(result.reason))
+def prediction_charts(result: Prediction) -> list[Chart]:
+    """Errors as shares of that without a model, over the whole record and by region."""
+    known = _errors(result)
+    shares = [100.0 * value / result.error.without for _, value in known]
+    names = [f"{interval((region.start_s, region.stop_s))} s" for region in result.regions]
+    ratios = [100.0 * region.ratio for region in result.regions]
+    title = "mean square over that without a model, %"
+    return [
+        band_chart(result),
+        Chart("errors", "Errors", title, [Panel("", [_bars([name for name, _ in known], shares)])]),
+        Chart("regions", "Frozen model, by region", title, [Panel("", [_bars(names, ratios)])]),
+    ]
+
+
+def band_chart(result: Prediction) -> Chart:
+    """C_m and C_n as measured, over the band in which the frozen model predicts them, noise included."""
+    band, panels = result.band, []
+    time = thinned(band.time_s)
+    for name, measured, predicted, width in zip(
+        ("C_m x 10^3", "C_n x 10^3"), band.measured, band.predicted, band.half_width, strict=True
+    ):
+        centre, half = 1e3 * thinned(predicted), 1e3 * thinned(width)
+        panels.append(
+            Panel(
+                name,
+                [
+                    Band(time, centre - half, centre + half, f"{100.0 * band.level:.0f} % band", "first"),
+                    Line(time, 1e3 * thinned(measured), "measured", "measured", dots=True),
+                    Line(time, centre, "first", "predicted"),
+                ],
+            )
+        )
+    heading = f"Moments in the {100.0 * band.level:.0f} % predictive band ({share(band.inside)} inside)"
+    return Chart("band", heading, "time, s", panels, over_time=True)
+
+
+def _bars(names: list[str], percent: list[float]) -> Bars:
+    return Bars(names, percent, [share(value / 100.0) for value in percent])
+
+
+def _errors(result: Prediction) -> list[tuple[str, float]]:
+    error = result.error
+    return [
+        ("nothing", error.without),
+        ("the frozen model", error.frozen),
+        ("the model fitted here", error.own),
+        ("all but noise", error.noise),
+    ]

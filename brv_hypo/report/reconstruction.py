@@ -1,17 +1,28 @@
-"""A reconstruction in words and as data."""
+"""A reconstruction as a document and as data."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.motion import Reconstruction
-from brv_hypo.report.style import interval, number, plain_table, warning_list
+from brv_hypo.report.blocks import Document, Picture, Table, Texts
+from brv_hypo.report.chart import Chart
+from brv_hypo.report.motion_charts import (
+    Setting,
+    attitude_chart,
+    masked,
+    moment_by_alpha_chart,
+    moment_chart,
+    motion_chart,
+    spectrum_chart,
+    turning_rates,
+)
+from brv_hypo.report.style import interval, number
+
+HEADINGS = ("history", "unit", "least", "greatest", "sigma (rms)")
 
 # Name, what it is (the values and their standard deviations), factor to the unit shown, unit.
 _QUANTITIES = (
@@ -29,41 +40,65 @@ def reconstruction_line(result: Reconstruction) -> str:
     )
 
 
-def reconstruction_view(result: Reconstruction) -> RenderableType:
-    """Ranges and standard deviations of the histories, noise levels and warnings."""
+def reconstruction_document(result: Reconstruction) -> Document:
+    """Ranges and standard deviations of the histories, noise levels, warnings; on a page the charts."""
     flight = result.flight
     span = interval((float(flight.time[0]), float(flight.time[-1])))
     gravity = ", ".join(number(float(value)) for value in result.gravity_body)
-    return Group(
-        Text(flight.title or flight.path, "bold"),
-        Text(f"{flight.samples} samples, {span} s, {flight.sample_rate:.4g} Hz"),
-        Text(reconstruction_line(result)),
-        Text(),
-        history_table(result),
-        Text(),
-        Text(f"gravity in body axes at the start ({gravity}) m/s²"),
-        Text(f"white noise of gyros {number(result.gyro_sigma, 2)} rad/s, of accelerometers "
-             f"{number(result.accel_sigma, 2)} m/s²"),
-        warning_list(result.warnings),
-    )  # fmt: skip
+    noise = (
+        f"gravity in body axes at the start ({gravity}) m/s²",
+        f"white noise of gyros {number(result.gyro_sigma, 2)} rad/s, of accelerometers "
+        f"{number(result.accel_sigma, 2)} m/s²",
+    )
+    return Document(
+        title=f"Reconstruction: {flight.title or flight.path}",
+        subtitle=(flight.title or flight.path, f"{flight.samples} samples, {span} s, {flight.sample_rate:.4g} Hz"),
+        conclusion_title="Motion",
+        conclusion=reconstruction_line(result),
+        settled=result.status == "ok",
+        blocks=(
+            Table(HEADINGS, history_rows(result)),
+            Texts(noise, bullets=False),
+            Texts(result.warnings, "Warnings", warning=True),
+            *(Picture(chart) for chart in reconstruction_charts(result)),
+            Texts(flight.notes, "Notes", shown="page"),
+        ),
+    )
 
 
-def history_table(result: Reconstruction) -> Table:
-    """One row for each history: range, rms, and the rms of its standard deviation."""
-    table = plain_table()
-    table.add_column("history", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    for heading in ("least", "greatest", "sigma (rms)"):
-        table.add_column(heading, justify="right", no_wrap=True)
+def history_rows(result: Reconstruction) -> list[tuple[str, ...]]:
+    """One row for each history: range, and the rms of its standard deviation."""
+    rows: list[tuple[str, ...]] = []
     for name, values, sigma, factor, unit in _QUANTITIES:
         history, error = getattr(result.motion, values), getattr(result, sigma)
-        table.add_row(name, unit, *_row(factor * history, factor * error))
+        rows.append((name, unit, *_row(factor * history, factor * error)))
     usable = result.moments.usable
+    plane, error = result.plane_moments[usable], result.moments.sigma[usable]
+    rows.append(("in-plane moment C_N'", "1", *_row(plane.real, error)))
+    rows.append(("out-of-plane moment C_Z'", "1", *_row(plane.imag, error)))
+    return rows
+
+
+def reconstruction_charts(result: Reconstruction) -> list[Chart]:
+    """Motion and moments with their standard deviations."""
+    usable, motion = result.moments.usable, result.motion
     plane = result.plane_moments[usable]
-    error = result.moments.sigma[usable]
-    table.add_row("in-plane moment C_N'", "1", *_row(plane.real, error))
-    table.add_row("out-of-plane moment C_Z'", "1", *_row(plane.imag, error))
-    return table
+    start, stop = float(motion.time[0]), float(motion.time[-1])
+    setting = Setting((start, stop), masked=masked(result.flight.faults, stop - start))
+    angles = (motion.time, motion.alpha, motion.windward_meridian)
+    measured = (plane.real, plane.imag)
+    return [
+        motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
+        moment_chart(setting, motion.time[usable], measured, result.moments.sigma[usable], ()),
+        attitude_chart(setting, *angles, motion.p),
+        moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
+        spectrum_chart(
+            setting,
+            motion.time[usable],
+            {"measured": (measured, "measured")},
+            turning_rates(motion.p, motion.windward_meridian_rate),
+        ),
+    ]
 
 
 def _row(values: FloatArray, sigma: FloatArray) -> tuple[str, str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -13,15 +13,14 @@ from brv_hypo.ranking.result import (
     MaximumLikelihood,
     TermEstimate,
 )
-from brv_hypo.report.style import interval, known_to, number, probability, share
+from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
-TEXT_COLUMNS = (
-    *("mechanism", "criterion", "term", "plane", "unit", "effect", "kind"),
-    *("planted", "vehicle", "parameter", "status", "flight", "ranked first", "verdict", "reason"),
-)
 TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "delay, s")
+ERROR_HEADINGS = ("term", "unit", "value", "sigma", "F")
 _PLANES = {"in-plane": "in", "out-of-plane": "out"}
+_DIFFERENCES = ("aic", "bic")
+"""Criteria that say nothing but by their differences."""
 
 
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
@@ -59,9 +58,29 @@ def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
             term.units,
             known_to(term.value, term.std_error),
             number(term.std_error, 2),
-            number(term.f_ratio),
+            f_ratio(term.f_ratio),
             interval(term.region_s),
             number(term.delay_s),
+        )
+        for term in terms
+    ]
+
+
+def shown_columns(headings: Sequence[str], lines: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows without the columns in which no row says anything."""
+    kept = [i for i in range(len(headings)) if any(line[i] != NOT_A_NUMBER for line in lines)]
+    return [headings[i] for i in kept], [[line[i] for i in kept] for line in lines]
+
+
+def error_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
+    """One row for each error of the record: they have neither plane, nor region, nor delay."""
+    return [
+        (
+            term.name,
+            term.units,
+            known_to(term.value, term.std_error),
+            number(term.std_error, 2),
+            f_ratio(term.f_ratio),
         )
         for term in terms
     ]
@@ -73,9 +92,20 @@ def likelihood_heading(mechanism: str, fit: MaximumLikelihood) -> str:
 
 
 def criteria_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """One row for each criterion: its name, then its value for each hypothesis, as they are ranked."""
+    """One row for each criterion: its name, then its value for each hypothesis, as they are ranked.
+
+    Information criteria are told as differences from the least.
+    """
     names = dict.fromkeys(name for row in comparison.ranking for name in row.criteria)
-    return [(name, *(number(row.criteria.get(name), 4) for row in comparison.ranking)) for name in names]
+    return [_criterion(name, [row.criteria.get(name) for row in comparison.ranking]) for name in names]
+
+
+def _criterion(name: str, values: Sequence[float | None]) -> tuple[str, ...]:
+    known = [value for value in values if value is not None and np.isfinite(value)]
+    if name not in _DIFFERENCES or not known:
+        return (name, *(number(value, 4) for value in values))
+    least = min(known)
+    return (f"{name} - least", *(number(None if value is None else value - least, 4) for value in values))
 
 
 def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:

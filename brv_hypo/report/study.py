@@ -1,58 +1,55 @@
-"""A study as tables for the terminal."""
+"""A study as a document."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.console import Group, RenderableType
-from rich.text import Text
-
 from brv_hypo.report import study_rows as rows
-from brv_hypo.report.compare import add_columns
-from brv_hypo.report.style import bullets, plain_table
+from brv_hypo.report.blocks import Block, Document, Picture, Shown, Table, Texts
+from brv_hypo.report.study_charts import calibration_chart, effect_chart
 from brv_hypo.report.style import share as percent
-from brv_hypo.study import StudySummary
+from brv_hypo.study import Outcome, StudySummary
+from brv_hypo.study.confusion import ConfusionRow
 
 MOST_MISTAKES = 12
-"""Mistakes that are listed; -v, the page and the CSV file hold them all."""
+"""Mistakes that the terminal lists; -v, the page and the CSV file hold them all."""
 
 
-def study_view(summary: StudySummary, *, verbose: bool = False) -> RenderableType:
-    """Confusion, calibration, detection limits, coverage; `verbose` adds each vehicle and every mistake."""
+def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Document:
+    """Confusion, calibration, detection limits, coverage; in detail each vehicle and every mistake."""
     visible = f"effect at least {percent(summary.visible_effect)} of the moment, or none"
-    confusion = summary.confusion_visible
+    planted = [o for o in outcomes if o.status == "compared" and o.effect > 0.0]
     mistakes = rows.mistake_rows(summary)
-    listed = mistakes if verbose else mistakes[:MOST_MISTAKES]
-    parts = [
-        Text(rows.flown(summary), "bold"),
-        _table(
-            f"Ranked first ({visible})", rows.confusion_headings(confusion), rows.confusion_rows(confusion)
-        ),
+    calibrated = summary.calibration_visible
+    blocks: list[Block] = [
+        _confusion(f"Ranked first ({visible})", summary.confusion_visible),
+        *(_confusion(f"Ranked first, {name}", part, "verbose") for name, part in summary.by_vehicle.items()),
+        _confusion("Ranked first, all flights", summary.confusion, "page"),
+        Table(rows.CALIBRATION_HEADINGS, rows.calibration_rows(calibrated), "Calibration"),
+        Texts((rows.calibration_line(calibrated),) if calibrated.flights else (), bullets=False),
+        Picture(effect_chart(planted)),
+        Picture(calibration_chart(calibrated)),
+        Table(rows.DETECTION_HEADINGS, rows.detection_rows(summary.detection), "Detection limits"),
+        Table(rows.COVERAGE_HEADINGS, rows.coverage_rows(summary.coverage), "Planted parameters"),
+        Table(rows.FAULT_HEADINGS, rows.fault_rows(summary), "Faults of the record"),
+        Table(rows.MISTAKE_HEADINGS, mistakes, f"Mistakes ({len(mistakes)})", most=MOST_MISTAKES),
+        Texts([f"{f.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
     ]
-    if verbose:
-        parts += [
-            _table(f"Ranked first, {vehicle}", rows.confusion_headings(table), rows.confusion_rows(table))
-            for vehicle, table in summary.by_vehicle.items()
-        ]
-    parts += [
-        _table("Calibration", rows.CALIBRATION_HEADINGS, rows.calibration_rows(summary.calibration_visible)),
-        Text(rows.calibration_line(summary.calibration_visible)),
-        _table("Detection limits", rows.DETECTION_HEADINGS, rows.detection_rows(summary.detection)),
-        _table("Planted parameters", rows.COVERAGE_HEADINGS, rows.coverage_rows(summary.coverage)),
-        _table("Faults of the record", rows.FAULT_HEADINGS, rows.fault_rows(summary)),
-        _table(f"Mistakes ({len(listed)} of {len(mistakes)})", rows.MISTAKE_HEADINGS, listed),
-        bullets((f"{f.key}, {f.status}: {f.reason}" for f in summary.failures), "Failed", "yellow"),
-        Text(f"\n{rows.headline(summary)}", "bold"),
-    ]
-    return Group(*parts)
+    return Document(
+        title=f"Study: {summary.title}",
+        subtitle=(rows.flown(summary),),
+        conclusion_title="Study",
+        conclusion=rows.headline(summary),
+        settled=not summary.failures,
+        blocks=blocks,
+    )
 
 
-def _table(title: str, headings: Sequence[str], lines: rows.Rows) -> RenderableType:
-    """A titled table; nothing where it has no rows."""
-    if not lines:
-        return Group()
-    table = plain_table()
-    add_columns(table, headings)
-    for line in lines:
-        table.add_row(*line)
-    return Group(Text(f"\n{title}", "bold"), table)
+def _confusion(heading: str, part: Sequence[ConfusionRow], shown: Shown = "always") -> Table:
+    """How often each hypothesis ranked first, cells shaded by their share of the row."""
+    headings = rows.confusion_headings(part)
+    shades = [
+        [0.0, 0.0, *(row.first.get(name, 0) / max(row.flights, 1) for name in headings[2:-2]), 0.0, 0.0]
+        for row in part
+    ]
+    return Table(headings, rows.confusion_rows(part), heading, shown=shown, shades=shades)

@@ -30,8 +30,8 @@ def plain_console() -> Console:
     return _PlainConsole(highlight=False, markup=False)
 
 
-def plain_table(title: str | None = None) -> Table:
-    """An empty table in the house style: rules above and below the heading, no other lines."""
+def plain_table(title: str | None = None, *, close: bool = False) -> Table:
+    """An empty table in the house style: a rule below the heading; `close` leaves one space between columns."""
     return Table(
         title=title,
         title_justify="left",
@@ -39,7 +39,7 @@ def plain_table(title: str | None = None) -> Table:
         box=box.SIMPLE_HEAD,
         show_edge=False,
         pad_edge=False,
-        padding=(0, 1, 0, 0),
+        padding=(0, 0 if close else 1, 0, 0),
     )
 
 
@@ -53,11 +53,23 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def known_to(value: float, sigma: float) -> str:
-    """An estimate to the second digit of its standard error, at least at 4 and at most at 9 digits."""
+    """An estimate to the second digit of its standard error, and no further; at most at 9 digits."""
     if not (math.isfinite(value) and math.isfinite(sigma) and value != 0.0 and sigma > 0.0):
         return number(value, 4)
     digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
-    return number(value, min(max(digits, 4), 9))
+    if digits < 1:  # the estimate is less than the last digit of its error that is worth showing
+        return "0"
+    digits = min(digits, 9)
+    if not 1e-3 <= abs(value) < 1e6:
+        return number(value, digits)
+    return f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
+
+
+def f_ratio(value: float | None) -> str:
+    """A ratio of variances: below a hundredth it says nothing."""
+    if value is not None and math.isfinite(value) and 0.0 <= value < 0.01:
+        return "<0.01"
+    return number(value)
 
 
 def probability(value: float | None) -> str:

@@ -1,45 +1,42 @@
-"""A trace as tables for the terminal."""
+"""A trace as a document."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from rich.console import Group, RenderableType
-from rich.panel import Panel
-from rich.table import Table
-from rich.text import Text
-
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood
-from brv_hypo.report.compare import add_columns, term_table
-from brv_hypo.report.style import bullets, interval, number, plain_table, share, warning_list
+from brv_hypo.report.blocks import Block, Document, Picture, Table, Texts
+from brv_hypo.report.compare import term_table
+from brv_hypo.report.style import interval, number, share
+from brv_hypo.report.trace_charts import trace_charts
 from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
 
 TOLD = 4
-"""Candidates shown for each step; all of them with `verbose`."""
+"""Candidates that the terminal shows for each step; all of them with -v and on the page."""
 
-CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "cannot be told from")
+CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "near-equals")
 
 
-def trace_view(result: Trace, *, verbose: bool = False) -> RenderableType:
+def trace_document(result: Trace) -> Document:
     """The steps, the model, and what is left unexplained."""
-    parts: list[RenderableType] = [Text("\n".join(flight_line(flight) for flight in result.flights))]
+    name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
+    left = result.final_residual
+    blocks: list[Block] = [*(Picture(chart) for chart in trace_charts(result))]
     for step in result.steps:
-        parts.extend(_step(step, verbose))
-    if result.final_residual is not None:
-        parts.append(Text(f"\nLeft over: {residual_text(result.final_residual)}"))
-    if verbose:
-        parts.extend(term_table("model, fitted to the whole record", result.model.terms))
-    if verbose and result.ml is not None:
-        parts.append(Text(f"\n{likelihood_text(result.ml)}"))
-        parts.extend(term_table("model, by maximum likelihood", result.ml.terms))
-    panel = Panel(
-        Text(conclusion(result)),
-        title="Found: " + (", ".join(result.findings) or "nothing"),
-        title_align="left",
-        border_style="yellow" if result.unexplained else "green",
-        expand=False,
+        blocks += _step(step)
+    if left is not None:
+        blocks.append(Texts((f"Left over: {residual_text(left)}",), bullets=False))
+    blocks.append(term_table("model, fitted to the whole record", result.model.terms, "verbose"))
+    if result.ml is not None:
+        blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))
+        blocks.append(term_table("model, by maximum likelihood", result.ml.terms, "verbose"))
+    blocks.append(Texts(result.caveats, "Warnings", warning=True))
+    return Document(
+        title=f"Residual traced: {name}",
+        subtitle=tuple(flight_line(flight) for flight in result.flights),
+        conclusion_title="Found: " + (", ".join(result.findings) or "nothing"),
+        conclusion=conclusion(result),
+        settled=result.unexplained is None,
+        blocks=blocks,
     )
-    return Group(*parts, Text(), panel, warning_list(result.caveats))
 
 
 def flight_line(flight: FlightSummary) -> str:
@@ -76,29 +73,22 @@ def residual_text(residual: Residual) -> str:
     )
 
 
-def _step(step: Step, verbose: bool) -> Iterable[RenderableType]:
-    yield Text(f"\nStep {step.step}", "bold")
-    yield Text(f"residual {residual_text(step.residual)}")
-    if step.candidates:
-        yield candidate_table(step.candidates if verbose else step.candidates[:TOLD], step.added)
+def _step(step: Step) -> list[Block]:
+    rows = [candidate_row(row) for row in step.candidates]
+    told = [outcome_text(step)]
     if step.look_alikes:
-        yield Text(f"as good a fit on this flight: {', '.join(step.look_alikes)}", "dim")
-    yield Text(outcome_text(step), "bold" if step.added else "")
-    if verbose:
-        correlated = [
-            f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {number(one.p_value, 2)})"
-            for one in step.residual.correlations
-        ]
-        yield bullets(correlated, "Correlations")
-
-
-def candidate_table(candidates: Iterable[TriedCandidate], added: str | None) -> Table:
-    """One row for each effect that was tried, the best first; what was added is bold."""
-    table = plain_table()
-    add_columns(table, CANDIDATE_HEADINGS)
-    for row in candidates:
-        table.add_row(*candidate_row(row), style="bold" if row.effect == added else "")
-    return table
+        told.insert(0, f"as good a fit on this flight: {', '.join(step.look_alikes)}")
+    correlated = [
+        f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {number(one.p_value, 2)})"
+        for one in step.residual.correlations
+    ]
+    marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
+    return [
+        Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
+        Table(CANDIDATE_HEADINGS, rows, marked=marked, most=TOLD),
+        Texts(told, bullets=False, strong=step.added is not None),
+        Texts(correlated, "Correlations", shown="verbose"),
+    ]
 
 
 def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:

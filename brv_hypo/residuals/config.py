@@ -24,6 +24,7 @@ class TraceConfig(BaseModel):
     Reynolds number, or is constant, so that such a change is for the loop to find. `aero`: a table of the slope, which
     stands in its place, and to which increments within its uncertainty are estimated. `effects`: the effects to try;
     None tries all that are installed.
+    `method`: of reconstruction, as in `reconstruct`.
     `discover`: search the dictionary of generic terms too. `blocks`: parts that the record is cut into; every
     fourth is held out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an
     effect counts. `knot_count`, `max_terms`: as in `compare`. `maximum_likelihood`: refine the final model by

@@ -7,13 +7,12 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.flight import load_flight
+from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
@@ -35,21 +34,23 @@ from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary
 
 Progress = Callable[[str], None]
-Source = Flight | str | Path
 SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
 _GENERIC = 4
 
 
 def trace(
-    flights: Source | Sequence[Source], config: TraceConfig | None = None, *, progress: Progress | None = None
+    flights: FlightSource | Sequence[FlightSource],
+    config: TraceConfig | None = None,
+    *,
+    progress: Progress | None = None,
 ) -> Trace:
-    """Trace what a model lacks on one flight or several, effect by effect.
+    """Trace what a model lacks on one flight or several (paths, `Flight`s or simulated flights), effect by effect.
 
     Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
     the record are of each. Raises UsageError for an unknown effect and UnanswerableError where a record is too short.
     """
     config = config or TraceConfig()
-    records = tuple(each if isinstance(each, Flight) else load_flight(each) for each in _several(flights))
+    records = flights_of(flights)
     fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)
     for record in records:
         if record.samples < fewest:
@@ -60,10 +61,6 @@ def trace(
             )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         return _trace(records, config, progress or (lambda message: None))
-
-
-def _several(flights: Source | Sequence[Source]) -> Sequence[Source]:
-    return (flights,) if isinstance(flights, Flight | str | Path) else flights
 
 
 def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> Trace:

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.flight import load_flight
+from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import Mechanism
@@ -47,7 +47,7 @@ _LINEARISATIONS = 2
 
 
 def predict(
-    flight: Flight | str | Path,
+    flight: FlightSource,
     model: SavedModel | str | Path,
     refit: Sequence[str] = (),
     config: TraceConfig | None = None,
@@ -61,7 +61,7 @@ def predict(
     """
     path = None if isinstance(model, SavedModel) else Path(model)
     content = of_as_many(model if isinstance(model, SavedModel) else read_model(Path(model)), 1)
-    record = flight if isinstance(flight, Flight) else load_flight(flight)
+    record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
         return _predict(record, content, path, tuple(refit), config or TraceConfig())
 

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from collections.abc import Sequence
+
+from pydantic import Field
 
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
+from brv_hypo.tabular import NullIsNaN, Result, Row
 
 
-class _Result(BaseModel):
-    model_config = ConfigDict(frozen=True, populate_by_name=True)
-
-
-class ModelSource(_Result):
+class ModelSource(NullIsNaN):
     """Where the model came from: its file, and the flights that it was found on."""
 
     path: str | None
     found_on: tuple[str, ...]
 
 
-class ErrorsOfPrediction(_Result):
+class ErrorsOfPrediction(NullIsNaN):
     """Mean squares of the moment coefficients, both axes together.
 
     `without` a model: as measured; less the `frozen` model; less the same model refitted here (`own`); of the `noise`.
@@ -30,7 +29,7 @@ class ErrorsOfPrediction(_Result):
     noise: float
 
 
-class Region(_Result):
+class Region(NullIsNaN):
     """A stretch of the record, the Mach numbers that it runs through (None where unknown), and its ratio of errors."""
 
     start_s: float
@@ -42,7 +41,7 @@ class Region(_Result):
 Series = tuple[float, ...]
 
 
-class Band(_Result):
+class Band(NullIsNaN):
     """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
 
     Counted where the model's flights flew. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
@@ -56,7 +55,7 @@ class Band(_Result):
     half_width: tuple[Series, Series]
 
 
-class Prediction(_Result):
+class Prediction(Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
@@ -75,3 +74,20 @@ class Prediction(_Result):
     band: Band
     regions: tuple[Region, ...]
     reason: str
+
+    def headline(self) -> str:
+        """The flight, and the ratio of mean squares."""
+        return f"{self.flight.title or self.flight.path}: error {self.ratio:.3g} of that without the model"
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each region of time."""
+        return [
+            {
+                "start_s": region.start_s,
+                "stop_s": region.stop_s,
+                "mach_from": None if region.mach is None else region.mach[0],
+                "mach_to": None if region.mach is None else region.mach[1],
+                "ratio": region.ratio,
+            }
+            for region in self.regions
+        ]

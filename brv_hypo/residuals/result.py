@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from brv_hypo.mechanisms.filed import MechanismFile
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
+from brv_hypo.tabular import NullIsNaN, Result, Row
 
 Interval = tuple[float, float]
 Standing = Literal["finding", "hint"]
 Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
 
 
-class _Result(BaseModel):
-    model_config = ConfigDict(frozen=True, populate_by_name=True)
-
-
-class Correlation(_Result):
+class Correlation(NullIsNaN):
     """A residual moment that goes with a channel: coefficient, and p-value at the effective sample size."""
 
     moment: str
@@ -29,7 +27,7 @@ class Correlation(_Result):
     p_value: float
 
 
-class Residual(_Result):
+class Residual(NullIsNaN):
     """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst.
 
     `worst_share` is the residual's rms over that of the measured moments, in the region where that is largest.
@@ -54,7 +52,7 @@ class Residual(_Result):
     correlations: tuple[Correlation, ...] = ()
 
 
-class TriedCandidate(_Result):
+class TriedCandidate(NullIsNaN):
     """One effect as tried: `explains` is the share of the squared residual on stretches left out of its
     fit; `near_equals` are effects whose columns hold nearly all that it predicts.
     """
@@ -68,14 +66,14 @@ class TriedCandidate(_Result):
     near_equals: tuple[str, ...] = ()
 
 
-class Errors(_Result):
+class Errors(NullIsNaN):
     """Mean squares of errors, both axes together."""
 
     fit: float
     held_out: float
 
 
-class FlightLeftOut(_Result):
+class FlightLeftOut(NullIsNaN):
     """Mean squares of the moment errors of each flight, the shared terms known from the others alone.
 
     What belongs to a flight (trim, instruments, what changes at its times) is fitted to it in either case. `before`
@@ -87,7 +85,7 @@ class FlightLeftOut(_Result):
     ratio: float
 
 
-class Step(_Result):
+class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
     `look_alikes` are what this flight cannot tell from the first candidate that counts; `refused` is what counts in the
@@ -120,24 +118,31 @@ class Step(_Result):
     held_out_score: float | None = None
 
 
-class ModelSummary(_Result):
+class ModelSummary(NullIsNaN):
     """The model as it ended, fitted to the whole record; another trace can start from `definition`."""
 
     terms: tuple[TermEstimate, ...]
     definition: SavedModel
 
 
-class Picture(_Result):
-    """Residual moments before and after, for pictures of the report: not part of the JSON."""
+class Picture(NullIsNaN):
+    """Residual moments (pitch, yaw) before and after, for pictures of the report: not part of the JSON.
+
+    Angles and rates of the motion are empty where they are not known.
+    """
 
     time_s: tuple[float, ...]
     measured: tuple[tuple[float, ...], tuple[float, ...]]
     before: tuple[tuple[float, ...], tuple[float, ...]]
     after: tuple[tuple[float, ...], tuple[float, ...]]
     sigma: tuple[float, ...]
+    alpha_rad: tuple[float, ...] = ()
+    windward_meridian_rad: tuple[float, ...] = ()
+    roll_rate_rad_s: tuple[float, ...] = ()
+    windward_meridian_rate_rad_s: tuple[float, ...] = ()
 
 
-class Trace(_Result):
+class Trace(Result):
     """The course of a trace: its steps, the model that it ended with, and what is left."""
 
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
@@ -163,3 +168,28 @@ class Trace(_Result):
     def added(self) -> tuple[str, ...]:
         """The effects that were added, in order; once, though an effect was added in parts."""
         return tuple(dict.fromkeys(step.added for step in self.steps if step.added is not None))
+
+    def headline(self) -> str:
+        """What was found, what is hinted at, and why the loop stopped."""
+        hints = f"; hints {', '.join(self.hints)}" if self.hints else ""
+        found = ", ".join(self.findings) or "nothing"
+        return f"{self.flight.title or self.flight.path}: found {found}{hints}; {self.stopped}"
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each step: what was added, and the errors before and after."""
+        return [
+            {
+                "step": step.step,
+                "added": step.added,
+                "standing": step.standing,
+                "named_in": step.named_in,
+                "residual_rms": step.residual.rms,
+                "white": step.residual.white,
+                "fit_before": step.error_before.fit,
+                "fit_after": None if step.error_after is None else step.error_after.fit,
+                "held_out_before": step.error_before.held_out,
+                "held_out_after": None if step.error_after is None else step.error_after.held_out,
+                "error_ratio_held_out": step.error_ratio_held_out,
+            }
+            for step in self.steps
+        ]

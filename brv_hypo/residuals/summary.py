@@ -289,15 +289,20 @@ def _drag_spread(flight: Flight) -> float | None:
 def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
     """Of several flights, that of the one with this number."""
     after, seen = end.state.left, end.state.seen
-    moments, rows = seen.reconstructions[number].moments, seen.rows_of(number)
+    moments, motion = seen.reconstructions[number].moments, seen.reconstructions[number].motion
+    rows = seen.rows_of(number)
     kept = (before.usable & after.usable)[rows]
     samples = seen.samples_of(number)[kept]
     return Picture(
-        time_s=tuple(seen.reconstructions[number].motion.time[samples].tolist()),
+        time_s=tuple(motion.time[samples].tolist()),
         measured=_pair(moments.body[samples]),
         before=_pair(before.body[rows][kept]),
         after=_pair(after.body[rows][kept]),
         sigma=tuple(moments.noise_sigma[samples].tolist()),
+        alpha_rad=tuple(motion.alpha[samples].tolist()),
+        windward_meridian_rad=tuple(motion.windward_meridian[samples].tolist()),
+        roll_rate_rad_s=tuple(motion.p[samples].tolist()),
+        windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
     )
 
 

@@ -17,6 +17,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.flight.schema import Record
 from brv_hypo.flight.store import Quantity, save_flight
 from brv_hypo.simulation.config import SimulationConfig
+from brv_hypo.tabular import Histories
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,10 @@ class Truth:
     planted_out_of_plane: FloatArray
     planted: tuple[str, ...]
     parameters: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        """Short: the arrays are long."""
+        return f"<Truth: {', '.join(self.planted) or 'nothing'} planted, {self.time.size} samples>"
 
     @property
     def planted_share(self) -> tuple[float, float]:
@@ -71,13 +76,28 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class SimulatedFlight:
+class SimulatedFlight(Histories):
     """`record` as recorded, with gaps (NaN) and spikes; `flight` as an analysis loads it; `truth` apart."""
 
     record: Record
     truth: Truth
     config: SimulationConfig
     seed: int
+
+    __repr__ = Histories.__repr__
+
+    def headline(self) -> str:
+        """What was flown, with which seed, and what is planted."""
+        return f"{self.config.title}, seed {self.seed}: {', '.join(self.truth.planted) or 'nothing'} planted"
+
+    def columns(self) -> Mapping[str, Any]:
+        """The channels of the flight (SI) with the true angles (rad) beside them."""
+        true = {"true_alpha": self.truth.alpha, "true_windward_meridian": self.truth.windward_meridian}
+        time = self.flight.time
+        return {
+            **self.flight.columns(),
+            **{name: np.interp(time, self.truth.time, values) for name, values in true.items()},
+        }
 
     @cached_property
     def flight(self) -> Flight:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias, Refusal
+from brv_hypo.tabular import Row, Tabular
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class PressBest:
 
 
 @dataclass(frozen=True)
-class SubsetResult:
+class SubsetResult(Tabular):
     """Subsets by size, then by residual sum of squares.
 
     ``baseline`` is the forced model alone. ``aliases`` lists columns that equal a combination of others;
@@ -96,6 +98,17 @@ class SubsetResult:
     near_ties: tuple[NearTies, ...] = ()
     press: tuple[PressBest, ...] = ()
     refused: tuple[Refusal, ...] = ()
+
+    __repr__ = Tabular.__repr__
+
+    def headline(self) -> str:
+        """How many subsets, and whether they are certainly the best."""
+        proof = "exact" if self.certificate.exact else f"gap {self.certificate.gap:.3g}"
+        return f"{len(self.subsets)} subsets, {proof}, {self.certificate.nodes} nodes"
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each subset."""
+        return [{"size": s.size, "columns": s.columns, "rss": s.rss} for s in self.subsets]
 
     def best(self, size: int) -> Subset:
         """The best subset of a size; KeyError where the search has none."""

@@ -52,7 +52,7 @@ def test_the_plugin_is_listed_with_its_package_and_version(environment):
 def test_the_tests_that_come_with_it_pass(environment):
     done = run(environment, "pytest", "-q", "-p", "no:cacheprovider")
     assert done.returncode == 0, done.stdout
-    assert "19 passed" in done.stdout
+    assert "20 passed" in done.stdout
 
 
 def test_nothing_but_the_package_is_written(tmp_path):
@@ -81,3 +81,23 @@ def test_an_existing_package_is_left_alone(tmp_path):
 def test_a_missing_parent_is_a_readable_refusal(tmp_path):
     with pytest.raises(UsageError, match="cannot be written"):
         write_plugin("mine", tmp_path / "nowhere")
+
+
+def test_an_effect_is_written_with_tests_of_its_own(tmp_path):
+    package = write_plugin("gyro_drift", tmp_path, effect=True)
+    written = sorted(str(file.relative_to(package)) for file in package.rglob("*") if file.is_file())
+    assert written == ["README.md", "brv_hypo_gyro_drift.py", "pyproject.toml", "tests/test_brv_hypo_gyro_drift.py"]
+    assert not any("$" in file.read_text() for file in package.rglob("*") if file.is_file())
+    assert "class GyroDrift(RecordEffect)" in (package / "brv_hypo_gyro_drift.py").read_text()
+
+
+@pytest.mark.slow
+def test_the_tests_that_come_with_an_effect_pass(tmp_path):
+    package = write_plugin("gyro_drift", tmp_path, effect=True)
+    site = tmp_path / "site"
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*pip, "--target", str(site), str(package)], check=True, capture_output=True, text=True)
+    paths = os.pathsep.join([str(site), *(path for path in sys.path if path)])
+    done = run((package, {**os.environ, "PYTHONPATH": paths}), "pytest", "-q", "-p", "no:cacheprovider")
+    assert done.returncode == 0, done.stdout
+    assert "9 passed" in done.stdout

@@ -10,7 +10,9 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.report.prediction_page import prediction_page
+from brv_hypo.report.pages import page
+from brv_hypo.report.prediction import band_chart, prediction_document
+from brv_hypo.report.provenance import provenance
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
@@ -130,6 +132,6 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
-    page = prediction_page(predicted)
-    assert page.count('class="plotly-graph-div"') == 1
-    assert "95 % predictive band" in page
+    chart = band_chart(predicted)
+    assert [panel.title for panel in chart.panels] == ["C_m x 10^3", "C_n x 10^3"]
+    assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict"))

@@ -1,0 +1,124 @@
+"""What a chart shows, apart from how it is drawn: `plotly_chart.py` draws it on pages, `drawing.py` into files.
+
+Colours go by role, so that light, dark and print have their own; later layers lie on top of earlier ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+
+Role = Literal["measured", "first", "second", "third", "none", "guide"]
+Values = Sequence[float] | FloatArray
+
+MOST_POINTS = 2500
+"""Points drawn of a history; a longer one is thinned evenly, which no screen shows."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A history, or dots, `large` where they are few; `labels` stand beside them, `error` is how far y may lie below
+    and above.
+    """
+
+    x: Values
+    y: Values
+    role: Role
+    name: str = ""
+    dots: bool = False
+    dashed: bool = False
+    large: bool = False
+    labels: Sequence[str] = ()
+    error: tuple[Values, Values] | None = None
+
+
+@dataclass(frozen=True)
+class Band:
+    """The area between `low` and `high` over `x`."""
+
+    x: Values
+    low: Values
+    high: Values
+    name: str = "± 2 sigma"
+    role: Role = "measured"
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Horizontal bars, the first on top, each with its text."""
+
+    names: Sequence[str]
+    values: Values
+    texts: Sequence[str] = ()
+    role: Role = "first"
+
+
+Layer = Line | Band | Bars
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A vertical line at `at`, such as a knot; `name` stands beside it."""
+
+    at: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the horizontal axis that is shaded, such as samples that are masked."""
+
+    start: float
+    stop: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Layers over one pair of axes, with the title of the vertical; `categories` are its ticks 0, 1, ..."""
+
+    title: str
+    layers: Sequence[Layer]
+    log: bool = False
+    range: tuple[float, float] | None = None
+    categories: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Panels, one below the other, over a common horizontal axis titled `x`.
+
+    `name` is the stem of picture files. Charts `over_time` share their axis with each other. `square`: equal scales.
+    """
+
+    name: str
+    heading: str
+    x: str
+    panels: Sequence[Panel]
+    over_time: bool = False
+    square: bool = False
+    log: bool = False
+    range: tuple[float, float] | None = None
+    marks: Sequence[Mark] = ()
+    spans: Sequence[Span] = ()
+    caption: str = ""
+
+
+def thinned(values: Values) -> FloatArray:
+    """At most `MOST_POINTS` of the values, evenly."""
+    every = max(1, -(-len(values) // MOST_POINTS))
+    kept: FloatArray = np.asarray(values, dtype=np.float64)[::every]
+    return kept
+
+
+def wrapped_degrees(angle: Values) -> FloatArray:
+    """An angle (rad) in degrees within half a turn, with a break (NaN) wherever it passes from one end to the other."""
+    degrees = (np.degrees(np.asarray(angle, dtype=np.float64)) + 180.0) % 360.0 - 180.0
+    broken: FloatArray = degrees.copy()
+    broken[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
+    return broken

@@ -1,0 +1,203 @@
+"""The charts of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import IntArray
+from brv_hypo.ranking.result import CoefficientSeries, Comparison, RankedHypothesis, Series
+from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
+from brv_hypo.report.motion_charts import (
+    MILLI,
+    Drawn,
+    Moments,
+    Setting,
+    attitude_chart,
+    masked,
+    moment_by_alpha_chart,
+    moment_chart,
+    motion_chart,
+    residual_chart,
+    spectrum_chart,
+    turning_rates,
+)
+from brv_hypo.report.style import probability, share
+
+LEADING = 2
+"""Hypotheses that are drawn besides `none`; more lines than this hide each other."""
+ROUNDING = 1e-9
+"""A coefficient that stays below this, its error included, is none of the model's and is not drawn."""
+_ROLES: tuple[Role, ...] = ("first", "second")
+COEFFICIENTS = {
+    "C_N'": ("C<sub>N</sub>′ · 10³", MILLI),
+    "C_Z'": ("C<sub>Z</sub>′ · 10³", MILLI),
+    "C_N' by alpha": ("∂C<sub>N</sub>′/∂α, 1/rad", 1.0),
+    "C_Z' by alpha": ("∂C<sub>Z</sub>′/∂α, 1/rad", 1.0),
+    "C_Nalpha_force": ("force C<sub>Nα</sub>, 1/rad", 1.0),
+}
+"""By name, the title of a coefficient's axis and the scale that goes with it."""
+BY_MACH = ("C_N' by alpha", "C_Nalpha_force")
+"""Coefficients that are drawn over Mach number too."""
+
+
+def comparison_charts(comparison: Comparison) -> list[Chart]:
+    """Every chart that the comparison has the data for, in the order of a page."""
+    charts = [_probabilities(comparison), _limits(comparison), _sizes(comparison)]
+    for index, series in enumerate(comparison.series):
+        charts += _of_flight(comparison, index, series)
+    return [chart for chart in charts if chart.panels]
+
+
+def leading(comparison: Comparison) -> list[tuple[str, Role]]:
+    """The hypotheses to draw with their roles: `none` below, for contrast, and the leader last, on top."""
+    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
+    return [("none", "none"), *reversed(list(zip(first, _ROLES, strict=False)))]
+
+
+def _probabilities(comparison: Comparison) -> Chart:
+    known = sorted(comparison.verdict.probability.items(), key=lambda item: -item[1])
+    bars = Bars([name for name, _ in known], [value for _, value in known], [probability(v) for _, v in known])
+    panels = [Panel("", [bars])] if known else []
+    return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08))
+
+
+def _limits(comparison: Comparison) -> Chart:
+    known = comparison.verdict.limits
+    shares = [100.0 * limit.share_of_moment_95 for limit in known]
+    bars = Bars([limit.mechanism for limit in known], shares, [share(value / 100.0) for value in shares], "third")
+    return Chart(
+        "limits",
+        "Limits at 95 %",
+        "largest share of the moment's rms, %",
+        [Panel("", [bars])] if known else [],
+        caption="How large each mechanism may be, whatever won.",
+    )
+
+
+def _sizes(comparison: Comparison) -> Chart:
+    """Mallows' C_p over the number of terms, counted from the least so that a logarithmic axis holds all."""
+    rows = [row for row in comparison.ranking if np.isfinite(row.cp)]
+    if len(rows) < 2:
+        return Chart("cp", "", "", ())
+    most = max(row.n_terms for row in rows)
+    lowest = min(row.cp for row in rows)
+    spread = [row.cp - lowest + 1.0 for row in rows]
+    points = Line(
+        [row.n_terms for row in rows],
+        spread,
+        "first",
+        "hypotheses",
+        dots=True,
+        large=True,
+        labels=[row.mechanism for row in rows],
+    )
+    return Chart(
+        "cp",
+        "C_p over size",
+        "terms besides the baseline",
+        [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
+        range=(-0.5, most + 0.5),
+    )
+
+
+def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart]:
+    flight = comparison.flights[index]
+    several = len(comparison.flights) > 1
+    leader = next((row for row in comparison.ranking if row.mechanism != "none"), None)
+    setting = Setting(
+        (flight.start_s, flight.stop_s),
+        knots_of(leader, flight.start_s, flight.stop_s),
+        masked(comparison.record.faults, flight.stop_s - flight.start_s),
+        f"-{index + 1}" if several else "",
+        f": {flight.title or flight.path}" if several else "",
+    )
+    time, measured, sigma = series.time_s, series.measured, series.sigma
+    models = [Drawn(name, series.fitted[name], role) for name, role in leading(comparison) if name in series.fitted]
+    left = [Drawn(m.name, _difference(measured, m.moments), m.role) for m in models]
+    charts = [
+        moment_chart(setting, time, measured, sigma, models),
+        residual_chart(setting, time, sigma, left),
+        motion_chart(
+            setting,
+            time,
+            series.alpha_rad,
+            series.windward_meridian_rad,
+            series.alpha_sigma_rad,
+            series.windward_meridian_sigma_rad,
+        ),
+        moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
+    ]
+    if series.roll_rate_rad_s:
+        angles = (series.alpha_rad, series.windward_meridian_rad)
+        charts.append(attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
+    histories: dict[str, tuple[Moments, Role]] = {"measured": (measured, "measured")}
+    histories |= {f"less {m.name}": (m.moments, m.role) for m in left}
+    rates = turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
+    charts.append(spectrum_chart(setting, time, histories, rates))
+    for name, _ in reversed(leading(comparison)):
+        own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
+        charts += _coefficients(setting, own, series)
+    return charts
+
+
+def knots_of(leader: RankedHypothesis | None, start: float, stop: float) -> list[float]:
+    """Times inside the record at which a hypothesis's coefficients begin, change or end."""
+    if leader is None:
+        return []
+    edges = {edge for term in leader.terms if term.region_s is not None for edge in term.region_s}
+    return sorted(edge for edge in edges if start < edge < stop)
+
+
+def _difference(measured: Moments, fitted: Moments) -> Moments:
+    inside, outside = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
+    return inside, outside
+
+
+def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> list[Chart]:
+    """Coefficients and derivatives of one hypothesis over time and over Mach number; nothing where it has none."""
+    shown = [s for s in series if max(map(abs, s.value)) > ROUNDING or max(s.std_error) > ROUNDING]
+    if not shown:
+        return []
+    name, method = shown[0].mechanism, shown[0].method
+    panels = [
+        Panel(
+            COEFFICIENTS.get(each, (each, 1.0))[0],
+            [layer for s in shown if s.name == each for layer in _estimate(s, s.time_s)],
+        )
+        for each in dict.fromkeys(s.name for s in shown)
+    ]
+    heading = f"Coefficients of {name} by {method}"
+    charts = [setting.chart(f"coefficients-{name}", heading, panels, "Bands: two standard deviations.")]
+    by_mach = [s for s in shown if s.name in BY_MACH]
+    if by_mach and len(motion.mach) and np.all(np.isfinite(motion.mach)) and np.ptp(motion.mach) > 0.0:
+        charts.append(_by_mach(setting, by_mach, motion))
+    return charts
+
+
+def _by_mach(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> Chart:
+    panels = []
+    for name in dict.fromkeys(s.name for s in series):
+        layers: list[Layer] = []
+        for s in series:
+            if s.name == name:
+                mach = np.interp(s.time_s, motion.time_s, motion.mach)
+                order = np.argsort(mach, kind="stable")
+                layers += _estimate(s, mach[order], order)
+        panels.append(Panel(COEFFICIENTS[name][0], layers))
+    return Chart(
+        f"coefficients-by-mach-{series[0].mechanism}{setting.suffix}",
+        f"Coefficients of {series[0].mechanism} by Mach number{setting.which}",
+        "Mach number",
+        panels,
+    )
+
+
+def _estimate(
+    series: CoefficientSeries, x: Values, order: IntArray | slice = slice(None)
+) -> list[Layer]:
+    """The estimate within two standard deviations."""
+    scale = COEFFICIENTS.get(series.name, ("", 1.0))[1]
+    value, wide = scale * np.asarray(series.value)[order], 2.0 * scale * np.asarray(series.std_error)[order]
+    return [Band(x, value - wide, value + wide, role="first"), Line(x, value, "first", "estimate")]

@@ -1,0 +1,232 @@
+"""Charts of a motion and of moments over time, angle and frequency, for whatever result has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.faults import RecordFault
+from brv_hypo.ranking.result import RecordFaultSummary
+from brv_hypo.report.chart import Band, Chart, Layer, Line, Mark, Panel, Role, Span, Values, wrapped_degrees
+
+MILLI = 1e3
+"""Moment coefficients are drawn in thousandths."""
+IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′ · 10³", "out of plane, C<sub>Z</sub>′ · 10³"
+BODY = ("pitch, C<sub>m</sub> · 10³", "yaw, C<sub>n</sub> · 10³")
+TIME = "time, s"
+_SHARE, _MARGIN = 0.98, 2.0
+"""A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
+_NARROWEST = 0.003
+"""Share of the record that a shaded stretch takes at least, to be seen."""
+_SEGMENT = 512
+"""Samples of a segment of a spectrum, at most."""
+
+Moments = tuple[Values, Values]
+"""In-plane and out-of-plane, or pitch and yaw, moment coefficient over time."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all charts over time of one flight share: the span (s), knots to mark, faults that are masked.
+
+    `suffix` distinguishes the flights of one result.
+    """
+
+    span: tuple[float, float]
+    knots: Sequence[float] = ()
+    masked: Sequence[tuple[float, float, str]] = ()
+    suffix: str = ""
+    which: str = ""
+
+    def chart(self, name: str, heading: str, panels: Sequence[Panel], caption: str = "") -> Chart:
+        """A chart over this flight's time."""
+        return Chart(
+            f"{name}{self.suffix}",
+            f"{heading}{self.which}",
+            TIME,
+            panels,
+            over_time=True,
+            range=self.span,
+            marks=[Mark(knot) for knot in self.knots],
+            spans=[Span(*fault) for fault in self.masked],
+            caption=caption,
+        )
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One model's moments in a chart."""
+
+    name: str
+    moments: Moments
+    role: Role
+
+
+def moment_chart(setting: Setting, time: Values, measured: Moments, sigma: Values, models: Sequence[Drawn]) -> Chart:
+    """Measured moments within two standard deviations, and the models, the last one on top."""
+    panels = [
+        Panel(
+            title,
+            [
+                _band(time, values, sigma),
+                Line(time, MILLI * np.asarray(values), "measured", "measured", dots=True),
+                *(Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models),
+            ],
+        )
+        for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
+    ]
+    caption = "Dashed lines: knots of the leader. Shaded: masked." if setting.knots or setting.masked else ""
+    return setting.chart("moments", "Moments, measured and modelled" if models else "Moments", panels, caption)
+
+
+def residual_chart(
+    setting: Setting,
+    time: Values,
+    sigma: Values,
+    models: Sequence[Drawn],
+    titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
+    heading: str = "Residual moments",
+) -> Chart:
+    """What models leave of the moments, before a band of two standard deviations; the last one on top."""
+    panels = [
+        Panel(
+            title,
+            [
+                _band(time, np.zeros(len(time)), sigma),
+                *(Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models),
+            ],
+        )
+        for k, title in enumerate(titles)
+    ]
+    return setting.chart("residuals", heading, panels)
+
+
+def motion_chart(
+    setting: Setting,
+    time: Values,
+    alpha: Values,
+    meridian: Values,
+    alpha_sigma: Values = (),
+    meridian_sigma: Values = (),
+) -> Chart:
+    """Angle of attack and windward meridian (rad; drawn in degrees), with two standard deviations where known."""
+    degrees, wrapped = np.degrees(np.asarray(alpha)), wrapped_degrees(meridian)
+    above: list[Layer] = [Line(time, degrees, "measured", "estimate")]
+    below: list[Layer] = [Line(time, wrapped, "measured", "estimate")]
+    if len(alpha_sigma) and len(meridian_sigma):
+        wide, turn = 2.0 * np.degrees(np.asarray(alpha_sigma)), 2.0 * np.degrees(np.asarray(meridian_sigma))
+        above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), degrees + wide))
+        below.insert(0, Band(time, wrapped - turn, wrapped + turn))
+    panels = [
+        Panel("α, deg", above),
+        Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0)),
+    ]
+    return setting.chart("motion", "Angle of attack and windward meridian", panels)
+
+
+def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:
+    """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda).
+
+    lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi).
+    """
+    t, p = np.asarray(time, dtype=float), np.asarray(roll_rate, dtype=float)
+    phi = np.concatenate([[0.0], np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(t))])
+    turned = phi - np.asarray(meridian)
+    amplitude = np.degrees(np.asarray(alpha))
+    theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
+    return Chart(
+        f"theta-psi{setting.suffix}",
+        f"Pitch against yaw{setting.which}",
+        "psi, deg",
+        [
+            Panel(
+                "theta, deg",
+                [
+                    Line(psi, theta, "measured", "path"),
+                    Line(psi[:1], theta[:1], "second", "start", dots=True, large=True),
+                    Line(psi[-1:], theta[-1:], "first", "end", dots=True, large=True),
+                ],
+            )
+        ],
+        square=True,
+        caption="Attitude to the wind in axes that do not roll; the roll angle counts from the start.",
+    )
+
+
+def moment_by_alpha_chart(setting: Setting, alpha: Values, measured: Moments, models: Sequence[Drawn]) -> Chart:
+    """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
+    degrees = np.degrees(np.asarray(alpha))
+    panels = [
+        Panel(
+            title,
+            [
+                Line(degrees, MILLI * np.asarray(values), "measured", "measured", dots=True),
+                *(Line(degrees, MILLI * np.asarray(m.moments[k]), m.role, m.name, dots=True) for m in models),
+            ],
+        )
+        for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
+    ]
+    heading = f"Moments against angle of attack{setting.which}"
+    return Chart(f"moment-by-alpha{setting.suffix}", heading, "angle of attack, deg", panels)
+
+
+def spectrum_chart(
+    setting: Setting, time: Values, histories: Mapping[str, tuple[Moments, Role]], rates: Mapping[str, float]
+) -> Chart:
+    """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
+    t = np.asarray(time, dtype=float)
+    sample_rate = 1.0 / float(np.median(np.diff(t)))
+    layers: list[Layer] = []
+    highest = 0.0
+    for name, (moments, role) in histories.items():
+        frequency, power = _spectrum(moments, sample_rate)
+        layers.append(Line(frequency, power, role, name))
+        highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
+    highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
+    return Chart(
+        f"spectrum{setting.suffix}",
+        f"Spectrum{setting.which}",
+        "frequency, Hz",
+        [Panel("power density, 1/Hz", layers, log=True)],
+        range=(0.0, highest),
+        marks=[Mark(at, name) for name, at in rates.items() if np.isfinite(at)],
+        caption="Both planes together, Welch's method. Marked: median rates over the record.",
+    )
+
+
+def _spectrum(moments: Moments, sample_rate: float) -> tuple[FloatArray, FloatArray]:
+    """One-sided power density of both histories together, from the first line above zero."""
+    size = min(_SEGMENT, len(moments[0]))
+    parts = [welch(np.asarray(values, dtype=float), fs=sample_rate, nperseg=size) for values in moments]
+    frequency, power = np.asarray(parts[0][0], dtype=float), np.asarray(parts[0][1] + parts[1][1], dtype=float)
+    return frequency[1:], np.maximum(power[1:], np.finfo(float).tiny)
+
+
+def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
+    """Stretches to shade for faults; of spikes, that are single samples, the first and the last."""
+    found = []
+    for fault in faults:
+        narrow = _NARROWEST * length
+        if fault.fault == "spikes":
+            found += [(at - 0.5 * narrow, at + 0.5 * narrow, "") for at in {fault.start_s, fault.stop_s}]
+        else:
+            found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
+    return sorted(found)
+
+
+def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
+    """Frequencies (Hz) of roll and of the windward meridian: medians of the rates' size (rad/s)."""
+    found = {}
+    for name, values in (("roll", roll_rate), ("meridian", meridian_rate)):
+        if len(values):
+            found[name] = float(np.median(np.abs(np.asarray(values)))) / (2.0 * np.pi)
+    return found
+
+
+def _band(time: Values, centre: Values, sigma: Values) -> Band:
+    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.asarray(sigma)
+    return Band(time, middle - wide, middle + wide)

@@ -1,0 +1,71 @@
+// Draws the page's charts with the page's own colours, and keeps charts over time at one zoom and one cursor.
+(async () => {
+  const root = document.documentElement;
+  const unpacked = async (id) => {
+    const packed = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+    return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+  };
+  const nodes = [...document.querySelectorAll(".chart")];
+  if (nodes.length && typeof DecompressionStream === "undefined") {
+    for (const node of nodes) node.textContent = "The charts need a browser of 2023 or later.";
+    return;
+  }
+  if (!nodes.length) return;
+  const script = document.createElement("script");
+  script.textContent = await unpacked("library");
+  document.head.append(script);
+  const charts = JSON.parse(await unpacked("charts"));
+
+  const painted = (value, style) => {
+    if (typeof value === "string") return value.startsWith("--") ? style.getPropertyValue(value).trim() : value;
+    if (Array.isArray(value)) return value.map((each) => painted(each, style));
+    if (value && typeof value === "object") {
+      return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, painted(each, style)]));
+    }
+    return value;
+  };
+  const common = {
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: "x unified", hoversubplots: "axis",
+    font: { family: "system-ui, -apple-system, 'Segoe UI', Helvetica, Arial, sans-serif", size: 13, color: "--ink" },
+    margin: { l: 60, r: 20, t: 44, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: "--quiet", activecolor: "--accent" },
+    legend: { orientation: "h", yanchor: "bottom", y: 1.06, x: 0 },
+  };
+  const PAPER = 660;  // px: the width of a sheet between its margins
+  const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "resetScale2d"]] };
+  const draw = async () => {
+    const style = getComputedStyle(root);
+    for (const [index, node] of nodes.entries()) {
+      const chart = charts[index];
+      const layout = painted({ ...common, ...chart.layout, height: chart.height }, style);
+      if ("printing" in root.dataset) layout.width = PAPER;
+      if (node.layout && node.layout.xaxis && chart.time) layout.xaxis.range = node.layout.xaxis.range;
+      await Plotly.react(node, painted(chart.traces, style), layout, config);
+    }
+    root.dataset.drawn = nodes.length;
+  };
+  await draw();
+
+  const linked = nodes.filter((node, index) => charts[index].time);
+  let leading = null;
+  const others = (node, act) => {
+    if (leading) return;
+    leading = node;
+    Promise.all(linked.filter((other) => other !== node).map(act)).finally(() => { leading = null; });
+  };
+  for (const node of linked) {
+    node.on("plotly_relayout", (change) => {
+      const range = change["xaxis.range"] ||
+        ("xaxis.range[0]" in change ? [change["xaxis.range[0]"], change["xaxis.range[1]"]] : null);
+      if (range) others(node, (other) => Plotly.relayout(other, { "xaxis.range": range }));
+      else if (change["xaxis.autorange"]) others(node, (other) => Plotly.relayout(other, { "xaxis.autorange": true }));
+    });
+    node.on("plotly_hover", (event) => {
+      others(node, (other) => Plotly.Fx.hover(other, { xval: event.xvals[0] }, "xy"));
+    });
+    node.on("plotly_unhover", () => others(node, (other) => Plotly.Fx.unhover(other)));
+  }
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  addEventListener("beforeprint", () => { root.dataset.printing = ""; draw(); });
+  addEventListener("afterprint", () => { delete root.dataset.printing; draw(); });
+})();

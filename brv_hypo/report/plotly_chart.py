@@ -1,0 +1,213 @@
+"""A chart as the data that plotly's script draws: traces and layout, colours as names of CSS variables."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Values, thinned
+
+_GAP = 0.08
+_UNEVEN = 1e-3
+"""Share of a step by which times may be uneven and still be given as start and step."""
+_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "square": 520}
+
+
+def plotly_chart(chart: Chart) -> dict[str, Any]:
+    """Traces, layout and height (px) of a chart."""
+    traces: list[dict[str, Any]] = []
+    named: set[str] = set()
+    for row, panel in enumerate(chart.panels, start=1):
+        for layer in panel.layers:
+            for trace in _traces(layer):
+                name = trace.get("name", "")
+                group = "" if isinstance(layer, Bars) else layer.name
+                place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}", "legendgroup": group}
+                traces.append({**trace, **place, "showlegend": bool(name) and name not in named})
+                named.add(name)
+    return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": _height(chart)}
+
+
+def _traces(layer: Line | Band | Bars) -> list[dict[str, Any]]:
+    if isinstance(layer, Bars):
+        return [_bars(layer)]
+    if isinstance(layer, Band):
+        return _band(layer)
+    return [_line(layer)]
+
+
+def _line(layer: Line) -> dict[str, Any]:
+    colour = f"--{layer.role}"
+    trace: dict[str, Any] = {
+        **_over(layer.x),
+        "type": "scatter",
+        "y": _packed(layer.y),
+        "name": layer.name,
+        "mode": ("markers+text" if layer.labels else "markers") if layer.dots else "lines",
+    }
+    if layer.dots:
+        trace["marker"] = {"color": colour, "size": 8 if layer.large else 2.6}
+    else:
+        trace["line"] = {"color": colour, "width": 1.5, **({"dash": "dot"} if layer.dashed else {})}
+    if layer.labels:
+        trace |= {"text": list(layer.labels), "textposition": _beside(len(layer.labels)), "cliponaxis": False}
+    if layer.error is not None:
+        below, above = (np.asarray(values, dtype=float).tolist() for values in layer.error)
+        trace["error_y"] = {
+            "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
+        }  # fmt: skip
+    return trace
+
+
+def _beside(count: int) -> list[str]:
+    """Places of labels, in turn, so that those of neighbours do not hide each other."""
+    places = ("top center", "bottom center", "middle right", "middle left")
+    return [places[i % len(places)] for i in range(count)]
+
+
+def _band(layer: Band) -> list[dict[str, Any]]:
+    """Two edges, the upper filled down to the lower; closed areas where the band has breaks."""
+    if not np.all(np.isfinite(layer.low)):
+        return [_broken_band(layer)]
+    edge = {**_over(layer.x), "type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+    fill = {"name": layer.name, "fill": "tonexty", "fillcolor": f"--{layer.role}-band"}
+    return [{**edge, "y": _packed(layer.low)}, {**edge, **fill, "y": _packed(layer.high)}]
+
+
+def _broken_band(layer: Band) -> dict[str, Any]:
+    x, low, high = (thinned(values) for values in (layer.x, layer.low, layer.high))
+    there: list[FloatArray] = []
+    around: list[FloatArray] = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.isfinite(low), [False]])))
+    for run in (slice(start, stop) for start, stop in edges.reshape(-1, 2)):
+        there += [x[run], x[run][::-1], np.array([np.nan])]
+        around += [low[run], high[run][::-1], np.array([np.nan])]
+    return {
+        "type": "scatter",
+        "x": _bits(np.concatenate(there)),
+        "y": _bits(np.concatenate(around)),
+        "mode": "lines",
+        "line": {"width": 0},
+        "hoverinfo": "skip",
+        "name": layer.name,
+        "fill": "toself",
+        "fillcolor": f"--{layer.role}-band",
+    }
+
+
+def _bars(layer: Bars) -> dict[str, Any]:
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "x": [float(value) for value in layer.values],
+        "y": list(layer.names),
+        "text": list(layer.texts),
+        "textposition": "auto",
+        "cliponaxis": False,
+        "marker": {"color": f"--{layer.role}"},
+    }
+
+
+def _layout(chart: Chart) -> dict[str, Any]:
+    count = len(chart.panels)
+    axis = {
+        "linecolor": "--ink",
+        "gridcolor": "--rule",
+        "zerolinecolor": "--rule",
+        "tickcolor": "--ink",
+        "ticks": "outside",
+        "showline": True,
+        "automargin": True,
+    }
+    layout: dict[str, Any] = {
+        "xaxis": {
+            **axis,
+            "title": {"text": chart.x},
+            "anchor": "y" if count == 1 else f"y{count}",
+            **({"type": "log"} if chart.log else {}),
+            **({"range": list(chart.range)} if chart.range else {}),
+        },
+        "shapes": _shapes(chart),
+        "annotations": _annotations(chart),
+    }
+    height = (1.0 - _GAP * (count - 1)) / count
+    for row, panel in enumerate(chart.panels):
+        top = 1.0 - row * (height + _GAP)
+        bars = any(isinstance(layer, Bars) for layer in panel.layers)
+        layout["yaxis" if row == 0 else f"yaxis{row + 1}"] = {
+            **axis,
+            "anchor": "x",
+            "domain": [max(top - height, 0.0), top],
+            "title": {"text": panel.title},
+            **({"type": "log", "exponentformat": "power"} if panel.log else {}),
+            **({"range": list(panel.range)} if panel.range else {}),
+            **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
+            **({"scaleanchor": "x"} if chart.square else {}),
+            **(_ticks(panel.categories) if panel.categories else {}),
+        }
+    return layout
+
+
+def _ticks(names: Sequence[str]) -> dict[str, Any]:
+    return {
+        "tickmode": "array",
+        "tickvals": list(range(len(names))),
+        "ticktext": list(names),
+        "range": [len(names) - 0.5, -0.5],
+    }
+
+
+def _shapes(chart: Chart) -> list[dict[str, Any]]:
+    whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
+    marks = [
+        {**whole, "type": "line", "x0": m.at, "x1": m.at, "line": {"color": "--mark", "width": 1, "dash": "dash"}}
+        for m in chart.marks
+    ]
+    spans = [
+        {**whole, "type": "rect", "x0": s.start, "x1": s.stop, "line": {"width": 0}, "fillcolor": "--masked"}
+        for s in chart.spans
+    ]
+    return [*spans, *marks]
+
+
+def _annotations(chart: Chart) -> list[dict[str, Any]]:
+    beside = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
+    named = [(m.at, m.name) for m in chart.marks] + [(0.5 * (s.start + s.stop), s.name) for s in chart.spans]
+    shifts = (0, -13)  # px, so that neighbours do not hide each other
+    return [
+        {**beside, "x": at, "text": name, "yshift": shifts[i % 2]} for i, (at, name) in enumerate(named) if name
+    ]
+
+
+def _height(chart: Chart) -> int:
+    if chart.square:
+        return _HEIGHT["square"]
+    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
+    lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
+    if lines:
+        return _HEIGHT["frame"] + _HEIGHT["bar"] * lines
+    return _HEIGHT["frame"] + max(_HEIGHT["panel"] * len(chart.panels), 260)
+
+
+def _over(x: Values) -> dict[str, Any]:
+    """Start and step where the values are even, which halves the page; else the values."""
+    values = thinned(x)
+    steps = np.diff(values)
+    if steps.size > 1 and steps[0] > 0.0 and np.ptp(steps) < _UNEVEN * steps[0]:
+        return {"x0": float(values[0]), "dx": float((values[-1] - values[0]) / steps.size)}
+    return {"x": _packed(values)}
+
+
+def _packed(values: Values) -> dict[str, str]:
+    """A history, thinned."""
+    return _bits(thinned(values))
+
+
+def _bits(values: FloatArray) -> dict[str, str]:
+    """Single precision: half the page, and finer than any screen."""
+    data = values.astype("<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")}

@@ -1,0 +1,57 @@
+"""From Python: any result as a page, or its charts as picture files."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+from brv_hypo.errors import UsageError
+from brv_hypo.files.whole import check_target, write_whole
+from brv_hypo.motion import Reconstruction
+from brv_hypo.ranking.result import Comparison
+from brv_hypo.report.blocks import Document
+from brv_hypo.report.compare import comparison_document
+from brv_hypo.report.drawing import draw_into
+from brv_hypo.report.pages import page
+from brv_hypo.report.prediction import prediction_document
+from brv_hypo.report.provenance import provenance
+from brv_hypo.report.reconstruction import reconstruction_document
+from brv_hypo.report.trace import trace_document
+from brv_hypo.residuals.prediction import Prediction
+from brv_hypo.residuals.result import Trace
+
+
+@singledispatch
+def document_of(result: Any) -> Document:
+    """The document of a comparison, trace, prediction or reconstruction. Raises UsageError for anything else."""
+    raise UsageError(
+        f"got {type(result).__name__}, expected what compare, trace, predict or reconstruct returned: only these "
+        "have a report."
+    )
+
+
+document_of.register(Comparison, comparison_document)
+document_of.register(Trace, trace_document)
+document_of.register(Prediction, prediction_document)
+document_of.register(Reconstruction, reconstruction_document)
+
+
+def write_report(result: Any, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write the page of a result; raises UsageError where the file exists and is not to be overwritten."""
+    check_target(path, overwrite=overwrite)
+    document = document_of(result)
+    records = [flight.path for flight in _flights(result)]
+    write_whole(path, page(document, provenance("", None, records)))
+
+
+def write_figures(result: Any, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, ...]:
+    """Write the charts of a result as PNG and SVG; returns the files. Needs the extra `figures`.
+
+    Raises UsageError where a file exists and is not to be overwritten, or matplotlib is missing.
+    """
+    return draw_into(folder, document_of(result).charts, overwrite=overwrite)
+
+
+def _flights(result: Any) -> tuple[Any, ...]:
+    return tuple(result.flights) if isinstance(result, Comparison) else (result.flight,)

@@ -1,0 +1,99 @@
+"""For plugin authors: the conformance kit, and flights on which a mechanism or an effect is planted and looked for.
+
+    from brv_hypo.testing import MECHANISM_CHECKS, plant, recover
+
+    def test_is_recovered():
+        flown = plant("uneven_ablation", {"k": 0.01})
+        assert recover(flown, "uneven_ablation").verdict.winner == "uneven_ablation"
+
+The plugin must be installed, or loaded with `brv_hypo.mechanisms.use_plugin_files`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from brv_hypo.errors import UsageError
+from brv_hypo.flight import Flight
+from brv_hypo.mechanisms import RecordEffect, find_installed
+from brv_hypo.mechanisms.conformance import (
+    EFFECT_CHECKS,
+    MECHANISM_CHECKS,
+    conformance,
+    sample_flight,
+    sample_motion,
+)
+from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.simulation import SimulatedFlight, load_config, simulate
+
+__all__ = [
+    "EFFECT_CHECKS",
+    "MECHANISM_CHECKS",
+    "conformance",
+    "plant",
+    "plant_effect",
+    "recover",
+    "recover_effect",
+    "sample_flight",
+    "sample_motion",
+]
+
+VEHICLE = "research_cone"
+DURATION, SAMPLE_RATE = 4.0, 100.0
+"""s and Hz: short enough for a test, long enough to tell a mechanism that matters."""
+
+
+def plant(
+    mechanism: str,
+    terms: Mapping[str, float],
+    theta: Mapping[str, float] | None = None,
+    *,
+    start: float | None = None,
+    stop: float | None = None,
+    vehicle: str = VEHICLE,
+    seed: int = 1,
+) -> SimulatedFlight:
+    """A short 6-DOF flight with instrument errors on which a mechanism acts from `start` to `stop` (s).
+
+    `terms` holds the coefficient of each of its terms, `theta` its nonlinear parameters.
+    Raises UsageError for an unknown mechanism, term or parameter.
+    """
+    planted = {"mechanism": mechanism, "terms": dict(terms), "theta": dict(theta or {}), "start": start, "stop": stop}
+    told = {key: value for key, value in planted.items() if value is not None}
+    return simulate({"base": vehicle, **_short(vehicle), "mechanisms": [told]}, seed=seed)
+
+
+def recover(flown: SimulatedFlight | Flight, mechanism: str, *rivals: str) -> Comparison:
+    """The comparison of a mechanism with `none` and the rivals, by regression, which takes seconds."""
+    return compare(flown, CompareConfig(mechanisms=(mechanism, *rivals), maximum_likelihood="none"))
+
+
+def plant_effect(
+    effect: str, component: str, value: float, *, vehicle: str = VEHICLE, seed: int = 1
+) -> Flight:
+    """A short flight with nothing planted, whose record then has `value` (SI) of that component of the effect more.
+
+    Raises UsageError where there is no such effect or component.
+    """
+    item = find_installed(effect)
+    if not isinstance(item, RecordEffect):
+        raise UsageError(f"'{effect}' is a mechanism, not an effect on the record: use plant().")
+    flight = simulate({"base": vehicle, **_short(vehicle), "mechanisms": []}, seed=seed).flight
+    variant = item.variants(flight)[0]
+    known = [each.name for each in variant.components(flight)]
+    if component not in known:
+        raise UsageError(f"'{effect}' has no component '{component}'; it has {', '.join(known)}.")
+    return variant.perturb(flight, component, value)
+
+
+def recover_effect(flight: Flight, effect: str, *rivals: str) -> Trace:
+    """The trace of a flight that tries an effect and the rivals alone, and discovers nothing of its own."""
+    settings = TraceConfig(effects=(effect, *rivals), discover=False, maximum_likelihood=False, max_steps=2)
+    return trace(flight, settings)
+
+
+def _short(vehicle: str) -> dict[str, float]:
+    """Duration and rate for a test, never more than the vehicle's own."""
+    own = load_config(vehicle)
+    return {"duration": min(DURATION, own.duration), "sample_rate": min(SAMPLE_RATE, own.sample_rate)}

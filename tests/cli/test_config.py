@@ -1,0 +1,70 @@
+"""`brv-hypo config`: what it writes is read by the command that it is for; schemas and completion."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+
+from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.residuals import TraceConfig
+from brv_hypo.settings import read_settings
+from brv_hypo.settings_file import commented, meanings
+from brv_hypo.simulation import load_config
+from brv_hypo.study import read_study
+
+MODELS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
+
+
+@pytest.mark.parametrize(("kind", "model"), MODELS.items())
+def test_a_new_file_sets_nothing_until_it_is_changed(brv_hypo, kind, model, tmp_path):
+    done = brv_hypo("config", "new", kind, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    path = tmp_path / f"{kind}.yaml"
+    assert read_settings(model, path) == model()
+    assert f"--config {kind}.yaml" in done.stdout
+
+
+@pytest.mark.parametrize("model", MODELS.values())
+def test_every_setting_stands_in_it_and_uncommented_is_the_default(model):
+    settings = [line[1:] for line in commented(model, "t").splitlines() if line.startswith("#") and line[1:2] != " "]
+    content = yaml.safe_load("\n".join(settings))
+    assert set(content) == set(model.model_fields)
+    assert model.model_validate(content) == model()
+
+
+@pytest.mark.parametrize("model", MODELS.values())
+def test_every_setting_is_explained(model):
+    said = meanings(model)
+    assert [n for n, field in model.model_fields.items() if n not in said and not field.description] == []
+
+
+def test_a_new_simulation_and_study_are_read(brv_hypo, tmp_path):
+    for kind in ("simulate", "study"):
+        assert brv_hypo("config", "new", kind, "-o", f"my_{kind}.yaml", cwd=tmp_path).returncode == 0
+    assert load_config(tmp_path / "my_simulate.yaml").duration > 0.0
+    assert read_study(tmp_path / "my_study.yaml").flights > 0
+
+
+def test_an_existing_file_is_kept_unless_forced(brv_hypo, tmp_path):
+    (tmp_path / "compare.yaml").write_text("mine")
+    assert brv_hypo("config", "new", "compare", cwd=tmp_path).returncode == 2
+    assert (tmp_path / "compare.yaml").read_text() == "mine"
+    assert brv_hypo("config", "new", "compare", "--force", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("kind", ["compare", "simulate", "study", "compare-result", "trace-result", "predict-result"])
+def test_a_schema_is_json_with_properties(brv_hypo, kind):
+    done = brv_hypo("config", "schema", kind)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["properties"]
+
+
+def test_an_unknown_kind_ends_with_2(brv_hypo):
+    assert brv_hypo("config", "new", "coffee").returncode == 2
+
+
+def test_shells_are_offered_completion(brv_hypo):
+    assert "--install-completion" in brv_hypo("--help").stdout

@@ -1,0 +1,116 @@
+"""The manual: what it shows is what happens; every topic is there, in the terminal and as a page."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+
+import pytest
+
+from brv_hypo.cli.main import app
+from brv_hypo.docs import text, topics
+from brv_hypo.docs.offline import manual_page
+from brv_hypo.errors import UsageError
+from tests.cli.conftest import brv_hypo
+from tests.docs.snippets import execute, matches, snippets
+from tests.shared_data import shared_file
+
+__all__ = ["brv_hypo"]
+
+EXECUTED = ("start", "record", "loop", "mechanism", "effect", "python", "reference")
+TOPICS = ("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation")
+
+
+@pytest.fixture(autouse=True)
+def _no_plugin_files_afterwards():
+    yield
+    from brv_hypo.mechanisms import use_plugin_files
+
+    use_plugin_files(())
+
+
+@pytest.mark.parametrize("topic", EXECUTED)
+def test_what_a_topic_shows_is_what_happens(topic, brv_hypo, tmp_path):
+    assert execute(topic, tmp_path, brv_hypo) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.shared
+def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
+    (shown,) = (snippet for snippet in snippets("loop") if snippet.language == "sh")
+    shutil.copy(shared_file("data/opportunity/opportunity_entry.h5"), tmp_path)
+    printed = []
+    for line in shown.body.splitlines():
+        done = brv_hypo(*shlex.split(line)[1:], cwd=tmp_path, COLUMNS="80")
+        assert done.returncode == 0, done.stderr
+        printed.append(done.stdout)
+    inspected, compared, traced = printed
+    assert "samples a cycle" in inspected
+    assert "Verdict: none adequate" in compared
+    assert "dynamic pressure keeps a fixed proportion" in traced
+    assert all((tmp_path / name).stat().st_size < 1_500_000 for name in ("compare.html", "trace.html"))
+
+
+def test_every_topic_with_something_to_execute_is_executed():
+    languages = {topic: {snippet.language for snippet in snippets(topic)} for topic in topics()}
+    assert {topic for topic, used in languages.items() if used & {"console", "python"}} == set(EXECUTED)
+
+
+def test_topics_are_in_reading_order():
+    assert tuple(topics())[: len(TOPICS)] == TOPICS
+    assert all(re.match(r"# \S", text(topic)) for topic in topics())
+
+
+def test_an_unknown_topic_is_refused_with_the_nearest():
+    with pytest.raises(UsageError, match="is 'verdict' meant"):
+        text("verdikt")
+
+
+def test_the_reference_names_every_command_and_option_that_many_share():
+    page = text("reference")
+    names = {command.name for command in app.registered_commands} | {group.name for group in app.registered_groups}
+    assert {name for name in names if f"| `{name}" not in page} == set()
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_links_and_commands_that_a_topic_mentions_exist(topic):
+    names = {command.name for command in app.registered_commands} | {group.name for group in app.registered_groups}
+    mentioned = set(re.findall(r"`brv-hypo ([a-z]+)", text(topic)))
+    assert mentioned <= names
+
+
+@pytest.fixture(scope="module")
+def html():
+    return manual_page()
+
+
+class TestPage:
+    def test_it_has_every_topic_and_asks_the_network_for_nothing(self, html):
+        assert all(f'<article id="{topic}">' in html for topic in topics())
+        assert not re.findall(r"(?:src|href)\s*=\s*[\"']?https?:", html)
+        assert '<input id="search"' in html
+        assert "<table>" in html
+
+    def test_the_command_writes_it(self, brv_hypo, tmp_path):
+        done = brv_hypo("docs", "-o", "manual.html", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert (tmp_path / "manual.html").read_text() == manual_page()
+        assert brv_hypo("docs", "-o", "manual.html", cwd=tmp_path).returncode == 2
+
+    def test_open_shows_the_topic(self, brv_hypo, tmp_path, monkeypatch):
+        opened = []
+        monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+        done = brv_hypo("docs", "loop", "--open", "-o", "manual.html", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert opened[0].startswith("file://")
+        assert opened[0].endswith("manual.html#loop")
+
+
+class TestSnippets:
+    def test_dots_stand_for_anything(self):
+        assert matches("a ... c\n...\nend\n", "a b c\nmore\nlines\nend\n")
+        assert not matches("a ... c\n", "a b d\n")
+
+    def test_white_space_does_not_count(self):
+        assert matches("a   b\n", "a b  \n\n")

@@ -1,0 +1,91 @@
+"""Pages in a browser: every chart is drawn, no script fails, and charts over time keep one zoom."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from brv_hypo.docs.offline import manual_page
+from brv_hypo.report.blocks import Document, Picture
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel, Span
+from brv_hypo.report.pages import page
+from brv_hypo.report.provenance import Provenance
+
+BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--virtual-time-budget=10000"),
+)
+WATCH = "<script>onerror = (message) => { document.documentElement.dataset.failed = message; };</script>"
+ZOOM = """<script>(async () => {
+  const root = document.documentElement;
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  const nodes = document.querySelectorAll(".chart");
+  await Plotly.relayout(nodes[0], { "xaxis.range": [1, 2] });
+  await new Promise((done) => setTimeout(done, 100));
+  root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
+})();</script>"""
+
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")
+
+
+@pytest.fixture
+def shown(tmp_path):
+    """The root element's attributes once a page's scripts have run, at a width in pixels."""
+
+    def show(html: str, width: int = 800) -> str:
+        file = tmp_path / "page.html"
+        file.write_text(html.replace("<head>", f"<head>{WATCH}", 1))
+        profile = f"--user-data-dir={tmp_path / 'profile'}"
+        done = subprocess.run(
+            [BROWSER, *FLAGS, profile, f"--window-size={width},900", "--dump-dom", file.as_uri()],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=120,
+        )
+        root = re.search(r"<html[^>]*>", done.stdout)
+        assert root is not None
+        return root[0]
+
+    return show
+
+
+def charts() -> list[Chart]:
+    time = np.linspace(0.0, 5.0, 200)
+    wave = [Panel("y", [Band(time, time - 1, time + 1), Line(time, np.sin(time), "first", "a")]) for _ in range(2)]
+    extras = {"over_time": True, "range": (0.0, 5.0), "marks": [Mark(2.0, "knot")], "spans": [Span(3.0, 4.0, "masked")]}
+    return [
+        Chart("one", "One", "time, s", wave, **extras),
+        Chart("two", "Two", "time, s", wave[:1], **extras),
+        Chart("bars", "Bars", "share", [Panel("", [Bars(["a", "b"], [1.0, 2.0], ["1", "2"])])], range=(0.0, 3.0)),
+    ]
+
+
+def report(extra: str = "") -> str:
+    document = Document("t", (), "c", "words", True, [Picture(chart) for chart in charts()])
+    return page(document, Provenance()).replace("</body>", f"{extra}</body>")
+
+
+@pytest.mark.parametrize("width", [800, 1600])
+def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
+    root = shown(report(), width)
+    assert 'data-drawn="3"' in root
+    assert "data-failed" not in root
+
+
+def test_charts_over_time_are_zoomed_together_and_the_others_are_not(shown) -> None:
+    assert 'data-zoomed="1.0-2.0 1.0-2.0 0.0-3.0"' in shown(report(ZOOM))
+
+
+def test_the_manual_is_searched(shown) -> None:
+    search = """<script>field.value = "windward meridian"; field.dispatchEvent(new Event("input"));
+      document.documentElement.dataset.said = said.textContent;</script>"""
+    root = shown(manual_page().replace("</body>", f"{search}</body>"))
+    assert "data-failed" not in root
+    count, sections = map(int, re.search(r'data-said="(\d+) of (\d+) sections"', root).groups())
+    assert 0 < count < sections

@@ -1,0 +1,198 @@
+"""What charts show, and how pages and picture files draw it."""
+
+from __future__ import annotations
+
+import base64
+import json
+
+import numpy as np
+import pytest
+
+from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.report.blocks import Document, Picture, Table, Texts
+from brv_hypo.report.chart import MOST_POINTS, Band, Bars, Chart, Line, Mark, Panel, Span, wrapped_degrees
+from brv_hypo.report.compare import comparison_document
+from brv_hypo.report.comparison_charts import comparison_charts
+from brv_hypo.report.drawing import draw_into, drawn
+from brv_hypo.report.pages import page
+from brv_hypo.report.plotly_chart import plotly_chart
+from brv_hypo.report.provenance import Provenance
+from brv_hypo.simulation import load_config, simulate_batch
+
+
+@pytest.fixture(scope="module")
+def comparison() -> Comparison:
+    cone = load_config("research_cone").model_copy(update={"duration": 3.0, "sample_rate": 100.0})
+    flights = [simulated.flight for simulated in simulate_batch(cone, seeds=(5, 6))]
+    return compare(flights, CompareConfig(mechanisms=("bodyfixed",)))
+
+
+@pytest.fixture(scope="module")
+def charts(comparison) -> dict[str, Chart]:
+    return {chart.name: chart for chart in comparison_charts(comparison)}
+
+
+def values(packed) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packed["bdata"]), dtype="<f4")
+
+
+def test_every_flight_has_its_histories(charts) -> None:
+    for name in ("moments", "residuals", "motion", "theta-psi", "spectrum", "moment-by-alpha"):
+        assert {f"{name}-1", f"{name}-2"} <= set(charts)
+
+
+def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
+    for chart in (charts["moments-1"], charts["residuals-1"]):
+        for panel in chart.panels:
+            drawn = [layer.name for layer in panel.layers if isinstance(layer, Line) and not layer.dots]
+            assert drawn == ["none", "bodyfixed"]
+
+
+def test_coefficients_are_those_of_the_method_that_ranks(comparison, charts) -> None:
+    for row in comparison.ranking:
+        converged = row.ml is not None and row.ml.status == "converged"
+        method = "maximum likelihood" if converged else "regression"
+        for flight in (1, 2):
+            heading = charts[f"coefficients-{row.mechanism}-{flight}"].heading
+            assert heading.startswith(f"Coefficients of {row.mechanism} by {method}")
+
+
+def test_a_band_is_two_standard_deviations_to_either_side(comparison, charts) -> None:
+    series = next(s for s in comparison.coefficients if (s.flight, s.mechanism, s.name) == (0, "none", "C_N'"))
+    band, line = charts["coefficients-none-1"].panels[0].layers[:2]
+    np.testing.assert_allclose(band.high - line.y, 2e3 * np.asarray(series.std_error), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(line.y - band.low, 2e3 * np.asarray(series.std_error), rtol=1e-9, atol=1e-12)
+
+
+def test_what_a_model_does_not_have_is_not_drawn(comparison) -> None:
+    """Without a mechanism nothing out of plane depends on alpha: the difference quotient is rounding."""
+    alone = comparison.model_copy(
+        update={"coefficients": tuple(s for s in comparison.coefficients if s.mechanism == "none")}
+    )
+    titles = [panel.title for chart in comparison_charts(alone) for panel in chart.panels]
+    assert "∂C<sub>N</sub>′/∂α, 1/rad" in titles
+    assert "∂C<sub>Z</sub>′/∂α, 1/rad" not in titles
+
+
+def test_a_meridian_is_wrapped_with_a_break_where_it_passes_the_end() -> None:
+    turning = np.linspace(0.0, -100.0 * np.pi, 4001)
+    degrees = wrapped_degrees(turning)
+    known = np.isfinite(degrees)
+    assert np.nanmax(np.abs(degrees)) <= 180.0
+    assert 49 <= np.count_nonzero(~known) <= 51
+    np.testing.assert_allclose(np.cos(np.radians(degrees[known])), np.cos(turning[known]), atol=1e-9)
+
+
+def test_charts_over_time_share_the_span_of_the_record(comparison, charts) -> None:
+    flight = comparison.flights[0]
+    over_time = [chart for chart in charts.values() if chart.over_time and "-1" in chart.name]
+    assert len(over_time) >= 4
+    assert {chart.range for chart in over_time} == {(flight.start_s, flight.stop_s)}
+
+
+class TestPlotlyChart:
+    def test_an_even_axis_is_given_by_start_and_step(self) -> None:
+        time = np.linspace(2.0, 5.0, 301)
+        (trace,) = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(time, time**2, "first", "a")])]))["traces"]
+        assert trace["x0"] == 2.0
+        assert trace["dx"] == pytest.approx(0.01)
+        np.testing.assert_allclose(values(trace["y"]), time**2, rtol=1e-6)
+
+    def test_an_uneven_axis_is_given_whole(self) -> None:
+        time = np.array([0.0, 1.0, 5.0])
+        (trace,) = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(time, time, "first")])]))["traces"]
+        np.testing.assert_allclose(values(trace["x"]), time)
+
+    def test_a_long_history_is_thinned(self) -> None:
+        long = np.linspace(0.0, 1.0, 50_000)
+        (trace,) = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(long, long, "first")])]))["traces"]
+        assert MOST_POINTS // 2 < values(trace["y"]).size <= MOST_POINTS
+
+    def test_a_name_stands_in_the_legend_once(self) -> None:
+        line = Line([0.0, 1.0], [0.0, 1.0], "first", "model")
+        chart = plotly_chart(Chart("c", "h", "t", [Panel("a", [line]), Panel("b", [line])]))
+        assert [trace["showlegend"] for trace in chart["traces"]] == [True, False]
+
+    def test_a_band_with_breaks_is_closed_areas(self) -> None:
+        low = np.array([0.0, 0.0, np.nan, 1.0, 1.0])
+        (trace,) = plotly_chart(Chart("c", "h", "t", [Panel("y", [Band(np.arange(5.0), low, low + 1.0)])]))["traces"]
+        assert trace["fill"] == "toself"
+        np.testing.assert_allclose(values(trace["y"]), [0, 0, 1, 1, np.nan, 1, 1, 2, 2, np.nan])
+
+    def test_marks_and_spans_are_drawn_below_their_names(self) -> None:
+        panels = [Panel("y", [Line([0.0, 9.0], [0.0, 1.0], "first")])]
+        layout = plotly_chart(Chart("c", "h", "t", panels, marks=[Mark(2.0, "knot")], spans=[Span(3, 4, "masked")]))[
+            "layout"
+        ]
+        assert [(s["type"], s["x0"], s["x1"]) for s in layout["shapes"]] == [("rect", 3, 4), ("line", 2.0, 2.0)]
+        assert {a["text"] for a in layout["annotations"]} == {"knot", "masked"}
+
+
+class TestPage:
+    def test_it_says_where_it_came_from(self, comparison) -> None:
+        html = page(
+            comparison_document(comparison), Provenance("brv-hypo compare f.h5", "{knot_count: 5}", (("f.h5", "ab12"),))
+        )
+        for expected in ("brv-hypo compare f.h5", "{knot_count: 5}", "SHA-256 ab12", "<dt>version</dt>"):
+            assert expected in html
+        assert len(html) < 1_500_000
+
+    def test_a_document_without_charts_needs_no_script(self) -> None:
+        html = page(Document("t", (), "c", "words", True, [Texts(("said",))]), Provenance())
+        assert 'id="library"' not in html
+        assert len(html) < 20_000
+
+    def test_text_is_escaped(self) -> None:
+        table = Table(("term", "value"), [("<b>", "1 & 2")], "a < b")
+        html = page(Document("<t>", ("<s>",), "c", "<c>", True, [table, Texts(("<x>",))]), Provenance("<cmd>"))
+        assert not any(tag in html for tag in ("<b>", "<s>", "<c>", "<x>", "<cmd>", "<t>"))
+        assert "&lt;b&gt;" in html
+
+    def test_charts_hold_no_number_that_json_lacks(self, charts) -> None:
+        for chart in charts.values():
+            json.dumps(plotly_chart(chart), allow_nan=False)
+
+
+class TestDrawing:
+    @pytest.fixture
+    def plain(self) -> Chart:
+        time = np.linspace(0.0, 1.0, 50)
+        dots = Line(time, time, "measured", "b", dots=True, large=True, labels=["x"] * 50, error=(time, time))
+        panels = [
+            Panel("∂C<sub>N</sub>′/∂α", [Band(time, time, time + 1), Line(time, time, "first", "a")]),
+            Panel("y", [dots]),
+        ]
+        return Chart("two panels", "h", "t", panels, marks=[Mark(0.5, "knot")], spans=[Span(0.1, 0.2)])
+
+    def test_the_same_chart_gives_the_same_bytes(self, plain) -> None:
+        assert drawn(plain, "svg") == drawn(plain, "svg")
+        assert drawn(plain, "png").startswith(b"\x89PNG")
+
+    def test_files_are_named_by_the_chart_and_not_overwritten(self, plain, tmp_path) -> None:
+        from brv_hypo.errors import UsageError
+
+        bars = Chart("bars", "h", "x", [Panel("", [Bars(["a", "b"], [1.0, 2.0], ["one", "two"])])])
+        written = draw_into(tmp_path / "figures", [plain, bars])
+        assert sorted(path.name for path in written) == [
+            "bars.png", "bars.svg", "two-panels.png", "two-panels.svg"
+        ]  # fmt: skip
+        assert b"<svg" in (tmp_path / "figures" / "two-panels.svg").read_bytes()
+        with pytest.raises(UsageError, match="exists"):
+            draw_into(tmp_path / "figures", [plain])
+
+    def test_every_chart_of_a_comparison_can_be_drawn(self, charts) -> None:
+        assert all(b"<svg" in drawn(chart, "svg") for name, chart in charts.items() if name.endswith("-1"))
+
+    def test_without_matplotlib_it_says_how_to_install_it(self, plain, tmp_path, monkeypatch) -> None:
+        from brv_hypo.errors import UsageError
+        from brv_hypo.report import drawing
+
+        monkeypatch.setattr(drawing, "find_spec", lambda name: None)
+        with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[figures\]'"):
+            draw_into(tmp_path, [plain])
+
+
+def test_a_block_without_content_is_left_out() -> None:
+    empty = (Table(("a",), []), Texts(()), Picture(Chart("c", "h", "x", ())))
+    html = page(Document("t", (), "c", "words", True, empty), Provenance())
+    assert "<section" not in html

@@ -1,0 +1,72 @@
+"""Nothing is cut in the terminal, at whatever width."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.console import Console
+
+from brv_hypo.report.blocks import Document, Table, Texts
+from brv_hypo.report.terminal import Fitted, terminal_view
+
+WORDS = ("mechanism", "kind", "term")
+WORD = st.text("abc_", min_size=1, max_size=30)
+NUMBER = st.integers(0, 10**8).map(str)
+
+
+def printed(renderable, width: int) -> str:
+    console = Console(width=width, file=io.StringIO(), highlight=False, markup=False)
+    console.print(renderable)
+    return console.file.getvalue()
+
+
+@st.composite
+def tables(draw) -> Table:
+    count = draw(st.integers(2, 9))
+    headings = draw(st.permutations([*WORDS, *(f"n{i}" for i in range(7))]))[:count]
+    rows = [[draw(WORD if h in WORDS else NUMBER) for h in headings] for _ in range(draw(st.integers(1, 4)))]
+    return Table(headings, rows)
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # drawing rows is slow on a busy machine
+@given(tables(), st.integers(60, 120))
+def test_a_table_fits_and_holds_every_character(table, width) -> None:
+    text = printed(Fitted(table), width)
+    assert max(cell_len(line) for line in text.splitlines()) <= width
+    assert "…" not in text
+    for row in table.rows:
+        for heading, cell in zip(table.headings, row, strict=True):
+            if heading not in WORDS:
+                assert cell in text
+    letters = sum(len(cell) for row in table.rows for h, cell in zip(table.headings, row, strict=True) if h in WORDS)
+    body = "".join(line for line in text.splitlines() if not any(name in line for name in (*WORDS, "─")))
+    if table.headings[0] not in WORDS:  # a first column of words is repeated where the table goes on below itself
+        assert sum(body.count(letter) for letter in "abc_") == letters
+
+
+def test_names_are_not_folded_where_closer_columns_do() -> None:
+    headings = ("rank", "mechanism", *(f"n{i}" for i in range(6)))
+    table = Table(headings, [("1", "uneven_ablation", *["1.2345e+06"] * 6)])
+    text = printed(Fitted(table), 4 + 1 + 15 + 6 * 11)
+    assert "uneven_ablation" in text
+    assert len(text.splitlines()) == 3
+
+
+@pytest.mark.parametrize(("verbose", "rows"), [(False, 2), (True, 5)])
+def test_details_are_shown_with_verbose_alone(verbose, rows) -> None:
+    table = Table(("n1",), [(f"row {i}",) for i in range(5)], most=2)
+    blocks = (table, Texts(("every detail",), shown="verbose"), Texts(("for the page",), shown="page"))
+    text = printed(terminal_view(Document("t", ("record",), "Verdict", "words", True, blocks), verbose=verbose), 80)
+    assert text.count("row ") == rows
+    assert ("every detail" in text) == verbose
+    assert "for the page" not in text
+
+
+def test_warnings_follow_the_conclusion() -> None:
+    blocks = (Texts(("mind this",), "Warnings", warning=True), Texts(("and so",), bullets=False))
+    text = printed(terminal_view(Document("t", (), "Verdict", "words", False, blocks)), 80)
+    assert text.index("and so") < text.index("words") < text.index("mind this")

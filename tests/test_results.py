@@ -1,0 +1,189 @@
+"""Results as a reader has them: what functions take, short repr, HTML, data frames, pickle and JSON."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import brv_hypo
+from brv_hypo.errors import UsageError
+from brv_hypo.flight import flights_of, one_flight
+from brv_hypo.likelihood import Segment, fit
+from brv_hypo.ranking import CompareConfig, Comparison
+from brv_hypo.report.write import document_of, write_figures, write_report
+from brv_hypo.residuals import Trace, TraceConfig
+from brv_hypo.simulation import SimulatedFlight, simulate
+from brv_hypo.subset import best_subsets
+from brv_hypo.tabular import NullIsNaN, Result
+
+LONGEST = 200
+"""Characters of a short repr."""
+
+
+@pytest.fixture(scope="module")
+def flown() -> SimulatedFlight:
+    sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
+    short = {"title": "short", "duration": 3.0, "sample_rate": 100.0}
+    return simulate({"base": "research_cone", **short, "mechanisms": [sticking]}, seed=4)
+
+
+@pytest.fixture(scope="module")
+def record(flown, tmp_path_factory):
+    path = tmp_path_factory.mktemp("record") / "flight.h5"
+    flown.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def compared(record) -> Comparison:
+    return brv_hypo.compare(record, CompareConfig(mechanisms=("sticking",), maximum_likelihood="none"))
+
+
+@pytest.fixture(scope="module")
+def traced(flown) -> Trace:
+    settings = TraceConfig(effects=("sticking",), discover=False, max_steps=1, maximum_likelihood=False)
+    return brv_hypo.trace(flown, settings)
+
+
+@pytest.fixture(scope="module")
+def reconstructed(record):
+    return brv_hypo.reconstruct(str(record))
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    t = np.arange(0.0, 2.0, 0.02)
+    y = np.exp(-t)[None, :] + 1e-3 * np.random.default_rng(1).standard_normal((1, t.size))
+    segment = Segment(t=t, u=np.zeros((1, t.size)), y=y, x0=np.array([1.0]))
+    return fit(lambda x, u, theta, t: -theta["k"] * x, lambda x, u, theta, t: x, [segment], {"k": 0.8})
+
+
+@pytest.fixture(scope="module")
+def selected():
+    X = np.random.default_rng(1).standard_normal((40, 5))
+    return best_subsets(X, X[:, 1] - X[:, 3], max_terms=3)
+
+
+RESULTS = ("flown", "compared", "traced", "reconstructed", "fitted", "selected")
+
+
+class TestWhatFunctionsTake:
+    def test_path_flight_simulation_and_sequences_are_the_same(self, flown, record) -> None:
+        assert one_flight(flown) is flown.flight
+        assert one_flight(flown.flight) is flown.flight
+        np.testing.assert_array_equal(one_flight(str(record)).q, one_flight(record).q)
+        assert [flight.samples for flight in flights_of([record, flown, flown.flight])] == [301, 301, 301]
+        assert len(flights_of(record)) == 1
+
+    @pytest.mark.parametrize("wrong", [3, None, {"q": 1}, [[1.0, 2.0]]])
+    def test_anything_else_is_refused(self, wrong) -> None:
+        with pytest.raises(UsageError, match="expected"):
+            flights_of(wrong)
+
+    def test_no_flight_is_refused(self) -> None:
+        with pytest.raises(UsageError, match="no flight"):
+            brv_hypo.compare([])
+
+
+@pytest.mark.parametrize("name", RESULTS)
+class TestEveryResult:
+    def test_its_repr_is_short(self, name, request) -> None:
+        result = request.getfixturevalue(name)
+        assert repr(result).startswith(f"<{type(result).__name__}: ")
+        assert len(repr(result)) < LONGEST
+
+    def test_it_has_an_html_view_and_a_data_frame(self, name, request) -> None:
+        result = request.getfixturevalue(name)
+        frame = result.to_dataframe()
+        assert len(frame) > 0
+        html = result._repr_html_()
+        assert len(html) < 20_000
+        assert all(str(column) in html for column in frame.columns)
+
+    def test_it_survives_pickle_and_copy(self, name, request) -> None:
+        result = request.getfixturevalue(name)
+        for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):
+            assert repr(again) == repr(result)
+            assert again.to_dataframe().equals(result.to_dataframe())
+
+
+class TestJson:
+    @pytest.mark.parametrize("name", ["compared", "traced"])
+    def test_a_result_comes_back_from_its_json(self, name, request, tmp_path) -> None:
+        result = request.getfixturevalue(name)
+        text = result.to_json()
+        json.loads(text, parse_constant=lambda constant: pytest.fail(constant))
+        assert type(result).from_json(text).to_json() == text
+        (tmp_path / "result.json").write_text(text)
+        assert type(result).from_json(tmp_path / "result.json").to_json() == text
+
+    def test_it_is_the_json_of_the_command_line(self, compared) -> None:
+        from brv_hypo.cli.session import as_json
+
+        assert json.loads(as_json(compared)) == json.loads(compared.to_json())
+
+    def test_null_is_read_as_not_a_number(self) -> None:
+        class Part(NullIsNaN):
+            value: float
+            several: dict[str, float]
+            perhaps: float | None = 1.0
+
+        part = Part.model_validate({"value": None, "several": {"a": None, "b": 2.0}, "perhaps": None})
+        assert math.isnan(part.value)
+        assert math.isnan(part.several["a"])
+        assert part.several["b"] == 2.0
+        assert part.perhaps is None
+
+    @pytest.mark.parametrize("text", ["{}", '{"schema": 3}'])
+    def test_what_is_no_result_is_refused(self, text) -> None:
+        with pytest.raises(UsageError, match="not the JSON of a Comparison"):
+            Comparison.from_json(text)
+
+    def test_a_missing_file_is_refused(self, tmp_path) -> None:
+        with pytest.raises(UsageError, match="cannot be read"):
+            Comparison.from_json(tmp_path / "nowhere.json")
+
+
+def test_a_motion_that_was_pickled_still_tells_its_past(reconstructed) -> None:
+    again = pickle.loads(pickle.dumps(reconstructed)).motion
+    earlier = again.delayed(0.05).delayed(0.05)
+    np.testing.assert_allclose(earlier.alpha, reconstructed.motion.delayed(0.1).alpha, rtol=1e-12)
+
+
+def test_without_pandas_a_data_frame_says_how_to_install_it(compared, monkeypatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
+        compared.to_dataframe()
+
+
+@pytest.mark.parametrize("name", ["compared", "traced", "reconstructed"])
+def test_a_result_is_written_as_a_page(name, request, tmp_path) -> None:
+    result = request.getfixturevalue(name)
+    write_report(result, tmp_path / "page.html")
+    html = (tmp_path / "page.html").read_text()
+    assert document_of(result).title in html
+    assert len(html) < 1_500_000
+    with pytest.raises(UsageError, match="exists"):
+        write_report(result, tmp_path / "page.html")
+
+
+def test_the_figures_of_a_result_are_written(traced, tmp_path) -> None:
+    names = {path.name for path in write_figures(traced, tmp_path / "figures")}
+    assert {"residuals.png", "residuals.svg", "spectrum.svg"} <= names
+
+
+def test_what_has_no_report_is_refused(tmp_path) -> None:
+    with pytest.raises(UsageError, match="only these"):
+        write_report("a comparison", tmp_path / "page.html")
+
+
+def test_the_version_is_known() -> None:
+    assert brv_hypo.__version__[0].isdigit()
+    assert issubclass(Comparison, Result)

@@ -1,0 +1,34 @@
+"""What plugin authors test with: planted and recovered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.errors import UsageError
+from brv_hypo.testing import plant, plant_effect, recover
+
+
+def test_a_planted_mechanism_is_recovered() -> None:
+    flown = plant("sticking", {"eps": 0.6}, {"delay": 0.12}, start=1.0, stop=3.0)
+    assert flown.truth.planted == ("sticking",)
+    assert recover(flown, "sticking").verdict.winner == "sticking"
+
+
+def test_a_planted_effect_is_in_the_record() -> None:
+    known, more = (plant_effect("gyro_bias", "q", value) for value in (0.0, 0.01))
+    np.testing.assert_allclose(more.q - known.q, 0.01)
+    np.testing.assert_array_equal(more.r, known.r)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("gyro_bias", "up", 0.1), "it has p, q, r"),
+        (("magnus", "C_npalpha", 0.1), r"use plant\(\)"),
+        (("gyro_bais", "q", 0.1), "gyro_bias"),
+    ],
+)
+def test_what_cannot_be_planted_is_refused(arguments, message) -> None:
+    with pytest.raises(UsageError, match=message):
+        plant_effect(*arguments)
