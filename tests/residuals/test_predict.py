@@ -134,4 +134,4 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
     assert [panel.title for panel in chart.panels] == ["C_m x 10^3", "C_n x 10^3"]
-    assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict"))
+    assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
