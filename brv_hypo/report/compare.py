@@ -26,7 +26,8 @@ def comparison_document(comparison: Comparison) -> Document:
         settled=verdict.winner is not None,
         blocks=(
             ranking,
-            Texts(rows.disagreement_texts(comparison), "Disagreements"),
+            Texts(comparison.disagreements, "Disagreements"),
+            Texts(rows.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),
             Texts(rows.warning_texts(comparison), "Warnings", warning=True),
             *(Picture(chart) for chart in comparison_charts(comparison)),
             _terms("baseline, fitted along with every hypothesis", comparison.baseline.terms),

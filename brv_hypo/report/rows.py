@@ -148,15 +148,14 @@ def flight_texts(comparison: Comparison) -> list[str]:
     return lines
 
 
-def disagreement_texts(comparison: Comparison) -> list[str]:
-    """Where criteria, or the exact and a stepwise search, disagree."""
-    searches = [
+def stepwise_texts(comparison: Comparison) -> list[str]:
+    """Where a stepwise search would have taken other terms than the exact one."""
+    return [
         f"{each.mechanism}, {each.size} term{'s' if each.size > 1 else ''}: stepwise (Efroymson) would take "
         f"{', '.join(each.stepwise)} for {', '.join(each.best)}, with "
         f"{share(each.rss_ratio - 1.0)} more left over"
         for each in comparison.stepwise
     ]
-    return [*comparison.disagreements, *searches]
 
 
 def note_texts(comparison: Comparison) -> list[str]:

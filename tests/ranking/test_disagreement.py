@@ -66,7 +66,7 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken(monkeypatch):
 
     monkeypatch.setattr("brv_hypo.ranking.disagreement.on_grid", on_grid)
     problem = SimpleNamespace(samples=n, efficiency=1.0)
-    null, fit = SimpleNamespace(mechanisms=()), SimpleNamespace(name="lag", mechanisms=("lag",))
+    null, fit = SimpleNamespace(mechanisms=()), SimpleNamespace(name="lag", mechanisms=("lag",), information=0.0)
     found = {each.size: each for each in stepwise_differences(problem, [null, fit])}
     assert found[2].best == ("c1 at 1.50 s (delay 0.1)", "c2 at 1.50 s (delay 0.1)")
     assert "c3 at 1.50 s (delay 0.1)" in found[2].stepwise
@@ -77,10 +77,8 @@ def test_a_difference_reads_as_a_sentence():
     difference = StepwiseDifference(
         mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2
     )
-    comparison = SimpleNamespace(stepwise=(difference,), disagreements=("criteria disagree",))
-    first, second = rows.disagreement_texts(comparison)
-    assert first == "criteria disagree"
-    assert second == "lag, 2 terms: stepwise (Efroymson) would take a, c for a, b, with 20 % more left over"
+    (told,) = rows.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
+    assert told == "lag, 2 terms: stepwise (Efroymson) would take a, c for a, b, with 20 % more left over"
 
 
 def test_the_exact_search_stays_the_default():

@@ -10,6 +10,7 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion import reconstruct
+from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.channels import Rows
@@ -40,8 +41,12 @@ def problem(seed: int) -> Problem:
 
 
 def carried(found: Nuisances) -> dict[str, int]:
-    """Where the histories of record effects and of the vehicle's tolerances stand; motion and force are free."""
-    return {item.label: k for k, item in enumerate(found.items) if item.name not in ("motion", "force")}
+    """Where the histories of record effects and of the vehicle's tolerances stand; motion and force are free.
+
+    What smoothing leaves of an input's noise has shapes of that noise's own smoothness.
+    """
+    others = ("motion", "force", ROLL_RATE, PRESSURE)
+    return {item.label: k for k, item in enumerate(found.items) if item.name not in others}
 
 
 def both(seed: int) -> Rows:
