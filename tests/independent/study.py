@@ -168,8 +168,8 @@ def main() -> None:
         if given.verbose:
             print(
                 f"{found.seed} {found.vehicle} {found.truth} share {found.share:.4f} F {found.f_ratio:.0f} "
-                f"parted {found.parted_by:.0f} reproduced {found.reproduced:.2f}: {found.outcome} {found.winner} {found.equivalent} "
-                f"limit {found.limit:.4f}",
+                f"parted {found.parted_by:.0f} reproduced {found.reproduced:.2f}: "
+                f"{found.outcome} {found.winner} {found.equivalent} limit {found.limit:.4f}",
                 flush=True,
             )
     print("\n".join(report(outcomes)))
