@@ -14,6 +14,9 @@ from brv_hypo.model.columns import Column, Theta
 from brv_hypo.ranking.constants import BOUND_SIGMAS
 from brv_hypo.regression.fit import HypothesisFit
 
+# Relative difference up to which two values of a nonlinear parameter are one, found twice (refined at two knots).
+SAME_THETA = 0.1
+
 
 @dataclass(frozen=True)
 class NetValue:
@@ -54,7 +57,7 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
     groups: dict[tuple[str, Theta, str], list[int]] = {}
     for j, column in enumerate(fit.selected):
         if weights[j] != 0.0:
-            groups.setdefault((column.mechanism, column.theta, column.term), []).append(j)
+            groups.setdefault((column.mechanism, _first_like(fit.selected, column), column.term), []).append(j)
     rows = np.zeros((len(groups), len(fit.selected)))
     for i, members in enumerate(groups.values()):
         rows[i, members] = weights[members]
@@ -74,6 +77,20 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
         for i, (key, members) in enumerate(groups.items())
     )
     return Interval(start, stop, found, _derived(fit, list(groups), values, covariance))
+
+
+def _first_like(columns: Sequence[Column], column: Column) -> Theta:
+    """The theta of the first of the mechanism's columns that this one's is the same as."""
+    return next(
+        other.theta
+        for other in columns
+        if other.mechanism == column.mechanism
+        and [name for name, _ in other.theta] == [name for name, _ in column.theta]
+        and all(
+            abs(a - b) <= SAME_THETA * max(abs(a), abs(b))
+            for (_, a), (_, b) in zip(other.theta, column.theta, strict=True)
+        )
+    )
 
 
 def _units(column: Column) -> str:
