@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING
 
 from brv_hypo.arrays import BoolArray, FloatArray
@@ -19,9 +18,6 @@ from brv_hypo.tabular import Row, Tabular
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-_SHOWN = 6
-"""Parameters that the short form of a result shows."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +107,8 @@ class FitResult(Tabular):
     beginnings: tuple[Beginning, ...] = ()
     remarks: tuple[str, ...] = ()
 
+    __repr__ = Tabular.__repr__
+
     def headline(self) -> str:
         """Status, likelihood and size."""
         return (
@@ -124,7 +122,9 @@ class FitResult(Tabular):
             {
                 "parameter": name,
                 "value": value,
-                "std_error": self.std_error_coloured.get(name, 0.0),
+                "std_error": self.std_error_coloured.get(name, float("nan")),
+                "std_error_white": self.std_error.get(name, float("nan")),
+                "free": name in self.names,
                 "at_bound": name in self.at_bound,
             }
             for name, value in self.theta.items()
@@ -154,28 +154,7 @@ class FitResult(Tabular):
 
         Needs pandas (extra "tables").
         """
-        import pandas as pd  # here: an optional package
-
-        names = list(self.theta)
-        nan = float("nan")
-        return pd.DataFrame(
-            {
-                "value": [self.theta[n] for n in names],
-                "std_error": [self.std_error_coloured.get(n, nan) for n in names],
-                "std_error_white": [self.std_error.get(n, nan) for n in names],
-                "free": [n in self.names for n in names],
-                "at_bound": [n in self.at_bound for n in names],
-            },
-            index=pd.Index(names, name="parameter"),
-        )
-
-    def __repr__(self) -> str:
-        shown = ", ".join(f"{name}={self.theta[name]:.4g}" for name in self.names[:_SHOWN])
-        more = ", ..." if len(self.names) > _SHOWN else ""
-        return f"FitResult({self.status}, log_likelihood={self.log_likelihood:.6g}, {shown}{more})"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.report())}</pre>"
+        return super().to_dataframe().set_index("parameter")
 
     @property
     def converged(self) -> bool:

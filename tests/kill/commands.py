@@ -62,6 +62,10 @@ def _page(path: Path) -> None:
     assert path.read_text(encoding="utf-8").rstrip().endswith("</html>"), f"{path.name} is cut short"
 
 
+def _settings(path: Path) -> None:
+    assert path.read_text(encoding="utf-8").endswith("\n"), f"{path.name} is cut short"
+
+
 def _flight(samples: int, path: Path) -> None:
     assert load_flight(path).samples == samples
 
@@ -160,6 +164,8 @@ COMMANDS = (
         ("demo", "--config", "{inputs}/compare.yaml", *_FILES),
         {"out.json": _json("compare"), "out.html": _page},
     ),
+    Command("config new", ("config", "new", "compare", "-o", "out.yaml"), {"out.yaml": _settings}),
+    Command("docs", ("docs", "-o", "out.html"), {"out.html": _page}),
     Command("mechanisms", ("mechanisms", "--json", "out.json"), {"out.json": _json("mechanisms")}),
     Command(
         "mechanisms check",

@@ -127,7 +127,7 @@ def test_the_report_says_what_a_reader_needs() -> None:
     assert "C(rate, gain) = +" in text
     assert correlations(held)[0, 1] > 0.5
     assert max(map(len, repr(held).splitlines())) < 200
-    assert "<pre>" in held._repr_html_()
+    assert "<table>" in held._repr_html_()
 
 
 def test_the_report_warns() -> None:
