@@ -21,6 +21,8 @@ from brv_hypo.regression.problem import Problem
 
 # Edges of the regions that are tried: every region between two of them.
 _EDGES = 9
+# Share of a column's squared length below which what the baseline leaves of it is rounding.
+_SPENT = 1e-8
 
 
 @dataclass(frozen=True)
@@ -130,11 +132,13 @@ def _shapes(
         for edge in edges
         for name, units in names
     ]
-    design, moments = problem.design(frame, columns), frame.moments(columns)
+    raw, moments = problem.raw_design(frame, columns), frame.moments(columns)
+    design = problem.rows.projected(raw)
     design = design - basis @ (basis.T @ design)
     terms = len(names)
     cut = [(design[:, k : k + terms], moments[:, k : k + terms]) for k in range(0, len(columns), terms)]
     cut.append((np.zeros_like(cut[0][0]), np.zeros_like(cut[0][1])))
+    whole = [*(raw[:, k : k + terms] for k in range(0, len(columns), terms)), np.zeros_like(cut[0][0])]
     found = []
     for first in range(len(cut) - 1):
         for last in range(first + 1, len(cut)):
@@ -142,7 +146,8 @@ def _shapes(
             body = cut[first][1] - cut[last][1]
             information = rows.T @ rows / variance
             scale = np.diag(information)
-            if np.any(scale <= 1e-12 * np.max(scale)) or np.linalg.cond(information / scale) > 1e10:
+            squares = np.sum((whole[first] - whole[last]) ** 2, axis=0)
+            if np.any(scale * variance <= _SPENT * squares) or np.linalg.cond(information / scale) > 1e10:
                 continue
             estimate = np.asarray(np.linalg.solve(information, rows.T @ left / variance), dtype=float)
             peak = float(estimate @ information @ estimate)
