@@ -1,11 +1,13 @@
 """From reconstructed flights to ranked hypotheses with a verdict.
 
 compare.py   entrance: one readable `compare`
-config.py    what a comparison may be told
-noise.py     the noise model and the drift of the baseline
-fit.py       best subset of a hypothesis's columns; refine.py moves delays and knots
-heldout.py   prediction error on held-out blocks
+config.py    what a comparison may be told; constants.py what decides a verdict
+preparation.py   from reconstructed flights to the problem that all hypotheses share
+criteria.py  C_p, PRESS, AIC and BIC; disagreement.py where they put different hypotheses first
+adequacy.py  whether only noise is left; stability.py whether the same leads without a part of the record
+limits.py    how large each mechanism may be; intervals.py net values between knots
 verdict.py   a winner, or all that stand
+likelihood.py    those that stand, by maximum likelihood
 summary.py   gathers the result; result.py is its shape
 """
 

@@ -22,7 +22,7 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import OTHER_FLOOR, SECOND_ORDER
+from brv_hypo.ranking.constants import OTHER_FLOOR, REPETITIONS, SECOND_ORDER
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds
@@ -40,8 +40,6 @@ from brv_hypo.regression.search import on_grid
 
 Progress = Callable[[str], None]
 Hypotheses = dict[str, tuple[Mechanism, ...]]
-# Numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads.
-REPETITIONS = (8, 12)
 
 
 def compare(

@@ -30,3 +30,7 @@ IMPROBABLE_ERRORS = 1e-4
 LIMIT_FALL = 2.71
 # Standard errors by which a coefficient may lie outside its mechanism's bounds.
 BOUND_SIGMAS = 3.0
+# Numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads.
+REPETITIONS = (8, 12)
+# Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
+SLOPE_DEGREE = 3

@@ -13,9 +13,7 @@ from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.ranking.constants import BOUND_SIGMAS
 from brv_hypo.regression.fit import HypothesisFit
-
-# Relative difference up to which two values of a nonlinear parameter are one, found twice (refined at two knots).
-SAME_THETA = 0.1
+from brv_hypo.regression.search import SAME_THETA
 
 
 @dataclass(frozen=True)

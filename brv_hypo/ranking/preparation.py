@@ -14,6 +14,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.constants import SLOPE_DEGREE
 from brv_hypo.regression.build import (
     LinearisationPoint,
     baseline_columns,
@@ -29,8 +30,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 
 SMALLEST_RECORD = 60
-# Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
-SLOPE_DEGREE = 3
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:

@@ -1,10 +1,12 @@
 """One least-squares problem: rows for rates, for specific force, for priors; ranking and residual loop both use it.
 
+build.py       entrance: from reconstructed flights to the problem
 weakform.py    moments integrated to rates, so that no differentiation colours the noise
 whitening.py   the noise model and its filter
 frame.py       the frame of all flights
 channels.py    rates and specific force, on parts of a record
 response.py    what a change of the record does to the residual
+nuisance.py    what is fitted along in every hypothesis
 problem.py     data, noise and what is projected out; noise.py settles the noise
 reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots

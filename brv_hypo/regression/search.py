@@ -20,6 +20,8 @@ from brv_hypo.subset import SubsetResult, best_subsets
 
 Subset = tuple[float, tuple[Column, ...]]
 Search = Callable[..., SubsetResult]  # with the interface of `best_subsets`
+# Relative difference up to which two values of a nonlinear parameter are one, found twice (refined at two knots).
+SAME_THETA = 0.1
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,7 @@ def on_grid(
     for sets in (offered.single, offered.joint):
         found: dict[int, list[Subset]] = {}
         for columns in sets:
-            for rss, chosen in _subsets(
-                reduced, (), columns, problem.exact_terms, n_best, search
-            ):
+            for rss, chosen in _subsets(reduced, (), columns, problem.exact_terms, n_best, search):
                 found.setdefault(len(chosen), []).append((rss, chosen))
         for size, ranked in found.items():
             least = sorted(ranked, key=_rss)[:n_best]
@@ -177,7 +177,7 @@ def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
     return np.array([cluster.mean() for cluster in clusters])
 
 
-def _merged_thetas(columns: Sequence[Column], tolerance: float = 0.1) -> list[Theta]:
+def _merged_thetas(columns: Sequence[Column], tolerance: float = SAME_THETA) -> list[Theta]:
     """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
     thetas = list(dict.fromkeys(column.theta for column in columns))
     if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):
