@@ -38,3 +38,6 @@ BOUND_SIGMAS = 3.0
 REPETITIONS = (8, 12)
 # Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
 SLOPE_DEGREE = 3
+# Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows
+# Mach number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
+WAVERING_SPEED = 5e-5
