@@ -8,14 +8,9 @@ rate.
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-
-
-def running_integral(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral of `values` (n, ...) from the first sample to each, along the first axis; fourth order."""
-    return np.asarray(CubicSpline(time, values).antiderivative()(time))
+from brv_hypo.motion.splines import running_integral
 
 
 def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
@@ -25,7 +20,7 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     rotations do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES
     7:61, 1971).
     """
-    angle = CubicSpline(time, transverse_rate).antiderivative()(time)
+    angle = running_integral(time, transverse_rate)
     steps = np.diff(angle, prepend=angle[:1])
     coning = np.zeros(time.size)
     coning[1:] = np.diff(time) ** 2 / 12.0 * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag

@@ -12,8 +12,8 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.splines import running_integral
 
 # Surface gravity m/s^2 and mean radius m.
 _PLANETS = {

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
@@ -28,6 +27,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError
+from brv_hypo.motion.splines import running_integral
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -198,7 +198,7 @@ class LinearisedFlight:
         integrand = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale * self._moment(motion)
         rates = (flight.q + 1j * flight.r) * derotation
         for a, b in flight.segments:
-            rates[a:b] -= CubicSpline(flight.time[a:b], integrand[a:b]).antiderivative()(flight.time[a:b])
+            rates[a:b] -= running_integral(flight.time[a:b], integrand[a:b])
         return Rows(rates, record.transverse_force - self.force.columns(record, xi) @ self.force_values)
 
     def _moment(self, motion: Motion) -> ComplexArray:

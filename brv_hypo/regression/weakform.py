@@ -16,48 +16,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg.lapack import dgttrf, dgttrs
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.time_variation import TimeFunction
-
-
-@dataclass(frozen=True)
-class SplineGrid:
-    """Cubic splines without a knot at the second and the last but one sample, on the samples `time` (m,), m > 3.
-
-    The equations of the slopes are factorised once (de Boor, A Practical Guide to Splines, Chapter IV).
-    """
-
-    time: FloatArray
-
-    @cached_property
-    def steps(self) -> FloatArray:
-        """Distance of neighbouring samples (m - 1, 1), s."""
-        return np.diff(self.time)[:, np.newaxis]
-
-    @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
-        h = self.steps[:, 0]
-        lower = np.append(h[1:], h[-1] + h[-2])
-        diagonal = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
-        upper = np.append(h[0] + h[1], h[:-1])
-        dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
-        return dl, d, du, du2, pivots
-
-    def slopes(self, values: ComplexArray) -> ComplexArray:
-        """Slopes at the samples of the splines through `values` (m, columns)."""
-        h = self.steps
-        chords = np.diff(values, axis=0) / h
-        right = np.empty(values.shape, dtype=complex)
-        right[1:-1] = 3.0 * (h[1:] * chords[:-1] + h[:-1] * chords[1:])
-        first, last = h[0] + h[1], h[-1] + h[-2]
-        right[0] = ((h[0] + 2.0 * first) * h[1] * chords[0] + h[0] ** 2 * chords[1]) / first
-        right[-1] = (h[-1] ** 2 * chords[-2] + (2.0 * last + h[-1]) * h[-2] * chords[-1]) / last
-        found, _ = dgttrs(*self._factors, right.view(float))
-        return np.ascontiguousarray(found).view(complex)
+from brv_hypo.motion.splines import SplineGrid, running_integral
 
 
 @dataclass(frozen=True)
@@ -74,10 +37,7 @@ class Antiderivative:
     @cached_property
     def at_samples(self) -> ComplexArray:
         """Integrals up to each sample (m, columns)."""
-        h, g, s = self.grid.steps, self.values, self._slopes
-        out = np.zeros_like(g)
-        np.cumsum(h / 2.0 * (g[:-1] + g[1:]) + h**2 / 12.0 * (s[:-1] - s[1:]), axis=0, out=out[1:])
-        return out
+        return self.grid.integrals(self.values, self._slopes)
 
     def at(self, times: FloatArray, columns: IntArray) -> ComplexArray:
         """Integral of each column (k,) up to its own time (k,)."""
@@ -185,7 +145,7 @@ class WeakSegment:
 
 def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:
     """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates."""
-    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * integral(flight.time, flight.p))
+    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
     observed = (flight.q + 1j * flight.r) * derotation
     return tuple(
@@ -193,8 +153,3 @@ def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSe
         for a, b in flight.segments
         if b - a >= shortest
     )
-
-
-def integral(time: FloatArray, rate: FloatArray) -> FloatArray:
-    """Integral of a sampled rate from the first sample, by cubic spline."""
-    return np.asarray(CubicSpline(time, rate).antiderivative()(time), dtype=float)
