@@ -212,16 +212,16 @@ def held_out(problem: Problem, without: FitsWithout, count: int) -> HeldOut:
     blocks = block_of_row(problem.frame, count)
     frame, columns = without.frame, without.columns
     first_other = len(columns) + 2 * len(problem.rows.part.levels)
+    fits = without.each(count)
+    values = np.stack([fit.values for fit in fits], axis=1)
+    left = problem.left(frame, columns, values[: len(columns)], values[first_other:])
+    moments = residual_moments(frame, problem.records, left.rates)
     square, size = 0.0, 0
-    by_block = []
-    for fit in without.each(count):
-        by_block.append(fit.score)
-        left = problem.left(frame, columns, fit.values[: len(columns)], fit.values[first_other:])
-        moments = residual_moments(frame, problem.records, left.rates)
+    for k, fit in enumerate(fits):
         inside = (blocks == fit.block) & moments.usable
-        square += float(np.sum(np.abs(moments.body[inside]) ** 2)) / 2.0
+        square += float(np.sum(np.abs(moments.body[inside, k]) ** 2)) / 2.0
         size += int(np.count_nonzero(inside))
-    return HeldOut(square / max(size, 1), np.array(by_block))
+    return HeldOut(square / max(size, 1), np.array([fit.score for fit in fits]))
 
 
 def _score(error: FloatArray, seen: FloatArray, rates: FloatArray, normal: FloatArray) -> float:

@@ -31,6 +31,10 @@ _MOST_TIED = 0.995
 _AT_ONCE = 2_000_000
 
 
+# Singular values of the baseline's unit columns that count, of the largest.
+_CUTOFF = 1e-12
+
+
 class GivenColumns(Mechanism):
     """Stands for the columns that are given as histories: no moment belongs to it."""
 
@@ -156,6 +160,21 @@ class WhitenedRows:
 
 
 @dataclass(frozen=True)
+class ProjectedBaseline:
+    """The baseline's columns, the nuisances projected out of them.
+
+    `moments` (frame rows, columns) are their rate histories, those that are given left out; `basis` (rows, rank) is
+    orthonormal, `coefficients` (columns, rank) come from coordinates in it; `left` (rows,) is what it leaves of the
+    response.
+    """
+
+    moments: ComplexArray
+    basis: FloatArray
+    coefficients: FloatArray
+    left: FloatArray
+
+
+@dataclass(frozen=True)
 class Problem:
     """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples.
 
@@ -175,6 +194,30 @@ class Problem:
     refine: bool = True
     efficiency: float = 1.0
     given: Mapping[str, Rows] = field(default_factory=dict)
+
+    @cached_property
+    def _baselines(self) -> list[ProjectedBaseline]:
+        """The baseline as the last frame saw it."""
+        return []
+
+    def projected_baseline(self, frame: RateFrame) -> ProjectedBaseline:
+        """The baseline as this frame sees it; most frames differ in other columns, and see the same."""
+        moments = frame.columns([column for column in self.baseline if column.mechanism != GIVEN])
+        if not self._baselines or not np.array_equal(self._baselines[0].moments, moments):
+            self._baselines[:] = [self._project_baseline(frame, moments)]
+        return self._baselines[0]
+
+    def _project_baseline(self, frame: RateFrame, moments: ComplexArray) -> ProjectedBaseline:
+        design = self.design(frame, self.baseline)
+        if not self.baseline:
+            return ProjectedBaseline(moments, design, np.zeros((0, 0)), self.response)
+        scale = lengths(design)
+        orthonormal, triangle = np.linalg.qr(design / scale)
+        directions, singular, right = np.linalg.svd(triangle)
+        kept = singular > _CUTOFF * singular[0]
+        basis = np.asarray(orthonormal @ directions[:, kept], dtype=float)
+        coefficients = (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+        return ProjectedBaseline(moments, basis, coefficients, self.response - basis @ (basis.T @ self.response))
 
     @cached_property
     def response(self) -> FloatArray:
@@ -251,13 +294,17 @@ class Problem:
     def left(
         self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray
     ) -> Rows:
-        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,)."""
+        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).
+
+        Several fits at once have a column each: values (columns, fits), histories (frame rows, fits).
+        """
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         histories = self.rows.nuisances.rows
-        rates = self.frame.observed - frame.columns([columns[j] for j in moments]) @ values[moments]
+        observed, force = (each.reshape(-1, *(1,) * (values.ndim - 1)) for each in (self.frame.observed, self.force))
+        rates = observed - frame.columns([columns[j] for j in moments]) @ values[moments]
         rates = rates - histories.rates @ others
-        force = self.force - histories.force @ others
+        force = force - histories.force @ others
         if given:
             more = side_by_side([self.given[columns[j].term] for j in given])
             rates, force = rates - more.rates @ values[given], force - more.force @ values[given]
