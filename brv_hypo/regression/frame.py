@@ -16,10 +16,10 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.mechanisms.isolation import checked_terms
+from brv_hypo.mechanisms.isolation import checked_terms, read_only
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.frames import body_from_plane
-from brv_hypo.motion.history import recorded
+from brv_hypo.motion.history import with_in_plane_moment
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.weakform import Integrals, WeakSegment, weak_segments
@@ -56,6 +56,11 @@ class RateFrame:
     def _evaluated(self) -> OrderedDict[tuple[str, Theta], _Shapes]:
         """Shapes that were asked for lately, the latest last."""
         return OrderedDict()
+
+    @cached_property
+    def _shown(self) -> tuple[Motion, ...]:
+        """The motions as mechanisms are shown them."""
+        return tuple(read_only(motion) for motion in self.motions)
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -127,7 +132,7 @@ class RateFrame:
                     terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                     known[key] = {term.name: term for term in terms}
                 moment = moment + value * known[key][column.term].in_plane * column.course(motion.time)
-            motions.append(recorded(replace(motion, in_plane_moment=moment, history=None)))
+            motions.append(with_in_plane_moment(motion, moment))
         out = replace(self, motions=tuple(motions))
         for key, shapes in self._evaluated.items():
             if self.mechanisms[key[0]].wind_fixed:
@@ -151,7 +156,7 @@ class RateFrame:
     def _evaluate(self, name: str, theta: Theta) -> _Shapes:
         found: list[ComplexArray] = []
         position: dict[str, int] = {}
-        for motion in self.motions:
+        for motion in self._shown:
             terms = checked_terms(self.mechanisms[name], motion, dict(theta))
             position = {term.name: k for k, term in enumerate(terms)}
             in_plane = np.stack([term.in_plane for term in terms], axis=1)

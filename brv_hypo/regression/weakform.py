@@ -116,12 +116,10 @@ class WeakSegment:
             told, which, plain = told.of(ramps), which[ramps], out[:, ramps]
             last = np.full(ramps.size, self.time[-1])
             held = np.minimum(told.stop, last) - told.start
-            out[:, ramps] = (
-                self._between(integrals.first, which, told)
-                + (self.time[0] - told.start) * plain
-                + held
-                * self._between(integrals.plain, which, _Courses(told.ramp, last, last, told.end, last))
-            )
+            out[:, ramps] = self._between(integrals.first, which, told) + (self.time[0] - told.start) * plain
+            if np.any(told.end < last):
+                after = _Courses(told.ramp, last, last, told.end, last)
+                out[:, ramps] += held * self._between(integrals.plain, which, after)
         return out
 
     def _told(self, courses: Sequence[TimeFunction]) -> _Courses:
@@ -136,7 +134,8 @@ class WeakSegment:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
         base = integral.at(told.begin, which)
         out = integral.at_samples[:, which] - base
-        out *= self.time[:, np.newaxis] >= told.begin
+        for j, first in enumerate(np.searchsorted(self.time, told.begin)):
+            out[:first, j] = 0.0
         for j in np.flatnonzero(told.end < self.time[-1]):
             after = np.searchsorted(self.time, told.end[j])
             out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
