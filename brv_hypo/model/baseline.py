@@ -68,8 +68,7 @@ class StaticMoment(Mechanism):
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
         scaled = np.clip((2.0 * along - self.start - self.stop) / (self.stop - self.start), -1.0, 1.0)
-        top = max(self.offset_degree, self.slope_degree)
-        return [legendre.legval(scaled, np.eye(top + 1)[order]) for order in range(top + 1)]
+        return list(legendre.legvander(scaled, max(self.offset_degree, self.slope_degree)).T)
 
 
 class PitchDamping(Mechanism):
