@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.frames import angle_of_attack, crossflow, windward_meridian
 from brv_hypo.motion.motion import SMOOTH, Motion
+from brv_hypo.motion.splines import Places, Spline
 
 _CROSSFLOW = "crossflow"
 _MOMENT = "in_plane_moment"
+# Values of past quantities that are kept, 8 bytes each: the same delays are asked for again and again.
+_KEPT_VALUES = 500_000
 
 
 def recorded(motion: Motion) -> Motion:
@@ -25,35 +28,42 @@ def recorded(motion: Motion) -> Motion:
     """
     values = {name: getattr(motion, name) for name in (*SMOOTH, _MOMENT)}
     xi = crossflow(motion.alpha, motion.windward_meridian)
-    splines = {name: _Spline(motion.time, each) for name, each in values.items() if np.all(np.isfinite(each))}
-    splines[_CROSSFLOW] = _Spline(motion.time, np.stack([xi.real, xi.imag], axis=1))
-    return _with_past(motion, splines)
+    splines = {name: Spline(motion.time, each) for name, each in values.items() if np.all(np.isfinite(each))}
+    splines[_CROSSFLOW] = Spline(motion.time, np.stack([xi.real, xi.imag], axis=1))
+    return _with_past(motion, splines, _Kept())
 
 
 def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
     """The same motion with another wind-fixed in-plane moment (n,), in its past too."""
-    if not isinstance(motion.history, _Past):
-        return recorded(replace(motion, in_plane_moment=moment))
-    splines = {**motion.history.splines, _MOMENT: _Spline(motion.time, moment)}
-    return _with_past(replace(motion, in_plane_moment=moment), splines)
+    moved, past = replace(motion, in_plane_moment=moment), motion.history
+    if not isinstance(past, _Past):
+        return recorded(moved)
+    return _with_past(moved, {**past.splines, _MOMENT: Spline(motion.time, moment)}, past.kept)
 
 
-def _with_past(motion: Motion, splines: Mapping[str, _Spline]) -> Motion:
-    return replace(motion, history=_Past(replace(motion, history=None), splines))
+def _with_past(motion: Motion, splines: Mapping[str, Spline], kept: _Kept) -> Motion:
+    return replace(motion, history=_Past(replace(motion, history=None), splines, kept))
 
 
-class _Spline:
-    """Cubic spline through `values` (n, ...), made when it is first asked for."""
+class _Kept:
+    """Quantities that were asked for lately, by delay and name; all but the in-plane moment, which may be another."""
 
-    def __init__(self, time: FloatArray, values: FloatArray) -> None:
-        self._samples: tuple[FloatArray, FloatArray] | None = (time, values)
-        self._spline: CubicSpline | None = None
+    def __init__(self) -> None:
+        self._found: OrderedDict[tuple[float, str], Any] = OrderedDict()
 
-    def __call__(self, time: FloatArray) -> FloatArray:
-        if self._samples is not None:
-            self._spline, self._samples = CubicSpline(*self._samples), None
-        assert self._spline is not None
-        return np.asarray(self._spline(time), dtype=float)
+    def get(self, key: tuple[float, str]) -> Any:
+        """What was kept; None where nothing was."""
+        return self._found.get(key)
+
+    def put(self, key: tuple[float, str], values: Any) -> None:
+        """Keep it; what was put first goes where there are too many."""
+        self._found[key] = values
+        while len(self._found) * np.size(values) > _KEPT_VALUES:
+            self._found.popitem(last=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A pickled motion need not hold what can be found again."""
+        return {"_found": OrderedDict()}
 
 
 @dataclass(frozen=True)
@@ -64,11 +74,12 @@ class _Past:
     """
 
     motion: Motion
-    splines: Mapping[str, _Spline]
+    splines: Mapping[str, Spline]
+    kept: _Kept
     ago: float = 0.0
 
     def __call__(self, tau: float) -> Motion:
-        past = replace(self, ago=self.ago + tau)
+        past = _Past(self.motion, self.splines, self.kept, self.ago + tau)
         earlier = object.__new__(EarlierMotion)
         vars(earlier).update(past=past, history=past, time=_fixed(self.motion.time - past.ago))
         return earlier
@@ -81,23 +92,29 @@ class EarlierMotion(Motion):
         past = vars(self).get("past")
         if past is None or name.startswith("_") or not hasattr(past.motion, name):
             raise AttributeError(f"a motion has no quantity '{name}'")
-        found = vars(self)[name] = _fixed(_at(past, self.time, name))
+        found = None if name == _MOMENT else past.kept.get((past.ago, name))
+        if found is None:
+            found = _fixed(_at(past, self.time, name))
+            if name != _MOMENT:
+                past.kept.put((past.ago, name), found)
+        vars(self)[name] = found
         return found
 
 
 def _at(past: _Past, time: FloatArray, name: str) -> Any:
     """One quantity of the motion at these times (n,)."""
-    motion, held = past.motion, np.maximum(time, past.motion.time[0])
+    motion = past.motion
+    places = Places.among(motion.time, np.maximum(time, motion.time[0]))
     if name == "alpha":
-        return angle_of_attack(_crossflow_at(past, held))
+        return angle_of_attack(_crossflow_at(past, places))
     if name == "windward_meridian":
         before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
-        return _nearest_turn(windward_meridian(_crossflow_at(past, held)) + before, motion.windward_meridian)
-    return past.splines[name](held) if name in past.splines else getattr(motion, name)
+        return _nearest_turn(windward_meridian(_crossflow_at(past, places)) + before, motion.windward_meridian)
+    return past.splines[name](places) if name in past.splines else getattr(motion, name)
 
 
-def _crossflow_at(past: _Past, time: FloatArray) -> ComplexArray:
-    found = past.splines[_CROSSFLOW](time)
+def _crossflow_at(past: _Past, places: Places) -> ComplexArray:
+    found = past.splines[_CROSSFLOW](places)
     return np.asarray(found[:, 0] + 1j * found[:, 1], dtype=complex)
 
 

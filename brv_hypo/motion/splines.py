@@ -63,6 +63,49 @@ class SplineGrid:
         return out
 
 
+class Spline:
+    """Cubic spline through `values` (m, ...), made when it is first asked for."""
+
+    def __init__(self, time: FloatArray, values: FloatArray) -> None:
+        self._samples: tuple[FloatArray, FloatArray] | None = (time, values)
+        self._powers: tuple[FloatArray, ...] = ()
+
+    def __call__(self, places: Places) -> FloatArray:
+        """Values (n, ...) at these places."""
+        if self._samples is not None:
+            self._powers, self._samples = _powers(*self._samples), None
+        i, u = places.interval, places.since
+        c0, c1, c2, c3 = (each[..., i] for each in self._powers)
+        return np.asarray((c0 + u * (c1 + u * (c2 + u * c3))).T, dtype=float)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Times (n,) s by the interval of samples that holds each, and the time since its first sample."""
+
+    interval: IntArray
+    since: FloatArray
+
+    @classmethod
+    def among(cls, samples: FloatArray, time: FloatArray) -> Places:
+        """Where `time` (n,) lies among the samples; outside of them the outermost interval counts."""
+        interval = np.clip(np.searchsorted(samples, time, side="right") - 1, 0, samples.size - 2)
+        return cls(interval, time - samples[interval])
+
+
+def _powers(time: FloatArray, values: FloatArray) -> tuple[FloatArray, ...]:
+    """Coefficients (..., m - 1) of the powers of the time since each sample, the constant first."""
+    if time.size < _FEWEST:
+        return tuple(np.moveaxis(c, 0, -1).copy() for c in CubicSpline(time, values).c[::-1])
+    flat = np.ascontiguousarray(values).reshape(time.size, -1)
+    grid = SplineGrid(time)
+    slopes, h = grid.slopes(flat), grid.steps
+    chord = np.diff(flat, axis=0) / h
+    bend = (slopes[:-1] + slopes[1:] - 2.0 * chord) / h
+    found = (flat[:-1], slopes[:-1], (chord - slopes[:-1]) / h - bend, bend / h)
+    return tuple(np.ascontiguousarray(c.T).reshape(*values.shape[1:], time.size - 1) for c in found)
+
+
 def running_integral(time: FloatArray, values: Values) -> Values:
     """Integral of `values` (n, ...), real or complex, from the first sample to each; fourth order."""
     if time.size < _FEWEST:
