@@ -33,10 +33,10 @@ _KEPT_VALUES = 4_000_000
 
 @dataclass(frozen=True)
 class _Shapes:
-    """A mechanism's unit moments, C_m + i C_n (n, terms) a flight, and their antiderivatives, one a segment."""
+    """A mechanism's unit moments, C_N' + i C_Z' (n, terms) a flight, and their antiderivatives, one a segment."""
 
     position: Mapping[str, int]
-    body: tuple[ComplexArray, ...]
+    plane: tuple[ComplexArray, ...]
     integrals: tuple[Integrals, ...]
 
 
@@ -61,6 +61,12 @@ class RateFrame:
     def _shown(self) -> tuple[Motion, ...]:
         """The motions as mechanisms are shown them."""
         return tuple(read_only(motion) for motion in self.motions)
+
+    @cached_property
+    def _turns(self) -> tuple[ComplexArray, ...]:
+        """What turns moments in the plane of alpha into body axes (n, 1), of each flight."""
+        one, nothing = np.ones(1), np.zeros(1)
+        return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.motions)
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -97,7 +103,7 @@ class RateFrame:
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
         for shapes, members, which in self._by_shape(columns):
             for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
-                body = shapes.body[segment.flight][segment.rows]
+                body = (shapes.plane[segment.flight] * self._turns[segment.flight])[segment.rows]
                 for j, k in zip(members, which, strict=True):
                     out[a:b, j] = body[:, k] * columns[j].course(segment.time)
         return self._where_they_act(out, columns)
@@ -154,16 +160,19 @@ class RateFrame:
             yield shapes, members, np.array([shapes.position[columns[j].term] for j in members])
 
     def _evaluate(self, name: str, theta: Theta) -> _Shapes:
-        found: list[ComplexArray] = []
+        plane: list[ComplexArray] = []
         position: dict[str, int] = {}
         for motion in self._shown:
             terms = checked_terms(self.mechanisms[name], motion, dict(theta))
             position = {term.name: k for k, term in enumerate(terms)}
-            in_plane = np.stack([term.in_plane for term in terms], axis=1)
-            out_of_plane = np.stack([term.out_of_plane for term in terms], axis=1)
-            found.append(body_from_plane(in_plane, out_of_plane, motion.windward_meridian[:, np.newaxis]))
-        integrals = tuple(s.integrate(found[s.flight][s.rows]) for s in self.segments)
-        return _Shapes(position, tuple(found), integrals)
+            found = np.empty((motion.time.size, len(terms)), dtype=complex)
+            for k, term in enumerate(terms):
+                found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
+            plane.append(found)
+        integrals = tuple(
+            s.integrate(plane[s.flight][s.rows] * self._turns[s.flight][s.rows]) for s in self.segments
+        )
+        return _Shapes(position, tuple(plane), integrals)
 
 
 def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:

@@ -20,7 +20,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.splines import SplineGrid, running_integral
+from brv_hypo.motion.splines import Places, SplineGrid, running_integral
 
 
 @dataclass(frozen=True)
@@ -39,21 +39,16 @@ class Antiderivative:
         """Integrals up to each sample (m, columns)."""
         return self.grid.integrals(self.values, self._slopes)
 
-    def at(self, times: FloatArray, columns: IntArray) -> ComplexArray:
-        """Integral of each column (k,) up to its own time (k,)."""
-        i, u, (c0, c1, c2, c3) = self._cubic(times, columns)
-        return self.at_samples[i, columns] + u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
-
-    def _cubic(
-        self, times: FloatArray, columns: IntArray
-    ) -> tuple[IntArray, FloatArray, tuple[ComplexArray, ...]]:
-        """Interval, time since its first sample, and the polynomial's coefficients, the constant first."""
-        i = np.searchsorted(self.grid.time[1:-1], times, side="right")
+    def at(self, places: Places, columns: IntArray) -> ComplexArray:
+        """Integral of each column (k,) up to its own place (k,)."""
+        i, u = places.interval, places.since
         h = self.grid.steps[i, 0]
-        g, s, following = self.values[i, columns], self._slopes[i, columns], self._slopes[i + 1, columns]
+        g, s = self.values[i, columns], self._slopes[i, columns]
         chord = (self.values[i + 1, columns] - g) / h
-        bend = (s + following - 2.0 * chord) / h
-        return i, times - self.grid.time[i], (g, s, (chord - s) / h - bend, bend / h)
+        bend = (s + self._slopes[i + 1, columns] - 2.0 * chord) / h
+        c2, c3 = (chord - s) / h - bend, bend / h
+        inside = u * (g + u * (s / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        return np.asarray(self.at_samples[i, columns] + inside, dtype=complex)
 
 
 @dataclass(frozen=True)
@@ -84,9 +79,19 @@ class _Courses:
     begin: FloatArray
     end: FloatArray
 
+    @classmethod
+    def told(cls, courses: Sequence[TimeFunction], first: float, last: float) -> _Courses:
+        """These courses over a segment from `first` to `last` s."""
+        start, stop = np.array([(course.start, course.stop) for course in courses]).T
+        ramp = np.array([course.kind == "ramp" for course in courses])
+        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
+        return cls(ramp, start, stop, begin, end)
+
     def of(self, chosen: IntArray) -> _Courses:
         """Some of them."""
-        return _Courses(*(getattr(self, name)[chosen] for name in ("ramp", "start", "stop", "begin", "end")))
+        return _Courses(
+            self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen]
+        )
 
 
 @dataclass(frozen=True)
@@ -109,37 +114,37 @@ class WeakSegment:
 
     def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
-        told = self._told(courses)
+        told = _Courses.told(courses, self.time[0], self.time[-1])
         out = self._between(integrals.plain, which, told)
         ramps = np.flatnonzero(told.ramp)
         if ramps.size:
-            told, which, plain = told.of(ramps), which[ramps], out[:, ramps]
-            last = np.full(ramps.size, self.time[-1])
-            held = np.minimum(told.stop, last) - told.start
-            out[:, ramps] = self._between(integrals.first, which, told) + (self.time[0] - told.start) * plain
-            if np.any(told.end < last):
-                after = _Courses(told.ramp, last, last, told.end, last)
-                out[:, ramps] += held * self._between(integrals.plain, which, after)
+            told, which = told.of(ramps), which[ramps]
+            out[:, ramps] *= self.time[0] - told.start
+            out[:, ramps] += self._between(integrals.first, which, told)
+            self._hold(out, ramps, integrals.plain, which, told)
         return out
-
-    def _told(self, courses: Sequence[TimeFunction]) -> _Courses:
-        start = np.array([course.start for course in courses])
-        stop = np.array([course.stop for course in courses])
-        ramp = np.array([course.kind == "ramp" for course in courses])
-        first, last = self.time[0], self.time[-1]
-        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
-        return _Courses(ramp, start, stop, begin, end)
 
     def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
-        base = integral.at(told.begin, which)
-        out = integral.at_samples[:, which] - base
+        base = integral.at(Places.among(self.time, told.begin), which)
+        out = integral.at_samples[:, which]
+        out -= base
         for j, first in enumerate(np.searchsorted(self.time, told.begin)):
             out[:first, j] = 0.0
         for j in np.flatnonzero(told.end < self.time[-1]):
             after = np.searchsorted(self.time, told.end[j])
-            out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
+            place = Places.among(self.time, told.end[j : j + 1])
+            out[after:, j] = integral.at(place, which[j : j + 1]) - base[j]
         return out
+
+    def _hold(
+        self, out: ComplexArray, ramps: IntArray, integral: Antiderivative, which: IntArray, told: _Courses
+    ) -> None:
+        """Add to the ramps among the columns what their last values bring after they have ended."""
+        last = np.full(ramps.size, self.time[-1])
+        if np.any(told.end < last):
+            held = np.minimum(told.stop, last) - told.start
+            out[:, ramps] += held * self._between(integral, which, _Courses(told.ramp, last, last, told.end, last))
 
 
 def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:
