@@ -123,7 +123,7 @@ def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     along = flight.ax * forward + ((flight.ay + 1j * flight.az) * np.conj(xi)).real
-    impulse = running_integral(flight.time, along)
+    impulse: FloatArray = running_integral(flight.time, along)
     return smoothed(flight.velocity - impulse).values + impulse
 
 

@@ -89,7 +89,7 @@ class Places:
     @classmethod
     def among(cls, samples: FloatArray, time: FloatArray) -> Places:
         """Where `time` (n,) lies among the samples; outside of them the outermost interval counts."""
-        interval = np.clip(np.searchsorted(samples, time, side="right") - 1, 0, samples.size - 2)
+        interval = samples[1:-1].searchsorted(time, side="right")
         return cls(interval, time - samples[interval])
 
 

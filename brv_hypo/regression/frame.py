@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -119,6 +119,15 @@ class RateFrame:
         """The same frame, knowing these mechanisms too."""
         known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
         return replace(self, mechanisms=known)
+
+    def same_motions(self, other: RateFrame) -> bool:
+        """Whether the motions are those of another frame but for their in-plane moment."""
+        names = [field.name for field in fields(Motion) if field.name not in ("in_plane_moment", "history")]
+        return len(self.motions) == len(other.motions) and all(
+            getattr(own, name) is getattr(theirs, name)
+            for own, theirs in zip(self.motions, other.motions, strict=True)
+            for name in names
+        )
 
     def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
         """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns.

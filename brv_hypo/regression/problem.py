@@ -14,6 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.inertial import InertialRecord
@@ -163,12 +164,10 @@ class WhitenedRows:
 class ProjectedBaseline:
     """The baseline's columns, the nuisances projected out of them.
 
-    `moments` (frame rows, columns) are their rate histories, those that are given left out; `basis` (rows, rank) is
-    orthonormal, `coefficients` (columns, rank) come from coordinates in it; `left` (rows,) is what it leaves of the
-    response.
+    `basis` (rows, rank) is orthonormal, `coefficients` (columns, rank) come from coordinates in it; `left` (rows,) is
+    what it leaves of the response.
     """
 
-    moments: ComplexArray
     basis: FloatArray
     coefficients: FloatArray
     left: FloatArray
@@ -195,29 +194,30 @@ class Problem:
     efficiency: float = 1.0
     given: Mapping[str, Rows] = field(default_factory=dict)
 
-    @cached_property
-    def _baselines(self) -> list[ProjectedBaseline]:
-        """The baseline as the last frame saw it."""
-        return []
-
     def projected_baseline(self, frame: RateFrame) -> ProjectedBaseline:
-        """The baseline as this frame sees it; most frames differ in other columns, and see the same."""
-        moments = frame.columns([column for column in self.baseline if column.mechanism != GIVEN])
-        if not self._baselines or not np.array_equal(self._baselines[0].moments, moments):
-            self._baselines[:] = [self._project_baseline(frame, moments)]
-        return self._baselines[0]
+        """The baseline as this frame sees it: most frames differ in other columns, and see the same."""
+        if frame.same_motions(self.frame) and all(
+            isinstance(frame.mechanisms[column.mechanism], StaticMoment | PitchDamping | GivenColumns)
+            for column in self.baseline
+        ):
+            return self._own_baseline
+        return self._project_baseline(frame)
 
-    def _project_baseline(self, frame: RateFrame, moments: ComplexArray) -> ProjectedBaseline:
+    @cached_property
+    def _own_baseline(self) -> ProjectedBaseline:
+        return self._project_baseline(self.frame)
+
+    def _project_baseline(self, frame: RateFrame) -> ProjectedBaseline:
         design = self.design(frame, self.baseline)
         if not self.baseline:
-            return ProjectedBaseline(moments, design, np.zeros((0, 0)), self.response)
+            return ProjectedBaseline(design, np.zeros((0, 0)), self.response)
         scale = lengths(design)
         orthonormal, triangle = np.linalg.qr(design / scale)
         directions, singular, right = np.linalg.svd(triangle)
         kept = singular > _CUTOFF * singular[0]
         basis = np.asarray(orthonormal @ directions[:, kept], dtype=float)
         coefficients = (right[kept].T / singular[kept]) / scale[:, np.newaxis]
-        return ProjectedBaseline(moments, basis, coefficients, self.response - basis @ (basis.T @ self.response))
+        return ProjectedBaseline(basis, coefficients, self.response - basis @ (basis.T @ self.response))
 
     @cached_property
     def response(self) -> FloatArray:

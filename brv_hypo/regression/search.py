@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -232,7 +232,7 @@ def _compatible(
     """The offers with the model's own theta, where a mechanism allows one theta at a time."""
     single = {m.name for m in mechanisms if m.parameters() and not m.several_parameters_at_once}
     theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
-    renamed = [tuple(replace(c, theta=theta.get(c.mechanism, c.theta)) for c in offer) for offer in offered]
+    renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.course) for c in offer) for offer in offered]
     return list(dict.fromkeys(renamed))
 
 

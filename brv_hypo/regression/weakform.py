@@ -129,10 +129,10 @@ class WeakSegment:
         base = integral.at(Places.among(self.time, told.begin), which)
         out = integral.at_samples[:, which]
         out -= base
-        for j, first in enumerate(np.searchsorted(self.time, told.begin)):
+        for j, first in enumerate(self.time.searchsorted(told.begin)):
             out[:first, j] = 0.0
-        for j in np.flatnonzero(told.end < self.time[-1]):
-            after = np.searchsorted(self.time, told.end[j])
+        for j in np.flatnonzero(told.end < self.time[-1]).tolist():
+            after = self.time.searchsorted(told.end[j])
             place = Places.among(self.time, told.end[j : j + 1])
             out[after:, j] = integral.at(place, which[j : j + 1]) - base[j]
         return out
