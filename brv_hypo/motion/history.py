@@ -129,6 +129,7 @@ def _fixed(values: Any) -> Any:
 
 def _nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
     """`angle` unwrapped over time and moved by whole turns next to `reference`."""
-    unwrapped = np.unwrap(angle)
-    turns = np.round((reference[-1] - unwrapped[-1]) / (2.0 * np.pi))
-    return np.asarray(unwrapped + 2.0 * np.pi * turns, dtype=float)
+    turns = np.zeros(angle.size)
+    np.cumsum(np.round(np.diff(angle) / (-2.0 * np.pi)), out=turns[1:])
+    turns += np.round((reference[-1] - angle[-1]) / (2.0 * np.pi) - turns[-1])
+    return np.asarray(angle + 2.0 * np.pi * turns, dtype=float)

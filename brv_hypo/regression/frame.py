@@ -69,6 +69,11 @@ class RateFrame:
         return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.motions)
 
     @cached_property
+    def _factors(self) -> tuple[ComplexArray, ...]:
+        """Factor (m, 1) of moments in the plane of alpha that makes integrands of them, of each segment."""
+        return tuple(s.factor[:, np.newaxis] * self._turns[s.flight][s.rows] for s in self.segments)
+
+    @cached_property
     def observed(self) -> ComplexArray:
         """Derolled transverse rates of all segments (rows,), rad/s."""
         return np.concatenate([segment.observed for segment in self.segments])
@@ -179,7 +184,8 @@ class RateFrame:
                 found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
             plane.append(found)
         integrals = tuple(
-            s.integrate(plane[s.flight][s.rows] * self._turns[s.flight][s.rows]) for s in self.segments
+            s.integrate_weighted(factor * plane[s.flight][s.rows])
+            for s, factor in zip(self.segments, self._factors, strict=True)
         )
         return _Shapes(position, tuple(plane), integrals)
 

@@ -110,7 +110,11 @@ class WeakSegment:
 
     def integrate(self, body_moments: ComplexArray) -> Integrals:
         """Antiderivatives for columns C_m + i C_n (m, columns) on the segment's samples."""
-        return Integrals(self._grid, self.factor[:, np.newaxis] * body_moments)
+        return self.integrate_weighted(self.factor[:, np.newaxis] * body_moments)
+
+    def integrate_weighted(self, integrands: ComplexArray) -> Integrals:
+        """Antiderivatives for columns (m, columns) that hold the segment's factor already."""
+        return Integrals(self._grid, integrands)
 
     def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
