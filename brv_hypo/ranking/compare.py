@@ -126,6 +126,7 @@ def _judged(
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
     """Every hypothesis searched; the likeliest of a rough search first, so that those without hope can end early."""
+    say("searching on the grid of knots and delays")
     rough = replace(problem, refine=False, max_terms=problem.exact_terms)
     grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
     first = sorted(
