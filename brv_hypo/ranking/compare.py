@@ -169,7 +169,7 @@ def _about_leader(
         say(f"linearising about {leader.name}")
         problem = about(problem, leader, reconstructions, config)
         moved = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-        fits = [scanned_finely(problem, fit) for fit in moved]
+        fits = [scanned_finely(problem, refit(problem, fit)) for fit in moved]
     return problem, list(fits)
 
 

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
@@ -108,13 +109,30 @@ class LinearisedFlight:
         """What components of effects, by these sizes, do to the residual (n,) to first order, on the fitted, noise-free
         motion.
         """
-        smooth = self._noise_free
-        moved = (
-            (perturbed(smooth, effect.perturb(smooth.flight, component, STEP * size)), self.start)
-            for effect, component, size in wanted
-        )
+        moved = ((self._read(effect, component, STEP * size), self.start) for effect, component, size in wanted)
         for high in self._propagated(moved):
             yield (high - self._at_noise_free).times(1.0 / STEP)
+
+    def _read(self, effect: RecordEffect, component: str, value: float) -> InertialRecord:
+        """The noise-free record with an error: its motion is that of the measured rates, its rates the model's."""
+        smooth = self._noise_free
+        record = perturbed(smooth, effect.perturb(smooth.flight, component, value))
+        seen = effect.perturb(self._as_modelled, component, value)
+        return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
+
+    @cached_property
+    def _as_modelled(self) -> Flight:
+        """The noise-free flight with the transverse rates that the moment model makes, constants of integration fitted.
+
+        A scale of measured rates would hold what the model does not explain, and scale it away.
+        """
+        smooth = self._noise_free
+        shift = body_crossflow(smooth, wind_direction(smooth, self.start)) - self._open_loop
+        left = self._residuals([(smooth, self.crossflow + shift)])[0].rates
+        for a, b in smooth.flight.segments:
+            left[a:b] -= left[a:b].mean()
+        rates = smooth.flight.q + 1j * smooth.flight.r - left * np.exp(-1j * smooth.spin_angle)
+        return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
         """Derivative of the residual (n,) by one component of a record effect, on the fitted, noise-free motion."""
@@ -146,7 +164,9 @@ class LinearisedFlight:
 
     @cached_property
     def _at_noise_free(self) -> Rows:
-        (found,) = self._propagated([(self._noise_free, self.start)])
+        smooth, seen = self._noise_free, self._as_modelled
+        record = replace(smooth, flight=replace(smooth.flight, q=seen.q, r=seen.r))
+        (found,) = self._propagated([(record, self.start)])
         return found
 
     def input_noise(self, error: InputError) -> list[Rows]:
