@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from brv_hypo import Reconstruction, reconstruct
+from brv_hypo import reconstruct
+from brv_hypo.motion.reconstruction import Reconstruction
 from tests.independent.flights import Made, make_flight
 
 
