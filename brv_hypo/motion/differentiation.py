@@ -143,12 +143,18 @@ def _squared_bias(
     """Mean squared bias of a filter, judged against one of less bias; below `margin` standard errors it is
     none."""
     widest = max(weights.size, reference.size)
-    difference = np.pad(weights, (widest - weights.size) // 2) - np.pad(
-        reference, (widest - reference.size) // 2
-    )
+    difference = np.zeros(widest)
+    difference[_middle(widest, weights.size)] = weights
+    difference[_middle(widest, reference.size)] -= reference
     gap = np.concatenate(
         [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= widest]
     )
     noise = 2.0 * sigma**2 * float(difference @ difference)
     excess = float(np.mean(np.abs(gap) ** 2)) - noise
     return excess if excess > margin * noise * np.sqrt(_CORRELATED / gap.size) else 0.0
+
+
+def _middle(whole: int, part: int) -> slice:
+    """Where an odd number of weights stands in the middle of a larger odd number."""
+    first = (whole - part) // 2
+    return slice(first, first + part)
