@@ -16,10 +16,11 @@ from brv_hypo.flight import flights_of, one_flight
 from brv_hypo.likelihood import Segment, fit
 from brv_hypo.ranking import CompareConfig, Comparison
 from brv_hypo.report.write import document_of, write_figures, write_report
-from brv_hypo.residuals import Trace, TraceConfig
+from brv_hypo.residuals import Trace
 from brv_hypo.simulation import SimulatedFlight, simulate
 from brv_hypo.subset import best_subsets
 from brv_hypo.tabular import NullIsNaN, Result
+from tests.chains import traced_trim
 
 LONGEST = 200
 """Characters of a short repr."""
@@ -45,9 +46,8 @@ def compared(record) -> Comparison:
 
 
 @pytest.fixture(scope="module")
-def traced(flown) -> Trace:
-    settings = TraceConfig(effects=("sticking",), discover=False, max_steps=1, maximum_likelihood=False)
-    return brv_hypo.trace(flown, settings)
+def traced() -> Trace:
+    return traced_trim()
 
 
 @pytest.fixture(scope="module")
@@ -174,6 +174,7 @@ def test_a_result_is_written_as_a_page(name, request, tmp_path) -> None:
         write_report(result, tmp_path / "page.html")
 
 
+@pytest.mark.thorough
 def test_the_figures_of_a_result_are_written(traced, tmp_path) -> None:
     names = {path.name for path in write_figures(traced, tmp_path / "figures")}
     assert {"residuals.png", "residuals.svg", "spectrum.svg"} <= names

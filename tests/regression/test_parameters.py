@@ -72,6 +72,7 @@ def fitted(mechanism: Mechanism, plant: str) -> HypothesisFit:
     return refit(problem(plant), fit_hypothesis(problem(plant), mechanism.name, (mechanism,)))
 
 
+@pytest.mark.thorough
 def test_a_delay_of_any_name_is_a_delay() -> None:
     one, other = fitted(Late(), "sticking"), fitted(LateByTau(), "sticking")
     assert other.information == pytest.approx(one.information, rel=1e-12)

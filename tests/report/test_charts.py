@@ -180,6 +180,7 @@ class TestDrawing:
         with pytest.raises(UsageError, match="exists"):
             draw_into(tmp_path / "figures", [plain])
 
+    @pytest.mark.thorough
     def test_every_chart_of_a_comparison_can_be_drawn(self, charts) -> None:
         assert all(b"<svg" in drawn(chart, "svg") for name, chart in charts.items() if name.endswith("-1"))
 

@@ -16,6 +16,7 @@ from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.model_file import model_text, read_model, read_structure
 from brv_hypo.residuals.restore import restored, saved
 from brv_hypo.residuals.saved import SavedColumn, SavedModel
+from tests.chains import traced_nominal
 from tests.flights import nominal
 
 TERMS = 14
@@ -76,6 +77,7 @@ def test_every_command_takes_it(result: Trace, path: Path) -> None:
     assert predicted.error == again.error
 
 
+@pytest.mark.thorough
 def test_an_edited_value_counts(path: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     slope = next(column for column in content["columns"] if column["term"] == "C_Nalpha")
@@ -115,6 +117,7 @@ def test_a_model_without_values_may_start_a_trace(tmp_path: Path) -> None:
     assert saved(restored(model, (nominal().flight,))).columns == model.columns
 
 
+@pytest.mark.thorough
 def test_all_that_was_described_is_written() -> None:
     files = tuple(
         MechanismFile(
@@ -126,7 +129,7 @@ def test_all_that_was_described_is_written() -> None:
         )
         for number in (1, 2)
     )
-    always = nominal_model().model_dump()
+    always = traced_nominal().model.definition.model_dump()
     columns = [*always["columns"], *({"mechanism": f.name, "term": "a", "units": "1"} for f in files)]
     start = SavedModel.model_validate({**always, "columns": columns, "covariance": (), "files": files})
     settings = TraceConfig(
@@ -136,8 +139,3 @@ def test_all_that_was_described_is_written() -> None:
     assert found is not None
     assert [term.name for term in found.terms] == ["discovered_1: a", "discovered_2: a"]
     assert all(term.value is not None for term in found.terms)
-
-
-def nominal_model() -> SavedModel:
-    settings = TraceConfig(effects=("gyro_scale",), discover=False, max_steps=1, maximum_likelihood=False)
-    return trace(nominal().flight, settings).model.definition

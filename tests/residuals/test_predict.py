@@ -13,30 +13,21 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
-from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
+from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.simulation import SimulationConfig, load_config, simulate
-
-TRIM = (1e-3, -5e-4)
-
-
-def config(trim: tuple[float, float]) -> SimulationConfig:
-    terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
-    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
-    data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
-    return SimulationConfig.model_validate(data)
+from brv_hypo.simulation import simulate
+from tests.chains import TRIM, traced_trim, trimmed_cone
 
 
 @pytest.fixture(scope="module")
 def traced() -> Trace:
-    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False)
-    return trace(simulate(config(TRIM), seed=3).flight, settings)
+    return traced_trim()
 
 
 @pytest.fixture(scope="module")
 def sister() -> Flight:
-    return simulate(another_flight(config((-TRIM[0], TRIM[1])), 4), seed=5).flight
+    return simulate(another_flight(trimmed_cone((-TRIM[0], TRIM[1])), 4), seed=5).flight
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +109,7 @@ def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predict
     assert unsure.error.frozen == pytest.approx(predicted.error.frozen)
 
 
+@pytest.mark.thorough
 def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: Flight, predicted: Prediction) -> None:
     fitted = predict(sister, traced.model.definition, ("trim", "instruments"))
     assert fitted.error.frozen < 1.05 * predicted.error.frozen
