@@ -35,8 +35,9 @@ class TestSimulate:
         assert np.any(load_flight(tmp_path / "other.h5").q != first.q)
 
     def test_json_says_what_was_planted(self, brv_hypo, tmp_path):
+        (tmp_path / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0")
         done = brv_hypo(
-            "simulate", "research_cone", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=tmp_path
+            "simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=tmp_path
         )
         assert done.returncode == 0, done.stderr
         result = strict_json(done.stdout)
@@ -211,18 +212,21 @@ class TestCompare:
         done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
         assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]
 
+    @pytest.mark.thorough
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
         chosen = ("--config", regression, "--mechanisms", "damping,lag")
         done = brv_hypo("compare", simulated_file, *chosen, "-v")
         for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 
+    @pytest.mark.thorough
     def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file, regression):
         files = (simulated_file, simulated_file)
         done = brv_hypo("compare", *files, "--config", regression, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert len(strict_json(done.stdout)["flights"]) == 2
 
+    @pytest.mark.thorough
     def test_a_configuration_sets_what_is_compared(self, brv_hypo, simulated_file, tmp_path):
         (tmp_path / "config.yaml").write_text(REGRESSION + "options: {damping: {form: complete}}\n")
         config = ("--config", tmp_path / "config.yaml")

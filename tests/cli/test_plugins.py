@@ -52,7 +52,7 @@ def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
     [
         pytest.param(["-q"], "", marks=pytest.mark.slow),
         pytest.param(["--json", "-"], "", marks=pytest.mark.slow),
-        (["--json", "-"], REGRESSION),
+        pytest.param(["--json", "-"], REGRESSION, marks=pytest.mark.thorough),
     ],
 )
 def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments, settings):

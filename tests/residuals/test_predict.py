@@ -14,10 +14,8 @@ from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
 from brv_hypo.residuals import Prediction, Trace, predict
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.simulation import simulate
-from tests.chains import TRIM, traced_trim, trimmed_cone
+from tests.chains import SISTERS_TRIM, TRIM, traced_trim, trimmed_sister
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +25,7 @@ def traced() -> Trace:
 
 @pytest.fixture(scope="module")
 def sister() -> Flight:
-    return simulate(another_flight(trimmed_cone((-TRIM[0], TRIM[1])), 4), seed=5).flight
+    return trimmed_sister().flight
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +36,7 @@ def predicted(traced: Trace, sister: Flight) -> Prediction:
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
     assert "C_Nalpha" in {term.name for term in predicted.frozen}
-    for term, planted in zip(predicted.refitted, (-TRIM[0], TRIM[1]), strict=True):
+    for term, planted in zip(predicted.refitted, SISTERS_TRIM, strict=True):
         assert term.std_error > 0.0
         assert abs(term.value - planted) < 0.1 * TRIM[0]
 

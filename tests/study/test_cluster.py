@@ -49,6 +49,7 @@ def test_what_a_killed_worker_was_at_is_done_by_another(cluster):
     assert sorted(found) == list(range(12))
 
 
+@pytest.mark.thorough
 def test_an_item_that_ends_every_worker_is_given_up_with_its_reason(cluster):
     def deadly(item):
         os.kill(os.getpid(), signal.SIGKILL)
