@@ -19,6 +19,16 @@ def strict_json(text):
     return json.loads(text, parse_constant=lambda constant: pytest.fail(f"{constant} is not JSON"))
 
 
+@pytest.fixture(scope="module")
+def planted(brv_hypo, tmp_path_factory):
+    """A simulation with a body-fixed moment chosen by name: the finished command, and its flight."""
+    folder = tmp_path_factory.mktemp("planted")
+    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0")
+    done = brv_hypo("simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done, folder / "f.h5"
+
+
 class TestSimulate:
     def test_writes_a_record_with_its_truth(self, simulated_file):
         flight = load_flight(simulated_file)
@@ -34,13 +44,8 @@ class TestSimulate:
         np.testing.assert_array_equal(load_flight(tmp_path / "same.h5").q, first.q)
         assert np.any(load_flight(tmp_path / "other.h5").q != first.q)
 
-    def test_json_says_what_was_planted(self, brv_hypo, tmp_path):
-        (tmp_path / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0")
-        done = brv_hypo(
-            "simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=tmp_path
-        )
-        assert done.returncode == 0, done.stderr
-        result = strict_json(done.stdout)
+    def test_json_says_what_was_planted(self, planted):
+        result = strict_json(planted[0].stdout)
         assert result["planted"] == ["bodyfixed"]
         assert result["planted_share"]["out_of_plane"] > 0.0
 
@@ -130,11 +135,11 @@ def regression(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def compared(brv_hypo, simulated_file, tmp_path_factory):
+def compared(brv_hypo, planted, tmp_path_factory):
     """One comparison: the finished process, its JSON and its report."""
     folder = tmp_path_factory.mktemp("compared")
     files = ("--json", folder / "out.json", "--report", folder / "out.html")
-    done = brv_hypo("compare", simulated_file, "--mechanisms", "bodyfixed", *files)
+    done = brv_hypo("compare", planted[1], "--mechanisms", "bodyfixed", *files)
     assert done.returncode == 0, done.stderr
     return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
 

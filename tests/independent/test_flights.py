@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ from tests.independent.mechanisms import LISTED, TRUTHS, UNLISTED, body_componen
 from tests.independent.vehicles import CONE
 
 AMPLITUDE = 0.5
+IN_EVERY_RUN = ("bodyfixed", "sticking", "rotating")
 
 
 @cache
@@ -63,7 +65,11 @@ def _convention(made: Made) -> tuple[np.ndarray, np.ndarray]:
     return zero, planted.amplitude * held * np.sin(phi - np.angle(before))
 
 
-@pytest.mark.parametrize("truth", LISTED)
+def _few_in_every_run(truths: Sequence[str]) -> list[object]:
+    return [pytest.param(t, marks=() if t in IN_EVERY_RUN else pytest.mark.thorough) for t in truths]
+
+
+@pytest.mark.parametrize("truth", _few_in_every_run(LISTED))
 def test_planted_contributions_obey_the_conventions(truth: str) -> None:
     made, inside = _made(truth), _inside(_made(truth))
     in_plane, out_of_plane = _convention(made)
@@ -73,7 +79,7 @@ def test_planted_contributions_obey_the_conventions(truth: str) -> None:
     assert not np.all(inside)
 
 
-@pytest.mark.parametrize("truth", TRUTHS)
+@pytest.mark.parametrize("truth", _few_in_every_run(TRUTHS))
 def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     true = _made(truth).true
     transverse = true.rates[:, 1] + 1j * true.rates[:, 2]
@@ -83,7 +89,7 @@ def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     np.testing.assert_allclose(true.moment, static + damping + planted, atol=1e-9)
 
 
-@pytest.mark.parametrize("truth", [*LISTED, *UNLISTED])
+@pytest.mark.parametrize("truth", _few_in_every_run([*LISTED, *UNLISTED]))
 def test_nominal_amplitude_changes_the_moment_by_its_share(truth: str) -> None:
     made = _made(truth)
     assert 0.03 <= made.true.nominal_share <= 0.4
@@ -235,6 +241,7 @@ def test_unknown_truth_is_refused() -> None:
         make_flight("cone", "slag")
 
 
+@pytest.mark.thorough
 def test_command_writes_flights_that_load(tmp_path: Path) -> None:
     main(
         ["--seed", "4", "--flights", "2", "-o", str(tmp_path), "--truth", "rotating", "--grade", "industrial"]

@@ -92,7 +92,7 @@ def test_measurement_and_process_noise_are_told_apart_with_their_errors() -> Non
     assert NEAR.remarks == ()
 
 
-@pytest.mark.parametrize("times", [1e-3, 1e3])
+@pytest.mark.parametrize("times", [1e3, pytest.param(1e-3, marks=pytest.mark.thorough)])
 def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> None:
     far = estimated(SHORT_RECORD, times)
     assert far.converged, far.message
@@ -101,7 +101,7 @@ def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> N
     np.testing.assert_allclose(far.process_noise, NEAR.process_noise, rtol=1e-3)
 
 
-@pytest.mark.parametrize("shape", ["diagonal", "full"])
+@pytest.mark.parametrize("shape", ["full", pytest.param("diagonal", marks=pytest.mark.thorough)])
 def test_the_noise_is_at_the_stationary_point_of_its_likelihood(shape: Any) -> None:
     """The score against differences of the NLLF itself, the states following."""
     gappy = SHORT_RECORD.y.copy()

@@ -70,6 +70,7 @@ def test_a_flipped_sign_is_planted_refused_and_named():
     assert found.faults == ("q: sign",)
 
 
+@pytest.mark.thorough
 def test_sound_records_are_drawn_from_every_grade():
     record = next(records(3, 1))
     assert record.instruments.grade == "laboratory"
