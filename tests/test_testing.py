@@ -12,13 +12,8 @@ from brv_hypo.testing import plant, plant_effect, recover
 @pytest.mark.thorough
 def test_a_planted_mechanism_is_recovered() -> None:
     flown = plant("sticking", {"eps": 0.6}, {"delay": 0.12}, start=1.0, stop=3.0)
-    assert recover(flown, "sticking").verdict.winner == "sticking"
-
-
-def test_a_planted_mechanism_is_in_the_flight() -> None:
-    flown = plant("sticking", {"eps": 0.6}, {"delay": 0.12}, start=1.0, stop=3.0)
     assert flown.truth.planted == ("sticking",)
-    assert flown.truth.planted_share[1] > 0.05
+    assert recover(flown, "sticking").verdict.winner == "sticking"
 
 
 def test_a_planted_effect_is_in_the_record() -> None:

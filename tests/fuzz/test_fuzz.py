@@ -35,6 +35,7 @@ def test_the_valid_input_ends_as_the_contract_says(target):
     assert failure_of(Input(target, ())) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("label", "seeds"), FOUND)
 def test_an_input_that_failed_once_does_not_again(label, seeds):
     target = next(target for target in TARGETS if target.label == label)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import pickle
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -30,7 +29,6 @@ from tests.independent.mechanisms import LISTED, TRUTHS, UNLISTED, body_componen
 from tests.independent.vehicles import CONE
 
 AMPLITUDE = 0.5
-IN_EVERY_RUN = ("bodyfixed", "sticking", "rotating")
 
 
 @cache
@@ -65,11 +63,8 @@ def _convention(made: Made) -> tuple[np.ndarray, np.ndarray]:
     return zero, planted.amplitude * held * np.sin(phi - np.angle(before))
 
 
-def _few_in_every_run(truths: Sequence[str]) -> list[object]:
-    return [pytest.param(t, marks=() if t in IN_EVERY_RUN else pytest.mark.thorough) for t in truths]
-
-
-@pytest.mark.parametrize("truth", _few_in_every_run(LISTED))
+@pytest.mark.thorough
+@pytest.mark.parametrize("truth", LISTED)
 def test_planted_contributions_obey_the_conventions(truth: str) -> None:
     made, inside = _made(truth), _inside(_made(truth))
     in_plane, out_of_plane = _convention(made)
@@ -79,7 +74,8 @@ def test_planted_contributions_obey_the_conventions(truth: str) -> None:
     assert not np.all(inside)
 
 
-@pytest.mark.parametrize("truth", _few_in_every_run(TRUTHS))
+@pytest.mark.thorough
+@pytest.mark.parametrize("truth", TRUTHS)
 def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     true = _made(truth).true
     transverse = true.rates[:, 1] + 1j * true.rates[:, 2]
@@ -89,13 +85,15 @@ def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     np.testing.assert_allclose(true.moment, static + damping + planted, atol=1e-9)
 
 
-@pytest.mark.parametrize("truth", _few_in_every_run([*LISTED, *UNLISTED]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("truth", [*LISTED, *UNLISTED])
 def test_nominal_amplitude_changes_the_moment_by_its_share(truth: str) -> None:
     made = _made(truth)
     assert 0.03 <= made.true.nominal_share <= 0.4
     assert made.true.share == pytest.approx(AMPLITUDE * made.true.nominal_share, rel=0.6)
 
 
+@pytest.mark.thorough
 def test_fixed_moment_stands_still_and_rotating_one_turns_in_the_body() -> None:
     fixed, turning = _made("bodyfixed"), _made("rotating")
     inside = _inside(fixed)
@@ -106,6 +104,7 @@ def test_fixed_moment_stands_still_and_rotating_one_turns_in_the_body() -> None:
     np.testing.assert_allclose(np.abs(np.gradient(phase, turning.true.time[inside])), 3.0, rtol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("truth", ["lag", "sticking", "bodyfixed"])
 def test_flight_is_the_same_until_the_mechanism_acts(truth: str) -> None:
     plain, made = _made("none"), _made(truth)
@@ -151,6 +150,7 @@ def test_perfect_instruments_write_down_the_truth() -> None:
     assert flight.samples == 1081
 
 
+@pytest.mark.thorough
 def test_accelerometers_feel_their_lever_arm() -> None:
     made = make_flight("slender", "none", seed=2, factor=0.0, noise_factor=0.0)
     true, (x, y, z) = made.true, made.true.craft.vehicle.accelerometer_position
@@ -209,12 +209,14 @@ def test_noise_has_its_size() -> None:
     assert np.std(ratio) == pytest.approx(2.0 * noise.dynamic_pressure, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_seed_repeats_a_flight() -> None:
     first, second = draw_flight(21), draw_flight(21)
     assert (first.vehicle, first.truth, first.amplitude) == (second.vehicle, second.truth, second.amplitude)
     np.testing.assert_array_equal(first.flight.q, second.flight.q)
 
 
+@pytest.mark.thorough
 def test_made_flight_travels_between_processes() -> None:
     made = pickle.loads(pickle.dumps(_made("lag")))
     np.testing.assert_array_equal(made.true.claim, _made("lag").true.claim)

@@ -71,6 +71,7 @@ def test_gyros_without_noise_are_refused() -> None:
         judge(make_flight("cone", "inplane", seed=1, noise_factor=0.0))
 
 
+@pytest.mark.thorough
 def test_nothing_planted_leaves_nothing_to_find() -> None:
     known = judge(make_flight("cone", "none", seed=1), rivals=("bodyfixed",))
     assert known.f_ratio == 0.0

@@ -129,7 +129,7 @@ def test_the_noise_is_at_the_stationary_point_of_its_likelihood(shape: Any) -> N
         assert abs(up - down) < 0.2 * curvature
 
 
-@pytest.mark.parametrize("which", ["measurement", "process"])
+@pytest.mark.parametrize("which", ["process", pytest.param("measurement", marks=pytest.mark.thorough)])
 def test_a_noise_that_goes_to_zero_is_a_stated_outcome(which: str) -> None:
     problem = replace(BUMPY, noise=np.array([0.002, 1e-9]))
     if which == "process":

@@ -36,6 +36,7 @@ def run(environment, *arguments):
     )
 
 
+@pytest.mark.thorough
 def test_the_installed_plugin_passes_the_conformance_kit(environment):
     done = run(environment, "brv_hypo", "mechanisms", "check", "uneven_ablation")
     assert done.returncode == 0, done.stderr

@@ -35,7 +35,7 @@ def test_a_sound_record_stands_and_is_not_touched(flights, name):
     assert trial.faults == ()
 
 
-@pytest.mark.parametrize("roll_rate", [0.2, 20.0])
+@pytest.mark.parametrize("roll_rate", [0.2, pytest.param(20.0, marks=THOROUGH)])
 def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
     assert try_record(observe(fly(replace(CONE, roll_rate=roll_rate)), 1))[1].sound
 

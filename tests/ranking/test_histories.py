@@ -8,6 +8,7 @@ import pytest
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import CoefficientSeries
 from brv_hypo.simulation.result import SimulatedFlight
+from tests.chains import compared_nominal
 from tests.flights import USUAL_RATE_HZ, nominal
 
 PLANTED_SLOPE = -0.0883
@@ -34,6 +35,11 @@ def by_likelihood(flown: SimulatedFlight) -> Comparison:
     return compared(flown, likelihood=True)
 
 
+@pytest.fixture(scope="module")
+def at_half_the_rate() -> Comparison:
+    return compared_nominal()
+
+
 def of_none(comparison: Comparison, name: str) -> CoefficientSeries:
     return next(s for s in comparison.coefficients if (s.mechanism, s.name) == ("none", name))
 
@@ -42,10 +48,12 @@ def of_none(comparison: Comparison, name: str) -> CoefficientSeries:
     ("method", "fixture"),
     [
         pytest.param("regression", "by_regression", marks=pytest.mark.thorough),
-        ("maximum likelihood", "by_likelihood"),
+        pytest.param("maximum likelihood", "by_likelihood", marks=pytest.mark.thorough),
+        pytest.param("maximum likelihood", "at_half_the_rate"),
     ],
 )
-def test_values_are_the_planted_ones_and_bands_hold_them(flown, method, fixture, request) -> None:
+def test_values_are_the_planted_ones_and_bands_hold_them(method, fixture, request) -> None:
+    flown = nominal() if fixture == "at_half_the_rate" else request.getfixturevalue("flown")
     comparison = request.getfixturevalue(fixture)
     moment, slope = of_none(comparison, "C_N'"), of_none(comparison, "C_N' by alpha")
     assert moment.method == slope.method == method
@@ -68,8 +76,8 @@ def test_the_moment_is_the_fitted_one(by_regression) -> None:
         )
 
 
-def test_every_hypothesis_has_histories_and_the_json_has_none(by_likelihood) -> None:
-    names = {row.mechanism for row in by_likelihood.ranking}
-    assert {series.mechanism for series in by_likelihood.coefficients} == names
-    assert "C_Nalpha_force" in {series.name for series in by_likelihood.coefficients}
-    assert "coefficients" not in by_likelihood.model_dump(by_alias=True)
+def test_every_hypothesis_has_histories_and_the_json_has_none(at_half_the_rate) -> None:
+    names = {row.mechanism for row in at_half_the_rate.ranking}
+    assert {series.mechanism for series in at_half_the_rate.coefficients} == names
+    assert "C_Nalpha_force" in {series.name for series in at_half_the_rate.coefficients}
+    assert "coefficients" not in at_half_the_rate.model_dump(by_alias=True)

@@ -15,7 +15,8 @@ from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope, read_aero_table
 from brv_hypo.residuals import Trace, predict, trace
 from brv_hypo.residuals.saved import SavedModel
-from tests.chains import ONE_EFFECT, traced_nominal
+from brv_hypo.simulation import load_config
+from tests.chains import ONE_EFFECT
 from tests.flights import nominal
 
 CSV = "mach,alpha_deg,slope,std_error\n5,0,-0.1,0.01\n5,10,-0.12,0.01\n9,0,-0.2,0.02\n9,10,-0.22,0.02\n"
@@ -89,16 +90,12 @@ def result() -> Trace:
     """A flight of constant slope, traced from a table that is 3 % too steep at one end and too shallow at the other."""
     flight = nominal().flight
     assert flight.mach is not None
-    slope = _slope(traced_nominal())
+    slope = load_config("research_cone").aerodynamics.C_Nalpha
     ends = (float(flight.mach.min()), float(flight.mach.max()))
     table = AeroTable(
         mach=ends, slope=((1.03 * slope,), (0.97 * slope,)), std_error=((0.05 * abs(slope),),) * 2
     )
     return trace(flight, ONE_EFFECT.model_copy(update={"aero": table}))
-
-
-def _slope(found: Trace) -> float:
-    return next(term.value for term in found.model.terms if term.name == "C_Nalpha")
 
 
 def test_the_table_is_corrected_and_nothing_is_missed(result: Trace) -> None:

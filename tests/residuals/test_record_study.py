@@ -11,7 +11,7 @@ from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.record_study import Ground, found_in, ground, line, planted
 from brv_hypo.residuals.restore import restored
-from tests.chains import ONE_EFFECT, traced_nominal
+from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 
 MAGNUS = -1.0
@@ -25,12 +25,12 @@ def base() -> Ground:
 @pytest.fixture(scope="module")
 def state() -> State:
     """What the flight's least-squares problem is linearised about."""
-    flights = (nominal().flight,)
-    return settled_state(flights, restored(traced_nominal().model.definition, flights), ONE_EFFECT)
+    flights = (trimmed().flight,)
+    return settled_state(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
 
 
 def test_nothing_planted_changes_nothing(state: State) -> None:
-    flight = nominal().flight
+    flight = trimmed().flight
     again = with_moment(flight, state, find("magnus"), [0.0])
     for name in ("q", "r", "ay", "az"):
         np.testing.assert_array_equal(getattr(again, name), getattr(flight, name))
@@ -47,7 +47,7 @@ def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
 
 
 def test_planting_is_linear(state: State) -> None:
-    flight = nominal().flight
+    flight = trimmed().flight
 
     def change(value: float) -> np.ndarray:
         changed = with_moment(flight, state, find("magnus"), [value])

@@ -32,6 +32,7 @@ def worker_of(seconds):
     return call
 
 
+@pytest.mark.thorough
 def test_both_places_give_every_item_once(cluster):
     items = list(range(8))
     for spread in (on_this_machine(1), on_cluster(cluster.scheduler_address)):
@@ -39,6 +40,7 @@ def test_both_places_give_every_item_once(cluster):
         assert sorted(item for _, item in found) == items
 
 
+@pytest.mark.thorough
 def test_what_a_killed_worker_was_at_is_done_by_another(cluster):
     found, killed = [], None
     for pid, item in on_cluster(cluster.scheduler_address)(worker_of(0.2), list(range(12))):
@@ -58,6 +60,7 @@ def test_an_item_that_ends_every_worker_is_given_up_with_its_reason(cluster):
         list(on_cluster(cluster.scheduler_address)(deadly, [1]))
 
 
+@pytest.mark.thorough
 def test_a_fault_in_a_call_reaches_the_caller(cluster):
     with pytest.raises(ZeroDivisionError):
         list(on_cluster(cluster.scheduler_address)(lambda item: 1 // item, [0]))
