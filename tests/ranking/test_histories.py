@@ -61,7 +61,13 @@ def test_values_are_the_planted_ones_and_bands_hold_them(method, fixture, reques
     assert np.all(np.abs(np.array(moment.value) - expected) < 1e-2 * np.std(expected))
     error = np.abs(np.array(slope.value) - PLANTED_SLOPE)
     assert np.all(error < 4.0 * np.array(slope.std_error))
-    # The noise says the slope to a thousandth; dynamic pressure and inertia are known no better than their tolerances.
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("fixture", ["by_regression", "by_likelihood"])
+def test_bands_are_as_wide_as_the_tolerances(flown, fixture, request) -> None:
+    """The noise says the slope to a thousandth; dynamic pressure and inertia are known no better."""
+    slope = of_none(request.getfixturevalue(fixture), "C_N' by alpha")
     known = flown.flight.instruments
     scale = abs(PLANTED_SLOPE) * np.hypot(known.dynamic_pressure_scale[0], known.inertia[0])
     assert np.all(np.abs(np.array(slope.std_error) / scale - 1.0) < 0.1)
