@@ -16,6 +16,7 @@ def test_a_planted_mechanism_is_recovered() -> None:
     assert recover(flown, "sticking").verdict.winner == "sticking"
 
 
+@pytest.mark.thorough
 def test_a_planted_effect_is_in_the_record() -> None:
     known, more = (plant_effect("gyro_bias", "q", value) for value in (0.0, 0.01))
     np.testing.assert_allclose(more.q - known.q, 0.01)

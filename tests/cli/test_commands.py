@@ -213,6 +213,7 @@ class TestCompare:
         assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
         assert done.stderr == ""
 
+    @pytest.mark.thorough
     def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, regression, regressed):
         done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
         assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]

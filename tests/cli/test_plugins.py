@@ -37,6 +37,7 @@ def test_an_empty_list_in_a_configuration_is_wrong_usage(brv_hypo, tmp_path):
     assert "'mechanisms'" in done.stderr
 
 
+@pytest.mark.thorough
 def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
     (tmp_path / "own.py").write_text(GOOD)
     (tmp_path / "settings.yaml").write_text(REGRESSION)

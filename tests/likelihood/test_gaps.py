@@ -15,10 +15,9 @@ BODY = growing_body()
 START = {name: 0.7 * value for name, value in BODY.truth.items()}
 
 
-@pytest.mark.parametrize(
-    ("thinned", "seed"),
-    [(True, 0), *(pytest.param(*pair, marks=pytest.mark.thorough) for pair in ((False, 0), (False, 2), (True, 2)))],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("thinned", [False, True])
 def test_a_gap_of_three_seconds_and_half_of_the_rest_missing(seed: int, thinned: bool) -> None:
     segment = BODY.simulate(250, seed)
     rng = np.random.default_rng(seed)

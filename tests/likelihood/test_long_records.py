@@ -54,6 +54,7 @@ def _same(found: FloatArray, expected: FloatArray) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -142,6 +142,7 @@ def test_of_two_plugins_of_one_name_ours_is_kept_and_both_are_named(tmp_path, li
     assert "'lag' of a_second_lag has the name of one of brv-hypo" in done.stderr
 
 
+@pytest.mark.thorough
 def test_what_a_plugin_prints_is_not_in_the_json(tmp_path):
     plugin(tmp_path, "talking", "print('hello')\ndef brv_hypo_mechanisms(): return []")
     done = listing(tmp_path, "--json", "-")

@@ -82,7 +82,7 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
         pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
         pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
         pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
-        pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz"),
+        pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz", marks=pytest.mark.thorough),
         pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars", marks=pytest.mark.slow),
         pytest.param(replace(CONE, planet="unheard of"), id="unknown planet", marks=pytest.mark.slow),
     ],

@@ -35,7 +35,8 @@ def test_a_sound_record_stands_and_is_not_touched(flights, name):
     assert trial.faults == ()
 
 
-@pytest.mark.parametrize("roll_rate", [0.2, pytest.param(20.0, marks=THOROUGH)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("roll_rate", [0.2, 20.0])
 def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
     assert try_record(observe(fly(replace(CONE, roll_rate=roll_rate)), 1))[1].sound
 
@@ -50,8 +51,8 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
             for n in ("p", "q", "r", "ax", "ay", "az")
         ),
         (lambda f: replace(f, q=f.r, r=f.q), "q, r", "axes"),
-        (lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes"),
-        (lambda f: scaled(f, DEGREES, "q"), "q", "units"),
+        pytest.param(lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes", marks=THOROUGH),
+        pytest.param(lambda f: scaled(f, DEGREES, "q"), "q", "units", marks=THOROUGH),
         (lambda f: scaled(f, 1.0 / DEGREES, "p", "q", "r"), "p, q, r", "units"),
         pytest.param(
             lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units", marks=THOROUGH
@@ -67,7 +68,7 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
     assert "--accept-record" in trial.faults[0].action
 
 
-@pytest.mark.parametrize("turns", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("turns", [pytest.param(0.5, marks=THOROUGH), 1.0, pytest.param(2.0, marks=THOROUGH)])
 @pytest.mark.parametrize(
     "phase", [0.0, *(pytest.param(phase, marks=pytest.mark.slow) for phase in (2.0, 4.0))]
 )

@@ -91,5 +91,6 @@ def test_an_angle_keeps_its_units_and_is_no_delay() -> None:
     assert len(fit.nonlinear_errors) == len(fit.nonlinear)
 
 
+@pytest.mark.thorough
 def test_what_the_installed_lag_fits_is_a_delay() -> None:
     assert all(column.delay is not None for column in fitted(find("lag"), "sticking").selected)

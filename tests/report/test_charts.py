@@ -168,6 +168,7 @@ class TestDrawing:
         assert drawn(plain, "svg") == drawn(plain, "svg")
         assert drawn(plain, "png").startswith(b"\x89PNG")
 
+    @pytest.mark.thorough
     def test_files_are_named_by_the_chart_and_not_overwritten(self, plain, tmp_path) -> None:
         from brv_hypo.errors import UsageError
 

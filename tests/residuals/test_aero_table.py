@@ -98,6 +98,7 @@ def result() -> Trace:
     return trace(flight, ONE_EFFECT.model_copy(update={"aero": table}))
 
 
+@pytest.mark.thorough
 def test_the_table_is_corrected_and_nothing_is_missed(result: Trace) -> None:
     assert result.added == ()
     assert result.steps[0].error_before.held_out < 1.2 * result.noise_floor

@@ -110,6 +110,7 @@ def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
     assert result.final_residual.noise_ratio < 1.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("flown", "made", "settings"),
     [
@@ -119,7 +120,6 @@ def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
             traced_errors,
             QUICK.model_copy(update={"maximum_likelihood": False}),
             id="two effects",
-            marks=pytest.mark.thorough,
         ),
     ],
 )

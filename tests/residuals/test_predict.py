@@ -91,6 +91,7 @@ def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, 
         predict(sister, path)
 
 
+@pytest.mark.thorough
 def test_the_band_holds_nearly_all_samples(traced: Trace, sister: Flight) -> None:
     band = predict(sister, traced.model.definition, ("trim", "instruments")).band
     assert 0.90 <= band.inside <= 0.99

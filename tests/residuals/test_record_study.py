@@ -29,6 +29,7 @@ def state() -> State:
     return settled_state(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
 
 
+@pytest.mark.thorough
 def test_nothing_planted_changes_nothing(state: State) -> None:
     flight = trimmed().flight
     again = with_moment(flight, state, find("magnus"), [0.0])
@@ -46,6 +47,7 @@ def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
     assert abs(term.value - MAGNUS) < 0.1 * abs(MAGNUS)
 
 
+@pytest.mark.thorough
 def test_planting_is_linear(state: State) -> None:
     flight = trimmed().flight
 

@@ -13,7 +13,8 @@ from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
-from tests.chains import ONE_EFFECT, SISTERS_TRIM, TRIM, trimmed, trimmed_sister
+
+pytestmark = pytest.mark.thorough
 
 MAGNUS = -1.0
 TRIMS = ((1.2e-3, -6e-4), (-9e-4, 1.0e-3))
@@ -32,12 +33,6 @@ def flight(number: int) -> Flight:
 
 
 @pytest.fixture(scope="module")
-def brief() -> Trace:
-    """Two short flights that differ in their trim, and the one effect that it takes."""
-    return trace([each().flight.window(0.0, 3.0) for each in (trimmed, trimmed_sister)], ONE_EFFECT)
-
-
-@pytest.fixture(scope="module")
 def pair() -> tuple[Flight, Flight]:
     return flight(0), flight(1)
 
@@ -47,12 +42,10 @@ def result(pair: tuple[Flight, Flight]) -> Trace:
     return trace(pair, QUICK)
 
 
-@pytest.mark.thorough
 def test_both_effects_are_added(result: Trace) -> None:
     assert set(result.added) == {"magnus", "trim"}
 
 
-@pytest.mark.thorough
 def test_what_follows_the_motion_is_shared(result: Trace) -> None:
     terms = [term for term in result.model.terms if term.mechanism == "magnus"]
     assert len(terms) == 1
@@ -60,23 +53,15 @@ def test_what_follows_the_motion_is_shared(result: Trace) -> None:
     assert len([term for term in result.model.terms if term.name == "C_Nalpha"]) == 1
 
 
-@pytest.mark.parametrize(
-    ("made", "trims"),
-    [("brief", (TRIM, SISTERS_TRIM)), pytest.param("result", TRIMS, marks=pytest.mark.thorough)],
-)
 @pytest.mark.parametrize("number", [0, 1])
-def test_each_flight_has_its_trim(
-    request: pytest.FixtureRequest, made: str, trims: tuple[tuple[float, float], ...], number: int
-) -> None:
-    result: Trace = request.getfixturevalue(made)
+def test_each_flight_has_its_trim(result: Trace, number: int) -> None:
     terms = {term.name: term for term in result.model.terms}
-    for name, planted in zip(("C_m0", "C_n0"), trims[number], strict=True):
+    for name, planted in zip(("C_m0", "C_n0"), TRIMS[number], strict=True):
         found = terms[f"{name} [flight {number + 1}]"]
         # Beside a c.g. offset within its tolerance, which every fit holds.
         assert abs(found.value - planted) < 0.15 * 1.2e-3
 
 
-@pytest.mark.thorough
 def test_each_flight_is_predicted_from_the_other(result: Trace) -> None:
     shared = next(step for step in result.steps if step.added == "magnus")
     assert shared.flight_left_out is not None
@@ -86,25 +71,19 @@ def test_each_flight_is_predicted_from_the_other(result: Trace) -> None:
     assert own.flight_left_out is None
 
 
-@pytest.mark.parametrize(
-    ("made", "samples"), [("brief", 301), pytest.param("result", 1201, marks=pytest.mark.thorough)]
-)
-def test_the_json_tells_of_all_flights(request: pytest.FixtureRequest, made: str, samples: int) -> None:
-    result: Trace = request.getfixturevalue(made)
+def test_the_json_tells_of_all_flights(result: Trace, pair: tuple[Flight, Flight]) -> None:
     content = json.loads(result.model_dump_json(by_alias=True))
-    assert [each["samples"] for each in content["flights"]] == [samples, samples]
+    assert [each["samples"] for each in content["flights"]] == [each.samples for each in pair]
     assert content["flight"] == content["flights"][0]
     assert all(math.isfinite(step["residual"]["rms"]) for step in content["steps"])
 
 
-@pytest.mark.thorough
 def test_the_model_starts_another_trace_of_as_many(result: Trace, pair: tuple[Flight, Flight]) -> None:
     start = SavedModel.model_validate_json(result.model.definition.model_dump_json())
     again = trace(pair, QUICK.model_copy(update={"start": start, "max_steps": 1}))
     assert again.added == ()
 
 
-@pytest.mark.thorough
 def test_a_single_flight_takes_what_is_shared(result: Trace) -> None:
     predicted = predict(flight(1), result.model.definition, ("trim",))
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
@@ -113,7 +92,6 @@ def test_a_single_flight_takes_what_is_shared(result: Trace) -> None:
     assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
 
 
-@pytest.mark.thorough
 def test_one_flight_in_a_sequence_is_that_flight(pair: tuple[Flight, Flight]) -> None:
     settings = QUICK.model_copy(update={"max_steps": 1})
     alone, listed = trace(pair[0], settings), trace([pair[0]], settings)

@@ -7,7 +7,6 @@ import signal
 import time
 
 import pytest
-from distributed import LocalCluster
 
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.study import read_study, run_study, workers
@@ -18,6 +17,8 @@ from tests.study.test_run import SMALL, VEHICLE
 
 @pytest.fixture(scope="module")
 def cluster():
+    from distributed import LocalCluster
+
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
         yield found
 
@@ -66,6 +67,7 @@ def test_a_fault_in_a_call_reaches_the_caller(cluster):
         list(on_cluster(cluster.scheduler_address)(lambda item: 1 // item, [0]))
 
 
+@pytest.mark.thorough
 def test_an_address_where_nothing_answers_is_refused(monkeypatch):
     monkeypatch.setattr(workers, "CONNECT_SECONDS", 0.5)
     with pytest.raises(UsageError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:1'"):
