@@ -6,13 +6,11 @@ from functools import cache
 
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.residuals import Trace, TraceConfig, trace
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
 from tests.flights import SAMPLE_RATE_HZ, nominal
 
 # Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5.
 TRIM = (1e-3, -5e-4)
-SISTERS_TRIM = (-1e-3, -5e-4)
 ONE_EFFECT = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
 """One turn of the loop, for what does not depend on what there is to find."""
 
@@ -32,24 +30,12 @@ def trimmed() -> SimulatedFlight:
 
 
 @cache
-def trimmed_sister() -> SimulatedFlight:
-    """A flight of its sister, whose trim is `SISTERS_TRIM`, from another start."""
-    return simulate(another_flight(trimmed_cone(SISTERS_TRIM), 4), seed=5)
-
-
-@cache
 def traced_trim() -> Trace:
     """The trace that finds the trim of `trimmed`."""
     return trace(trimmed().flight, ONE_EFFECT)
 
 
 @cache
-def traced_nominal() -> Trace:
-    """The trace of a flight on which nothing is to be found, from a constant slope."""
-    return trace(nominal().flight, ONE_EFFECT.model_copy(update={"baseline": "constant"}))
-
-
-@cache
 def compared_nominal() -> Comparison:
-    """That flight compared with the defaults, likelihood included, with `damping` alone."""
+    """A flight on which nothing is to be found, with `damping` alone and the defaults: likelihood included."""
     return compare([nominal().flight], CompareConfig(mechanisms=("damping",)))

@@ -16,7 +16,7 @@ from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.model_file import model_text, read_model, read_structure
 from brv_hypo.residuals.restore import restored, saved
 from brv_hypo.residuals.saved import SavedColumn, SavedModel
-from tests.chains import traced_nominal, traced_trim, trimmed
+from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 
 TERMS = 14
@@ -140,7 +140,7 @@ def test_all_that_was_described_is_written() -> None:
         )
         for number in (1, 2)
     )
-    always = traced_nominal().model.definition.model_dump()
+    always = trace(nominal().flight, ONE_EFFECT).model.definition.model_dump()
     columns = [*always["columns"], *({"mechanism": f.name, "term": "a", "units": "1"} for f in files)]
     start = SavedModel.model_validate({**always, "columns": columns, "covariance": (), "files": files})
     settings = TraceConfig(

@@ -14,8 +14,12 @@ from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
 from brv_hypo.residuals import Prediction, Trace, predict
+from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
-from tests.chains import SISTERS_TRIM, TRIM, traced_trim, trimmed_sister
+from brv_hypo.simulation import simulate
+from tests.chains import TRIM, traced_trim, trimmed_cone
+
+SISTERS_TRIM = (-TRIM[0], TRIM[1])
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +29,7 @@ def traced() -> Trace:
 
 @pytest.fixture(scope="module")
 def sister() -> Flight:
-    return trimmed_sister().flight
+    return simulate(another_flight(trimmed_cone(SISTERS_TRIM), 4), seed=5).flight
 
 
 @pytest.fixture(scope="module")
