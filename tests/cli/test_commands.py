@@ -203,6 +203,7 @@ class TestCompare:
         assert html.count("<h2>Coefficients of") - by_mach == histories
         assert html.count('class="chart"') == 9 + histories + by_mach
 
+    @pytest.mark.thorough
     def test_json_on_standard_output_is_alone_there(self, regressed):
         assert strict_json(regressed.stdout)["schema"] == "brv-hypo/compare/1"
         assert regressed.stderr == ""

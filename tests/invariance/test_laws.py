@@ -1,4 +1,4 @@
-"""The laws on one flight (one of them in every run), and on two hundred drawn ones where there is time."""
+"""The laws on one flight, and on two hundred drawn ones where there is time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from tests.invariance.chain import PLANTS, Case
 from tests.invariance.laws import LAWS
 
 FLIGHTS = 200
-IN_EVERY_RUN = ("any_number_of_threads",)
 # To make a failing flight smaller takes minutes, and says no more.
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 CASES = st.builds(
@@ -24,9 +23,8 @@ CASES = st.builds(
 )
 
 
-@pytest.mark.parametrize(
-    "law", [pytest.param(law, marks=() if law in IN_EVERY_RUN else pytest.mark.thorough) for law in LAWS]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("law", LAWS)
 @settings(max_examples=1, deadline=None, derandomize=True, phases=PHASES)
 @given(data=st.data())
 def test_the_law_holds(law, data):

@@ -101,7 +101,8 @@ def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> N
     np.testing.assert_allclose(far.process_noise, NEAR.process_noise, rtol=1e-3)
 
 
-@pytest.mark.parametrize("shape", ["full", pytest.param("diagonal", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("shape", ["diagonal", "full"])
 def test_the_noise_is_at_the_stationary_point_of_its_likelihood(shape: Any) -> None:
     """The score against differences of the NLLF itself, the states following."""
     gappy = SHORT_RECORD.y.copy()

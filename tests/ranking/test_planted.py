@@ -15,6 +15,7 @@ THOROUGH = ("research_cone", "bodyfixed")
 """The one among all mechanisms that is not slow; the rest takes minutes."""
 
 
+@pytest.mark.thorough
 def test_what_is_planted_ranks_before_none_by_regression() -> None:
     settings = CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood="none")
     comparison = compare([flown("research_cone", "bodyfixed").flight], settings)
