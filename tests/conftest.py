@@ -1,4 +1,4 @@
-"""How many examples a property is tried on: few in every run, a hundred by `--hypothesis-profile=thorough`.
+"""How many examples a property is tried on: few unless told otherwise, a hundred by `--hypothesis-profile=thorough`.
 
 Plugins that are files are those of one test: commands that are run in this process would leave theirs to the next.
 """

@@ -10,9 +10,13 @@ SAMPLE_RATE_HZ = 100.0  # half the usual: enough for all but what a finer one is
 USUAL_RATE_HZ = 200.0
 
 
-@cache
 def flown(vehicle: str, *plant: str, sample_rate: float = SAMPLE_RATE_HZ) -> SimulatedFlight:
     """The vehicle's own flight, with `plant` of what it can be planted with."""
+    return _flown(vehicle, plant, sample_rate)
+
+
+@cache
+def _flown(vehicle: str, plant: tuple[str, ...], sample_rate: float) -> SimulatedFlight:
     config = load_config(vehicle).model_copy(update={"sample_rate": sample_rate})
     return simulate(config, seed=1, plant=plant)
 

@@ -14,12 +14,13 @@ import brv_hypo
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import flights_of, one_flight
 from brv_hypo.likelihood import Segment, fit
-from brv_hypo.ranking import CompareConfig, Comparison
+from brv_hypo.ranking import Comparison
 from brv_hypo.report.write import document_of, write_figures, write_report
-from brv_hypo.residuals import Trace, TraceConfig
-from brv_hypo.simulation import SimulatedFlight, simulate
+from brv_hypo.residuals import Trace
+from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.subset import best_subsets
 from brv_hypo.tabular import NullIsNaN, Result
+from tests.chains import compared_nominal, traced_trim, trimmed
 
 LONGEST = 200
 """Characters of a short repr."""
@@ -27,9 +28,7 @@ LONGEST = 200
 
 @pytest.fixture(scope="module")
 def flown() -> SimulatedFlight:
-    sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
-    short = {"title": "short", "duration": 3.0, "sample_rate": 100.0}
-    return simulate({"base": "research_cone", **short, "mechanisms": [sticking]}, seed=4)
+    return trimmed()
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +39,13 @@ def record(flown, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def compared(record) -> Comparison:
-    return brv_hypo.compare(record, CompareConfig(mechanisms=("sticking",), maximum_likelihood="none"))
+def compared() -> Comparison:
+    return compared_nominal()
 
 
 @pytest.fixture(scope="module")
-def traced(flown) -> Trace:
-    settings = TraceConfig(effects=("sticking",), discover=False, max_steps=1, maximum_likelihood=False)
-    return brv_hypo.trace(flown, settings)
+def traced() -> Trace:
+    return traced_trim()
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +75,7 @@ class TestWhatFunctionsTake:
         assert one_flight(flown) is flown.flight
         assert one_flight(flown.flight) is flown.flight
         np.testing.assert_array_equal(one_flight(str(record)).q, one_flight(record).q)
-        assert [flight.samples for flight in flights_of([record, flown, flown.flight])] == [301, 301, 301]
+        assert [flight.samples for flight in flights_of([record, flown, flown.flight])] == [601, 601, 601]
         assert len(flights_of(record)) == 1
 
     @pytest.mark.parametrize("wrong", [3, None, {"q": 1}, [[1.0, 2.0]]])
@@ -174,6 +172,7 @@ def test_a_result_is_written_as_a_page(name, request, tmp_path) -> None:
         write_report(result, tmp_path / "page.html")
 
 
+@pytest.mark.thorough
 def test_the_figures_of_a_result_are_written(traced, tmp_path) -> None:
     names = {path.name for path in write_figures(traced, tmp_path / "figures")}
     assert {"residuals.png", "residuals.svg", "spectrum.svg"} <= names

@@ -9,12 +9,14 @@ from brv_hypo.errors import UsageError
 from brv_hypo.testing import plant, plant_effect, recover
 
 
+@pytest.mark.thorough
 def test_a_planted_mechanism_is_recovered() -> None:
     flown = plant("sticking", {"eps": 0.6}, {"delay": 0.12}, start=1.0, stop=3.0)
     assert flown.truth.planted == ("sticking",)
     assert recover(flown, "sticking").verdict.winner == "sticking"
 
 
+@pytest.mark.thorough
 def test_a_planted_effect_is_in_the_record() -> None:
     known, more = (plant_effect("gyro_bias", "q", value) for value in (0.0, 0.01))
     np.testing.assert_allclose(more.q - known.q, 0.01)

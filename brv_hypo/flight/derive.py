@@ -17,6 +17,9 @@ from brv_hypo.arrays import FloatArray
 LOWEST_ALTITUDE = -5000.0
 HIGHEST_ALTITUDE = 81000.0
 CONSISTENT_WITHIN = 0.05
+# Where the temperature's gradient changes, m of geopotential altitude, and the radius that makes them geometric (ICAO).
+_LAYERS = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3])
+_EARTH_RADIUS = 6356766.0
 
 Channels = dict[str, FloatArray]
 
@@ -97,9 +100,10 @@ def standard_density(altitude: FloatArray) -> FloatArray:
 def _altitude_of_density(density: FloatArray) -> FloatArray:
     """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
 
-    Log-linear on a 50 m grid, within 0.1 m of the exact inverse.
+    Log-linear on a 50 m grid and at the bends between layers, within 0.1 m of the exact inverse.
     """
-    grid = np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0)
+    bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
+    grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
     fall = -np.log(_atmosphere(grid, "density"))
     with np.errstate(divide="ignore"):
         return np.asarray(np.interp(-np.log(density), fall, grid))

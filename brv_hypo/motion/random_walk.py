@@ -19,6 +19,9 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 
 # Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
 _RIDGE = 1e-11
+# All steps together vary by this share at least of the variance that the ties leave of one level, which changes
+# no answer: steps without noise, of rates that were computed, make the information singular in double precision.
+_LEAST_WANDER = 1e-4
 
 
 @dataclass(frozen=True)
@@ -84,11 +87,12 @@ def walk_equations(ties: Sequence[Tie], step_variance: FloatArray, start_varianc
     n = ties[0].residual.size
     information = np.zeros((2, n))
     information[1, 0] = 1.0 / start_variance
-    information[1, :-1] += 1.0 / step_variance
-    information[1, 1:] += 1.0 / step_variance
-    information[0, 1:] = -1.0 / step_variance
     for tie in ties:
         information[1] += np.abs(tie.gain) ** 2 / tie.sigma**2
+    steps = 1.0 / np.maximum(step_variance, _LEAST_WANDER / (n * information[1].sum()))
+    information[1, :-1] += steps
+    information[1, 1:] += steps
+    information[0, 1:] = -steps
     stacked = [np.column_stack([tie.residual, tie.columns]) for tie in ties]
     weighted = [values / (tie.sigma**2)[:, None] for tie, values in zip(ties, stacked, strict=True)]
     seen = sum(np.conj(tie.gain)[:, None] * values for tie, values in zip(ties, weighted, strict=True))

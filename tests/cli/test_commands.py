@@ -19,6 +19,16 @@ def strict_json(text):
     return json.loads(text, parse_constant=lambda constant: pytest.fail(f"{constant} is not JSON"))
 
 
+@pytest.fixture(scope="module")
+def planted(brv_hypo, tmp_path_factory):
+    """A simulation with a body-fixed moment chosen by name: the finished command, and its flight."""
+    folder = tmp_path_factory.mktemp("planted")
+    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0")
+    done = brv_hypo("simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done, folder / "f.h5"
+
+
 class TestSimulate:
     def test_writes_a_record_with_its_truth(self, simulated_file):
         flight = load_flight(simulated_file)
@@ -34,12 +44,8 @@ class TestSimulate:
         np.testing.assert_array_equal(load_flight(tmp_path / "same.h5").q, first.q)
         assert np.any(load_flight(tmp_path / "other.h5").q != first.q)
 
-    def test_json_says_what_was_planted(self, brv_hypo, tmp_path):
-        done = brv_hypo(
-            "simulate", "research_cone", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=tmp_path
-        )
-        assert done.returncode == 0, done.stderr
-        result = strict_json(done.stdout)
+    def test_json_says_what_was_planted(self, planted):
+        result = strict_json(planted[0].stdout)
         assert result["planted"] == ["bodyfixed"]
         assert result["planted_share"]["out_of_plane"] > 0.0
 
@@ -129,11 +135,11 @@ def regression(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def compared(brv_hypo, simulated_file, tmp_path_factory):
+def compared(brv_hypo, planted, tmp_path_factory):
     """One comparison: the finished process, its JSON and its report."""
     folder = tmp_path_factory.mktemp("compared")
     files = ("--json", folder / "out.json", "--report", folder / "out.html")
-    done = brv_hypo("compare", simulated_file, "--mechanisms", "bodyfixed", *files)
+    done = brv_hypo("compare", planted[1], "--mechanisms", "bodyfixed", *files)
     assert done.returncode == 0, done.stderr
     return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
 
@@ -197,6 +203,7 @@ class TestCompare:
         assert html.count("<h2>Coefficients of") - by_mach == histories
         assert html.count('class="chart"') == 9 + histories + by_mach
 
+    @pytest.mark.thorough
     def test_json_on_standard_output_is_alone_there(self, regressed):
         assert strict_json(regressed.stdout)["schema"] == "brv-hypo/compare/1"
         assert regressed.stderr == ""
@@ -207,22 +214,26 @@ class TestCompare:
         assert strict_json(done.stdout)["schema"] == "brv-hypo/compare/1"
         assert done.stderr == ""
 
+    @pytest.mark.thorough
     def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, regression, regressed):
         done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
         assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]
 
+    @pytest.mark.thorough
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
         chosen = ("--config", regression, "--mechanisms", "damping,lag")
         done = brv_hypo("compare", simulated_file, *chosen, "-v")
         for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 
+    @pytest.mark.thorough
     def test_several_flights_are_fitted_jointly(self, brv_hypo, simulated_file, regression):
         files = (simulated_file, simulated_file)
         done = brv_hypo("compare", *files, "--config", regression, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert len(strict_json(done.stdout)["flights"]) == 2
 
+    @pytest.mark.thorough
     def test_a_configuration_sets_what_is_compared(self, brv_hypo, simulated_file, tmp_path):
         (tmp_path / "config.yaml").write_text(REGRESSION + "options: {damping: {form: complete}}\n")
         config = ("--config", tmp_path / "config.yaml")

@@ -67,9 +67,9 @@ def test_a_missing_record_ends_with_3(brv_hypo, tmp_path, command):
     assert "Traceback" not in done.stderr
 
 
-def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo_process, tmp_path):
+def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo, tmp_path):
     (tmp_path / "flight.h5").write_text("time,p\n0,1\n")
-    done = brv_hypo_process(
+    done = brv_hypo(
         "compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path
     )
     assert done.returncode == 3

@@ -53,6 +53,7 @@ def test_a_pipe_is_refused_and_not_waited_for(brv_hypo, tmp_path, arguments, cod
     assert [entry.name for entry in tmp_path.iterdir()] == ["pipe"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", [["--json", "-"], []])
 def test_a_full_standard_output_is_a_message(flight_file, arguments):
     with open("/dev/full", "w") as full:

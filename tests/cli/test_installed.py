@@ -87,6 +87,7 @@ def entries(value):
         yield from entries(each)
 
 
+@pytest.mark.thorough
 def test_a_comparison_is_the_same(brv_hypo, greedy, simulated_file, tmp_path):
     (tmp_path / "compare.yaml").write_text("mechanisms: [bodyfixed]\nmaximum_likelihood: none\n")
     alone, beside = both(brv_hypo, greedy, "compare", simulated_file, "--config", tmp_path / "compare.yaml")

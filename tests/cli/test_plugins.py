@@ -37,6 +37,7 @@ def test_an_empty_list_in_a_configuration_is_wrong_usage(brv_hypo, tmp_path):
     assert "'mechanisms'" in done.stderr
 
 
+@pytest.mark.thorough
 def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
     (tmp_path / "own.py").write_text(GOOD)
     (tmp_path / "settings.yaml").write_text(REGRESSION)
@@ -52,7 +53,7 @@ def test_a_file_s_mechanism_is_compared(brv_hypo, simulated_file, tmp_path):
     [
         pytest.param(["-q"], "", marks=pytest.mark.slow),
         pytest.param(["--json", "-"], "", marks=pytest.mark.slow),
-        (["--json", "-"], REGRESSION),
+        pytest.param(["--json", "-"], REGRESSION, marks=pytest.mark.thorough),
     ],
 )
 def test_a_bad_file_is_said_and_changes_no_result(brv_hypo, simulated_file, tmp_path, arguments, settings):

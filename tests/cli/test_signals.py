@@ -64,6 +64,7 @@ def ended(process, number, everyone=False):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", CODES)
 @pytest.mark.parametrize("everyone", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, everyone):

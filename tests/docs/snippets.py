@@ -47,6 +47,13 @@ def commands(snippet: Snippet) -> Iterator[tuple[list[str], str]]:
         yield arguments, expected
 
 
+def code_of(snippet: Snippet) -> str:
+    """The code of a `python` fence, a session's without prompts and output."""
+    if ">>>" not in snippet.body:
+        return snippet.body
+    return "".join(example.source for example in doctest.DocTestParser().get_examples(snippet.body))
+
+
 def matches(expected: str, printed: str) -> bool:
     """Whether what was printed is what is shown, white space aside."""
     return doctest.OutputChecker().check_output(_squeezed(expected), _squeezed(printed), _OPTIONS)

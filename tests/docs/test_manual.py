@@ -7,18 +7,21 @@ import shlex
 import shutil
 
 import pytest
+import yaml
 
 from brv_hypo.cli.main import app
 from brv_hypo.docs import text, topics
 from brv_hypo.docs.offline import manual_page
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
-from tests.docs.snippets import execute, matches, snippets
+from tests.docs.snippets import code_of, commands, execute, matches, snippets
 from tests.shared_data import shared_file
 
 __all__ = ["brv_hypo"]
 
 EXECUTED = ("start", "record", "loop", "mechanism", "effect", "python", "reference")
+QUICK = ("record", "reference")
+"""Executed in every run; the others go through whole chains."""
 TOPICS = ("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation")
 
 
@@ -30,9 +33,25 @@ def _no_plugin_files_afterwards():
     use_plugin_files(())
 
 
-@pytest.mark.parametrize("topic", EXECUTED)
+@pytest.mark.parametrize(
+    "topic", [pytest.param(topic, marks=() if topic in QUICK else pytest.mark.thorough) for topic in EXECUTED]
+)
 def test_what_a_topic_shows_is_what_happens(topic, brv_hypo, tmp_path):
     assert execute(topic, tmp_path, brv_hypo) > 0
+
+
+@pytest.mark.parametrize("topic", EXECUTED)
+def test_what_a_topic_shows_can_be_read(topic, brv_hypo):
+    """Commands have these options and arguments, code compiles, files are YAML: what it does is not asked."""
+    shown = snippets(topic)
+    for arguments in (arguments for each in shown if each.language == "console" for arguments, _ in commands(each)):
+        done = brv_hypo(*arguments, "--help")
+        assert done.returncode == 0, done.stderr
+    for each in shown:
+        if each.language == "python":
+            compile(code_of(each), topic, "exec")
+        elif each.language == "yaml":
+            assert yaml.safe_load(each.body)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from tests.fuzz.run import Input, failure_of, inputs
 from tests.fuzz.targets import TARGETS
 
 BATCHES, OF_A_BATCH = 10, 50
-IN_EVERY_RUN = 2  # batches; the others are slow
+MARKS = ((), pytest.mark.thorough)  # of the first batches; the others are slow
 # By target, the seeds of the operations on its valid input: each ended in a fault, a hang or litter once.
 FOUND: tuple[tuple[str, tuple[int, ...]], ...] = (("record", (126550628,)),)
 
@@ -23,7 +23,7 @@ def a_reader_soon_given_up(monkeypatch):
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     "batch",
-    [pytest.param(k, marks=() if k < IN_EVERY_RUN else pytest.mark.slow) for k in range(BATCHES)],
+    [pytest.param(k, marks=MARKS[k] if k < len(MARKS) else pytest.mark.slow) for k in range(BATCHES)],
 )
 def test_mutated_inputs_end_as_the_contract_says(batch):
     failures = [failure for case in inputs(OF_A_BATCH, seed=1000 + batch) if (failure := failure_of(case))]
@@ -35,6 +35,7 @@ def test_the_valid_input_ends_as_the_contract_says(target):
     assert failure_of(Input(target, ())) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("label", "seeds"), FOUND)
 def test_an_input_that_failed_once_does_not_again(label, seeds):
     target = next(target for target in TARGETS if target.label == label)

@@ -86,6 +86,7 @@ def test_errors_within_tolerance_leave_the_estimates_within_their_errors():
             assert abs(error) < 4.0 * estimate.std_error, name
 
 
+@pytest.mark.thorough
 def test_a_known_wind_enters_the_motion():
     """A step of 100 m/s that the record tells of, and that did not blow, does not fit."""
     ((simulated, flight),) = flights("none", 1, seed=13)

@@ -63,6 +63,7 @@ def _convention(made: Made) -> tuple[np.ndarray, np.ndarray]:
     return zero, planted.amplitude * held * np.sin(phi - np.angle(before))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("truth", LISTED)
 def test_planted_contributions_obey_the_conventions(truth: str) -> None:
     made, inside = _made(truth), _inside(_made(truth))
@@ -73,6 +74,7 @@ def test_planted_contributions_obey_the_conventions(truth: str) -> None:
     assert not np.all(inside)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     true = _made(truth).true
@@ -83,6 +85,7 @@ def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     np.testing.assert_allclose(true.moment, static + damping + planted, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("truth", [*LISTED, *UNLISTED])
 def test_nominal_amplitude_changes_the_moment_by_its_share(truth: str) -> None:
     made = _made(truth)
@@ -90,6 +93,7 @@ def test_nominal_amplitude_changes_the_moment_by_its_share(truth: str) -> None:
     assert made.true.share == pytest.approx(AMPLITUDE * made.true.nominal_share, rel=0.6)
 
 
+@pytest.mark.thorough
 def test_fixed_moment_stands_still_and_rotating_one_turns_in_the_body() -> None:
     fixed, turning = _made("bodyfixed"), _made("rotating")
     inside = _inside(fixed)
@@ -100,6 +104,7 @@ def test_fixed_moment_stands_still_and_rotating_one_turns_in_the_body() -> None:
     np.testing.assert_allclose(np.abs(np.gradient(phase, turning.true.time[inside])), 3.0, rtol=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("truth", ["lag", "sticking", "bodyfixed"])
 def test_flight_is_the_same_until_the_mechanism_acts(truth: str) -> None:
     plain, made = _made("none"), _made(truth)
@@ -145,6 +150,7 @@ def test_perfect_instruments_write_down_the_truth() -> None:
     assert flight.samples == 1081
 
 
+@pytest.mark.thorough
 def test_accelerometers_feel_their_lever_arm() -> None:
     made = make_flight("slender", "none", seed=2, factor=0.0, noise_factor=0.0)
     true, (x, y, z) = made.true, made.true.craft.vehicle.accelerometer_position
@@ -203,12 +209,14 @@ def test_noise_has_its_size() -> None:
     assert np.std(ratio) == pytest.approx(2.0 * noise.dynamic_pressure, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_seed_repeats_a_flight() -> None:
     first, second = draw_flight(21), draw_flight(21)
     assert (first.vehicle, first.truth, first.amplitude) == (second.vehicle, second.truth, second.amplitude)
     np.testing.assert_array_equal(first.flight.q, second.flight.q)
 
 
+@pytest.mark.thorough
 def test_made_flight_travels_between_processes() -> None:
     made = pickle.loads(pickle.dumps(_made("lag")))
     np.testing.assert_array_equal(made.true.claim, _made("lag").true.claim)
@@ -235,6 +243,7 @@ def test_unknown_truth_is_refused() -> None:
         make_flight("cone", "slag")
 
 
+@pytest.mark.thorough
 def test_command_writes_flights_that_load(tmp_path: Path) -> None:
     main(
         ["--seed", "4", "--flights", "2", "-o", str(tmp_path), "--truth", "rotating", "--grade", "industrial"]

@@ -1,4 +1,4 @@
-"""The laws on one flight in every run, and on two hundred drawn ones where there is time."""
+"""The laws on one flight, and on two hundred drawn ones where there is time."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ CASES = st.builds(
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", LAWS)
 @settings(max_examples=1, deadline=None, derandomize=True, phases=PHASES)
 @given(data=st.data())

@@ -31,6 +31,7 @@ def test_every_command_that_writes_is_killed():
     assert writing <= {command.label for command in COMMANDS}
 
 
+@pytest.mark.thorough
 def test_a_command_killed_while_it_writes_leaves_the_old_file_or_the_new(tmp_path):
     write_inputs(tmp_path)
     command = next(command for command in COMMANDS if command.label == "import")

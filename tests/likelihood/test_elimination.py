@@ -197,7 +197,11 @@ def test_far_looking_dynamics_are_eliminated_alike_by_recursion_and_by_the_band(
 
 
 @pytest.mark.parametrize(
-    ("start", "growth"), [(np.inf, 1.0), (0.0, 1.0), (0.4, 1.0), (np.inf, 1.6), (0.4, 1.6)]
+    ("start", "growth"),
+    [
+        *((np.inf, 1.0), (0.0, 1.0), (0.4, 1.0), (np.inf, 1.6)),
+        pytest.param(0.4, 1.6, marks=pytest.mark.thorough),
+    ],
 )
 @pytest.mark.parametrize("length", [40, 4096])
 def test_a_delay_is_eliminated_alike_in_one_span_in_several_and_by_the_band(
@@ -213,7 +217,11 @@ def test_a_delay_is_eliminated_alike_in_one_span_in_several_and_by_the_band(
 
 
 @pytest.mark.parametrize(
-    ("start", "growth"), [(np.inf, 0.2), (0.0, 0.2), (0.4, 1.0), (0.0, 1.0), (np.inf, 3.0), (0.4, 3.0)]
+    ("start", "growth"),
+    [
+        *((np.inf, 0.2), (0.0, 0.2), (0.4, 1.0), (0.0, 1.0), (np.inf, 3.0)),
+        pytest.param(0.4, 3.0, marks=pytest.mark.thorough),
+    ],
 )
 def test_a_long_segment_is_eliminated_alike_span_by_span_and_by_the_band(
     start: float, growth: float, monkeypatch: pytest.MonkeyPatch

@@ -50,7 +50,13 @@ def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
 @pytest.mark.parametrize(
     "factor", [0.0, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (0.5, 1.5))]
 )
-@pytest.mark.parametrize("problem", [short_period(), spinning_body()], ids=["short period", "spinning body"])
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(short_period(), id="short period"),
+        pytest.param(spinning_body(), id="spinning body", marks=pytest.mark.thorough),
+    ],
+)
 def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor: float) -> None:
     segment = problem.simulate(500, seed=1)
     result = fit(problem.dynamics, problem.outputs, [segment], scaled(problem, factor))
@@ -64,7 +70,11 @@ def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor:
     "start", [1e-3, *(pytest.param(start, marks=pytest.mark.slow) for start in (1e-8, 1e-5))]
 )
 @pytest.mark.parametrize(
-    ("problem", "samples"), [(spinning_body(), 400), (growing_body(), 75)], ids=["spinning", "growing"]
+    ("problem", "samples"),
+    [
+        pytest.param(spinning_body(), 400, id="spinning", marks=pytest.mark.thorough),
+        pytest.param(growing_body(), 75, id="growing"),
+    ],
 )
 def test_a_small_start_is_as_good_as_zero(problem: ModelProblem, samples: int, start: float) -> None:
     """A force slope of 1e-3 makes the accelerometers ask for an angle of attack of many turns."""

@@ -92,7 +92,7 @@ def test_measurement_and_process_noise_are_told_apart_with_their_errors() -> Non
     assert NEAR.remarks == ()
 
 
-@pytest.mark.parametrize("times", [1e-3, 1e3])
+@pytest.mark.parametrize("times", [1e3, pytest.param(1e-3, marks=pytest.mark.thorough)])
 def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> None:
     far = estimated(SHORT_RECORD, times)
     assert far.converged, far.message
@@ -101,6 +101,7 @@ def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> N
     np.testing.assert_allclose(far.process_noise, NEAR.process_noise, rtol=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", ["diagonal", "full"])
 def test_the_noise_is_at_the_stationary_point_of_its_likelihood(shape: Any) -> None:
     """The score against differences of the NLLF itself, the states following."""
@@ -129,7 +130,7 @@ def test_the_noise_is_at_the_stationary_point_of_its_likelihood(shape: Any) -> N
         assert abs(up - down) < 0.2 * curvature
 
 
-@pytest.mark.parametrize("which", ["measurement", "process"])
+@pytest.mark.parametrize("which", ["process", pytest.param("measurement", marks=pytest.mark.thorough)])
 def test_a_noise_that_goes_to_zero_is_a_stated_outcome(which: str) -> None:
     problem = replace(BUMPY, noise=np.array([0.002, 1e-9]))
     if which == "process":

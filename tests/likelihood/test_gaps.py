@@ -15,6 +15,7 @@ BODY = growing_body()
 START = {name: 0.7 * value for name, value in BODY.truth.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 2])
 @pytest.mark.parametrize("thinned", [False, True])
 def test_a_gap_of_three_seconds_and_half_of_the_rest_missing(seed: int, thinned: bool) -> None:

@@ -18,7 +18,13 @@ def fitted(problem: ModelProblem, samples: int) -> FitResult:
     return fit(problem.dynamics, problem.outputs, [segment], start, delays=problem.delays, tolerance=1e-7)
 
 
-@pytest.mark.parametrize("problem", [short_period(), lagging_body()], ids=["no delay", "a delay"])
+@pytest.mark.parametrize(
+    "problem",
+    [
+        pytest.param(short_period(), id="no delay"),
+        pytest.param(lagging_body(), id="a delay", marks=pytest.mark.thorough),
+    ],
+)
 def test_in_parts_a_record_gives_the_same_result(
     problem: ModelProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -48,6 +54,7 @@ def _same(found: FloatArray, expected: FloatArray) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

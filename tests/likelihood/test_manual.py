@@ -19,9 +19,10 @@ def blocks(topic: str) -> list[str]:
 LIKELIHOOD = blocks("likelihood")
 CASES = {1: (1,), 2: (2,), 3: (3,), 4: (1, 4), 5: (5,), 6: (6,), 7: (7,), 8: (8,)}
 """Blocks that each worked case needs, beside the first."""
+MARKS = {**dict.fromkeys((3, 4, 7, 8), pytest.mark.thorough), 6: pytest.mark.slow}
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c == 6 else c for c in CASES])
+@pytest.mark.parametrize("case", [pytest.param(c, marks=MARKS.get(c, ())) for c in CASES])
 def test_a_worked_case_of_the_likelihood_runs(case: int) -> None:
     names: dict[str, Any] = {}
     for block in (0, *CASES[case]):

@@ -10,7 +10,17 @@ import sys
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms import find, find_installed, installed, mechanisms, parse_hypothesis
+from brv_hypo.mechanisms import (
+    find,
+    find_installed,
+    installed,
+    mechanisms,
+    parse_hypothesis,
+    use_plugin_files,
+)
+from tests.cli.conftest import brv_hypo
+
+__all__ = ["brv_hypo"]
 
 BUILT_IN = ("bodyfixed", "damping", "inplane", "lag", "sticking")
 
@@ -89,6 +99,7 @@ def plugin(folder, name, code):
 
 
 def listing(folder, *arguments):
+    """`brv-hypo mechanisms` as a process that has the distributions in `folder`."""
     paths = os.pathsep.join([str(folder), *(path for path in sys.path if path)])
     command = [sys.executable, "-m", "brv_hypo", "mechanisms", *arguments]
     return subprocess.run(
@@ -96,10 +107,22 @@ def listing(folder, *arguments):
     )
 
 
+@pytest.fixture
+def listing_here(tmp_path, monkeypatch, brv_hypo):
+    """The same in this process, which forgets the plugin afterwards."""
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        use_plugin_files(())
+        yield lambda *arguments: brv_hypo("mechanisms", *arguments)
+    for path in tmp_path.glob("*.py"):
+        sys.modules.pop(path.stem, None)
+    use_plugin_files(())
+
+
 @pytest.mark.parametrize("arguments", [(), ("-q",), ("--json", "-")])
-def test_a_plugin_that_cannot_be_imported_is_named_and_left_out(tmp_path, arguments):
+def test_a_plugin_that_cannot_be_imported_is_named_and_left_out(tmp_path, listing_here, arguments):
     plugin(tmp_path, "broken_plugin", "import no_such_module")
-    done = listing(tmp_path, *arguments)
+    done = listing_here(*arguments)
     assert done.returncode == 0
     assert "sticking" in done.stdout
     assert (
@@ -112,13 +135,14 @@ def test_a_plugin_that_cannot_be_imported_is_named_and_left_out(tmp_path, argume
         assert "no_such_module" in json.loads(done.stdout)["warnings"][0]
 
 
-def test_of_two_plugins_of_one_name_ours_is_kept_and_both_are_named(tmp_path):
+def test_of_two_plugins_of_one_name_ours_is_kept_and_both_are_named(tmp_path, listing_here):
     plugin(tmp_path, "a_second_lag", "from brv_hypo_mechanisms.lag import brv_hypo_mechanisms")
-    done = listing(tmp_path)
+    done = listing_here()
     assert done.returncode == 0
     assert "'lag' of a_second_lag has the name of one of brv-hypo" in done.stderr
 
 
+@pytest.mark.thorough
 def test_what_a_plugin_prints_is_not_in_the_json(tmp_path):
     plugin(tmp_path, "talking", "print('hello')\ndef brv_hypo_mechanisms(): return []")
     done = listing(tmp_path, "--json", "-")

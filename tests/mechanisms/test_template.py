@@ -36,12 +36,14 @@ def run(environment, *arguments):
     )
 
 
+@pytest.mark.thorough
 def test_the_installed_plugin_passes_the_conformance_kit(environment):
     done = run(environment, "brv_hypo", "mechanisms", "check", "uneven_ablation")
     assert done.returncode == 0, done.stderr
     assert "passes 17 of 17 checks" in done.stdout
 
 
+@pytest.mark.thorough
 def test_the_plugin_is_listed_with_its_package_and_version(environment):
     done = run(environment, "brv_hypo", "mechanisms", "--json", "-")
     assert '"package": "brv-hypo-uneven-ablation"' in done.stdout

@@ -70,6 +70,20 @@ def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
     assert variance == pytest.approx(np.diag(covariance)[:n], rel=1e-6)
 
 
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**31), n=st.integers(3, 2000), step=st.sampled_from([0.0, 1e-20, 1e-12]))
+def test_a_walk_that_hardly_steps_is_a_constant(seed: int, n: int, step: float) -> None:
+    rng = np.random.default_rng(seed)
+    gain, observed = rng.standard_normal((2, n, 2)) @ [1.0, 1j]
+    tie = Tie(observed, gain, np.zeros((n, 1), dtype=complex), np.full(n, 1e3))
+    with np.errstate(divide="raise", invalid="raise"):
+        found = walk_equations([tie], np.full(n - 1, step), START_VARIANCE)
+    information = 1.0 / START_VARIANCE + np.sum(np.abs(gain) ** 2) / 1e6
+    level = np.sum(np.conj(gain) * observed) / 1e6 / information
+    assert np.max(np.abs(found.walk - level)) < 1e-2 / np.sqrt(information)
+    assert found.walk_variance == pytest.approx(np.full(n, 1.0 / information), rel=1e-3)
+
+
 def test_a_prior_counts_as_one_more_observation() -> None:
     n, size, prior = 400, 0.5, 0.1
     rng = np.random.default_rng(3)

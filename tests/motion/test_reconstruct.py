@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.instruments import of_grade, with_stated
+from brv_hypo.mechanisms.conformance import sample_flight
 from brv_hypo.model.reconstruction import reconstruct as reconstruct_record
 from brv_hypo.motion import Perturbation, Reconstruction, ReconstructionConfig, reconstruct
 from tests.motion.study import Score, score, score_with_errors
@@ -81,7 +82,7 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
         pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
         pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
         pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
-        pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz"),
+        pytest.param(replace(SLENDER, sample_rate=50.0), id="50 Hz", marks=pytest.mark.thorough),
         pytest.param(replace(CONE, gravity=3.71, planet="mars"), id="Mars", marks=pytest.mark.slow),
         pytest.param(replace(CONE, planet="unheard of"), id="unknown planet", marks=pytest.mark.slow),
     ],
@@ -221,6 +222,15 @@ def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> 
     channel[1000] += 30.0
     result = reconstruct(replace(flight, ay=channel))
     assert np.degrees(np.sqrt(np.mean((result.motion.alpha - truth.alpha) ** 2))) < 0.003
+
+
+@pytest.mark.parametrize("samples", [50, 200, 600])
+def test_a_record_without_noise_has_a_motion(samples: int) -> None:
+    flight = sample_flight()
+    found = reconstruct(flight.window(None, flight.time[samples - 1]))
+    assert found.motion.alpha.shape == (samples,)
+    assert np.all(np.isfinite(found.motion.alpha))
+    assert 0.0 < found.alpha_rms_sigma < np.sqrt(np.mean(found.motion.alpha**2))
 
 
 def test_too_short_a_window_is_refused(truths: dict[str, Truth]) -> None:

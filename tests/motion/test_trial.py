@@ -13,6 +13,7 @@ from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe
 from tests.shared_data import shared_file
 
 DEGREES, GRAVITY, FEET = 180.0 / np.pi, 9.80665, 0.3048
+THOROUGH = pytest.mark.thorough
 TACTICAL = {"gyro_bias": (3.5e-4, -3.5e-4, 3.5e-4), "accel_bias": (0.01, 0.01, -0.01)}
 
 
@@ -34,6 +35,7 @@ def test_a_sound_record_stands_and_is_not_touched(flights, name):
     assert trial.faults == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("roll_rate", [0.2, 20.0])
 def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
     assert try_record(observe(fly(replace(CONE, roll_rate=roll_rate)), 1))[1].sound
@@ -42,12 +44,19 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
 @pytest.mark.parametrize(
     ("spoil", "channel", "fault"),
     [
-        *((lambda f, n=n: scaled(f, -1.0, n), n, "sign") for n in ("p", "q", "r", "ax", "ay", "az")),
+        *(
+            pytest.param(
+                lambda f, n=n: scaled(f, -1.0, n), n, "sign", marks=() if n in ("q", "ay") else THOROUGH
+            )
+            for n in ("p", "q", "r", "ax", "ay", "az")
+        ),
         (lambda f: replace(f, q=f.r, r=f.q), "q, r", "axes"),
-        (lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes"),
-        (lambda f: scaled(f, DEGREES, "q"), "q", "units"),
+        pytest.param(lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes", marks=THOROUGH),
+        pytest.param(lambda f: scaled(f, DEGREES, "q"), "q", "units", marks=THOROUGH),
         (lambda f: scaled(f, 1.0 / DEGREES, "p", "q", "r"), "p, q, r", "units"),
-        (lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units"),
+        pytest.param(
+            lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units", marks=THOROUGH
+        ),
         (lambda f: scaled(f, GRAVITY, "ay"), "ay", "units"),
         (lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units"),
     ],
@@ -59,11 +68,11 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
     assert "--accept-record" in trial.faults[0].action
 
 
-@pytest.mark.parametrize("turns", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("turns", [pytest.param(0.5, marks=THOROUGH), 1.0, pytest.param(2.0, marks=THOROUGH)])
 @pytest.mark.parametrize(
     "phase", [0.0, *(pytest.param(phase, marks=pytest.mark.slow) for phase in (2.0, 4.0))]
 )
-@pytest.mark.parametrize("name", ["cone", "slender"])
+@pytest.mark.parametrize("name", ["slender", pytest.param("cone", marks=THOROUGH)])
 def test_wind_along_the_path_raises_no_alarm(flights, name, turns, phase):
     """Airspeed shows a slow wind as a deceleration that is not sensed."""
     flight = flights[name]

@@ -22,6 +22,7 @@ from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import simulate
+from tests.chains import compared_nominal
 from tests.flights import nominal
 from tests.shared_data import shared_file
 
@@ -53,8 +54,7 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
 
 
 def test_json_carries_the_keys_of_the_contract() -> None:
-    comparison = compare([nominal().flight], CompareConfig(mechanisms=("bodyfixed",)))
-    content = comparison.model_dump(mode="json", by_alias=True)
+    content = compared_nominal().model_dump(mode="json", by_alias=True)
     assert content["schema"] == "brv-hypo/compare/1"
     assert set(content) >= {"flights", "reconstruction", "baseline", "ranking", "verdict", "seconds"}
     row = content["ranking"][0]
@@ -104,7 +104,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
 
 
 def test_the_seven_criteria_agree_with_their_definitions() -> None:
-    comparison = compare([nominal().flight], CompareConfig(mechanisms=("damping",), **REGRESSION))
+    comparison = compared_nominal()
     for row in comparison.ranking:
         criteria = row.criteria
         assert set(criteria) >= {

@@ -8,6 +8,7 @@ import pytest
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import CoefficientSeries
 from brv_hypo.simulation.result import SimulatedFlight
+from tests.chains import compared_nominal
 from tests.flights import USUAL_RATE_HZ, nominal
 
 PLANTED_SLOPE = -0.0883
@@ -34,25 +35,45 @@ def by_likelihood(flown: SimulatedFlight) -> Comparison:
     return compared(flown, likelihood=True)
 
 
+@pytest.fixture(scope="module")
+def at_half_the_rate() -> Comparison:
+    return compared_nominal()
+
+
 def of_none(comparison: Comparison, name: str) -> CoefficientSeries:
     return next(s for s in comparison.coefficients if (s.mechanism, s.name) == ("none", name))
 
 
-@pytest.mark.parametrize("method", ["regression", "maximum likelihood"])
-def test_values_are_the_planted_ones_and_bands_hold_them(flown, by_regression, by_likelihood, method) -> None:
-    comparison = by_regression if method == "regression" else by_likelihood
+@pytest.mark.parametrize(
+    ("method", "fixture"),
+    [
+        pytest.param("regression", "by_regression", marks=pytest.mark.thorough),
+        pytest.param("maximum likelihood", "by_likelihood", marks=pytest.mark.thorough),
+        pytest.param("maximum likelihood", "at_half_the_rate"),
+    ],
+)
+def test_values_are_the_planted_ones_and_bands_hold_them(method, fixture, request) -> None:
+    flown = nominal() if fixture == "at_half_the_rate" else request.getfixturevalue("flown")
+    comparison = request.getfixturevalue(fixture)
     moment, slope = of_none(comparison, "C_N'"), of_none(comparison, "C_N' by alpha")
     assert moment.method == slope.method == method
     expected = np.interp(moment.time_s, flown.truth.time, flown.truth.C_N)
     assert np.all(np.abs(np.array(moment.value) - expected) < 1e-2 * np.std(expected))
     error = np.abs(np.array(slope.value) - PLANTED_SLOPE)
     assert np.all(error < 4.0 * np.array(slope.std_error))
-    # The noise says the slope to a thousandth; dynamic pressure and inertia are known no better than their tolerances.
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("fixture", ["by_regression", "by_likelihood"])
+def test_bands_are_as_wide_as_the_tolerances(flown, fixture, request) -> None:
+    """The noise says the slope to a thousandth; dynamic pressure and inertia are known no better."""
+    slope = of_none(request.getfixturevalue(fixture), "C_N' by alpha")
     known = flown.flight.instruments
     scale = abs(PLANTED_SLOPE) * np.hypot(known.dynamic_pressure_scale[0], known.inertia[0])
     assert np.all(np.abs(np.array(slope.std_error) / scale - 1.0) < 0.1)
 
 
+@pytest.mark.thorough
 def test_the_moment_is_the_fitted_one(by_regression) -> None:
     drawn = by_regression.series[0]
     for plane, name in enumerate(("C_N'", "C_Z'")):
@@ -61,8 +82,8 @@ def test_the_moment_is_the_fitted_one(by_regression) -> None:
         )
 
 
-def test_every_hypothesis_has_histories_and_the_json_has_none(by_likelihood) -> None:
-    names = {row.mechanism for row in by_likelihood.ranking}
-    assert {series.mechanism for series in by_likelihood.coefficients} == names
-    assert "C_Nalpha_force" in {series.name for series in by_likelihood.coefficients}
-    assert "coefficients" not in by_likelihood.model_dump(by_alias=True)
+def test_every_hypothesis_has_histories_and_the_json_has_none(at_half_the_rate) -> None:
+    names = {row.mechanism for row in at_half_the_rate.ranking}
+    assert {series.mechanism for series in at_half_the_rate.coefficients} == names
+    assert "C_Nalpha_force" in {series.name for series in at_half_the_rate.coefficients}
+    assert "coefficients" not in at_half_the_rate.model_dump(by_alias=True)

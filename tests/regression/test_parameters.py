@@ -72,6 +72,7 @@ def fitted(mechanism: Mechanism, plant: str) -> HypothesisFit:
     return refit(problem(plant), fit_hypothesis(problem(plant), mechanism.name, (mechanism,)))
 
 
+@pytest.mark.thorough
 def test_a_delay_of_any_name_is_a_delay() -> None:
     one, other = fitted(Late(), "sticking"), fitted(LateByTau(), "sticking")
     assert other.information == pytest.approx(one.information, rel=1e-12)
@@ -90,5 +91,6 @@ def test_an_angle_keeps_its_units_and_is_no_delay() -> None:
     assert len(fit.nonlinear_errors) == len(fit.nonlinear)
 
 
+@pytest.mark.thorough
 def test_what_the_installed_lag_fits_is_a_delay() -> None:
     assert all(column.delay is not None for column in fitted(find("lag"), "sticking").selected)

@@ -42,6 +42,7 @@ def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
     assert problem.untied().rows.own_noise.shape[1] == 0
 
 
+@pytest.mark.thorough
 def test_what_is_tied_is_known_better():
     """The same coefficients with a walk beside the noise are less certain."""
     problem = prepare([reconstruct(nominal().flight)], CompareConfig(knot_count=3))

@@ -71,7 +71,7 @@ def report(extra: str = "") -> str:
     return page(document, Provenance()).replace("</body>", f"{extra}</body>")
 
 
-@pytest.mark.parametrize("width", [800, 1600])
+@pytest.mark.parametrize("width", [800, pytest.param(1600, marks=pytest.mark.thorough)])
 def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
     root = shown(report(), width)
     assert 'data-drawn="3"' in root

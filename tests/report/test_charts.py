@@ -168,6 +168,7 @@ class TestDrawing:
         assert drawn(plain, "svg") == drawn(plain, "svg")
         assert drawn(plain, "png").startswith(b"\x89PNG")
 
+    @pytest.mark.thorough
     def test_files_are_named_by_the_chart_and_not_overwritten(self, plain, tmp_path) -> None:
         from brv_hypo.errors import UsageError
 
@@ -180,6 +181,7 @@ class TestDrawing:
         with pytest.raises(UsageError, match="exists"):
             draw_into(tmp_path / "figures", [plain])
 
+    @pytest.mark.thorough
     def test_every_chart_of_a_comparison_can_be_drawn(self, charts) -> None:
         assert all(b"<svg" in drawn(chart, "svg") for name, chart in charts.items() if name.endswith("-1"))
 

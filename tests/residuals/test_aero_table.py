@@ -13,11 +13,12 @@ from pydantic import ValidationError
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope, read_aero_table
-from brv_hypo.residuals import Trace, TraceConfig, predict, trace
+from brv_hypo.residuals import Trace, predict, trace
 from brv_hypo.residuals.saved import SavedModel
+from brv_hypo.simulation import load_config
+from tests.chains import ONE_EFFECT
 from tests.flights import nominal
 
-SETTINGS = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
 CSV = "mach,alpha_deg,slope,std_error\n5,0,-0.1,0.01\n5,10,-0.12,0.01\n9,0,-0.2,0.02\n9,10,-0.22,0.02\n"
 YAML = "mach: [5, 9]\nalpha_deg: [0, 10]\nslope: [[-0.1, -0.12], [-0.2, -0.22]]\nstd_error: [0.01, 0.02]\n"
 
@@ -81,7 +82,7 @@ def test_a_flight_without_mach_number_cannot_use_a_table() -> None:
     flight = replace(nominal().flight, mach=None)
     table = AeroTable(mach=(1.0,), slope=((-0.1,),), std_error=((0.1,),))
     with pytest.raises(UnanswerableError, match="Mach"):
-        trace(flight, SETTINGS.model_copy(update={"aero": table}))
+        trace(flight, ONE_EFFECT.model_copy(update={"aero": table}))
 
 
 @pytest.fixture(scope="module")
@@ -89,18 +90,15 @@ def result() -> Trace:
     """A flight of constant slope, traced from a table that is 3 % too steep at one end and too shallow at the other."""
     flight = nominal().flight
     assert flight.mach is not None
-    slope = _slope(trace(flight, SETTINGS.model_copy(update={"baseline": "constant"})))
+    slope = load_config("research_cone").aerodynamics.C_Nalpha
     ends = (float(flight.mach.min()), float(flight.mach.max()))
     table = AeroTable(
         mach=ends, slope=((1.03 * slope,), (0.97 * slope,)), std_error=((0.05 * abs(slope),),) * 2
     )
-    return trace(flight, SETTINGS.model_copy(update={"aero": table}))
+    return trace(flight, ONE_EFFECT.model_copy(update={"aero": table}))
 
 
-def _slope(found: Trace) -> float:
-    return next(term.value for term in found.model.terms if term.name == "C_Nalpha")
-
-
+@pytest.mark.thorough
 def test_the_table_is_corrected_and_nothing_is_missed(result: Trace) -> None:
     assert result.added == ()
     assert result.steps[0].error_before.held_out < 1.2 * result.noise_floor
@@ -111,10 +109,11 @@ def test_the_table_is_corrected_and_nothing_is_missed(result: Trace) -> None:
     assert "C_Nalpha" not in {term.name for term in result.model.terms}
 
 
+@pytest.mark.thorough
 def test_the_increments_are_part_of_the_model(result: Trace) -> None:
     saved = SavedModel.model_validate_json(result.model.definition.model_dump_json())
     assert saved.table is not None
     predicted = predict(nominal().flight, saved)
     assert predicted.error.frozen < 1.2 * predicted.error.noise
-    again = trace(nominal().flight, SETTINGS.model_copy(update={"start": saved}))
+    again = trace(nominal().flight, ONE_EFFECT.model_copy(update={"start": saved}))
     assert again.steps[0].error_before.held_out < 1.2 * again.noise_floor

@@ -16,6 +16,7 @@ from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.model_file import model_text, read_model, read_structure
 from brv_hypo.residuals.restore import restored, saved
 from brv_hypo.residuals.saved import SavedColumn, SavedModel
+from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 
 TERMS = 14
@@ -36,7 +37,12 @@ def declared() -> MechanismFile:
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> Trace:
+def result() -> Trace:
+    return traced_trim()
+
+
+@pytest.fixture(scope="module")
+def beside_the_declared(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     path = tmp_path_factory.mktemp("declared") / "declared.yaml"
     path.write_text(mechanism_text(declared()), encoding="utf-8")
     settings = TraceConfig(
@@ -52,8 +58,14 @@ def path(result: Trace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
-def test_nothing_that_was_declared_is_cut(result: Trace) -> None:
-    assert len([term for term in result.model.terms if term.mechanism == "declared"]) == TERMS
+@pytest.mark.thorough
+def test_nothing_that_was_declared_is_cut_or_left_out_of_the_file(
+    beside_the_declared: Trace, tmp_path: Path
+) -> None:
+    assert len([term for term in beside_the_declared.model.terms if term.mechanism == "declared"]) == TERMS
+    model = beside_the_declared.model.definition
+    (tmp_path / "model.yaml").write_text(model_text(model), encoding="utf-8")
+    assert read_model(tmp_path / "model.yaml") == model
 
 
 def test_the_file_holds_all_of_the_model(result: Trace, path: Path) -> None:
@@ -71,11 +83,12 @@ def test_errors_are_the_covariances(result: Trace) -> None:
 
 def test_every_command_takes_it(result: Trace, path: Path) -> None:
     assert starting_model(path, Session()) == result.model.definition
-    predicted = predict(nominal().flight, path)
-    again = predict(nominal().flight, result.model.definition)
+    predicted = predict(trimmed().flight, path)
+    again = predict(trimmed().flight, result.model.definition)
     assert predicted.error == again.error
 
 
+@pytest.mark.thorough
 def test_an_edited_value_counts(path: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     slope = next(column for column in content["columns"] if column["term"] == "C_Nalpha")
@@ -83,10 +96,10 @@ def test_an_edited_value_counts(path: Path, tmp_path: Path) -> None:
     content.pop("covariance")
     edited = tmp_path / "edited.yaml"
     edited.write_text(yaml.safe_dump(content), encoding="utf-8")
-    predicted = predict(nominal().flight, edited)
+    predicted = predict(trimmed().flight, edited)
     term = next(term for term in predicted.frozen if term.name == "C_Nalpha")
     assert (term.value, term.std_error) == pytest.approx((slope["value"], 0.25))
-    assert predicted.ratio > 10.0 * predict(nominal().flight, path).ratio
+    assert predicted.ratio > 10.0 * predict(trimmed().flight, path).ratio
 
 
 @pytest.mark.parametrize(
@@ -115,6 +128,7 @@ def test_a_model_without_values_may_start_a_trace(tmp_path: Path) -> None:
     assert saved(restored(model, (nominal().flight,))).columns == model.columns
 
 
+@pytest.mark.thorough
 def test_all_that_was_described_is_written() -> None:
     files = tuple(
         MechanismFile(
@@ -126,7 +140,7 @@ def test_all_that_was_described_is_written() -> None:
         )
         for number in (1, 2)
     )
-    always = nominal_model().model_dump()
+    always = trace(nominal().flight, ONE_EFFECT).model.definition.model_dump()
     columns = [*always["columns"], *({"mechanism": f.name, "term": "a", "units": "1"} for f in files)]
     start = SavedModel.model_validate({**always, "columns": columns, "covariance": (), "files": files})
     settings = TraceConfig(
@@ -136,8 +150,3 @@ def test_all_that_was_described_is_written() -> None:
     assert found is not None
     assert [term.name for term in found.terms] == ["discovered_1: a", "discovered_2: a"]
     assert all(term.value is not None for term in found.terms)
-
-
-def nominal_model() -> SavedModel:
-    settings = TraceConfig(effects=("gyro_scale",), discover=False, max_steps=1, maximum_likelihood=False)
-    return trace(nominal().flight, settings).model.definition

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -13,48 +16,63 @@ from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.restore import restored, saved
 from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from tests.chains import ONE_EFFECT, TRIM, traced_trim, trimmed, trimmed_cone
+from tests.flights import nominal
 
 QUICK = TraceConfig(effects=("trim", "gyro_scale", "accel_scale"), discover=False)
-# Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5, the scale is known to 1e-3.
-TRIM = (1e-3, -5e-4)
-SCALE = 0.01
+SCALE = 0.01  # known to 1e-3
 
 
+@cache
 def flight_with_errors() -> Flight:
     """A cone with a trim and accelerometers whose y axis reads 1 % too much."""
-    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
-    terms = dict(zip(("C_m0", "C_n0"), TRIM, strict=True))
-    data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
+    data = trimmed_cone(TRIM).model_dump()
     data["instruments"]["errors"] = {"accel_scale": {"y": SCALE}}
     return simulate(SimulationConfig.model_validate(data), seed=21).flight
 
 
-@pytest.fixture(scope="module")
+@cache
+def traced_errors() -> Trace:
+    return trace(flight_with_errors(), QUICK)
+
+
+ANY_TRACE = pytest.mark.parametrize(
+    "made", [traced_trim, pytest.param(traced_errors, marks=pytest.mark.thorough)]
+)
+
+
+@pytest.fixture
+def result() -> Trace:
+    return traced_errors()
+
+
+@pytest.fixture
 def flight() -> Flight:
-    return flight_with_errors()
+    return nominal().flight
 
 
-@pytest.fixture(scope="module")
-def result(flight: Flight) -> Trace:
-    return trace(flight, QUICK)
-
-
+@pytest.mark.thorough
 def test_both_effects_are_added(result: Trace) -> None:
     assert set(result.added) == {"trim", "accel_scale"}
 
 
-def test_each_effect_is_a_finding_or_a_hint(result: Trace) -> None:
+@ANY_TRACE
+def test_each_effect_is_a_finding_or_a_hint(made: Callable[[], Trace]) -> None:
+    result = made()
     assert set(result.findings) | set(result.hints) == set(result.added)
     for step in result.steps:
         assert (step.standing is None) == (step.named_in is None) == (step.added is None)
         assert step.named_in is None or 0.0 <= step.named_in <= 1.0
 
 
-def test_the_added_effect_is_the_first_candidate(result: Trace) -> None:
+@ANY_TRACE
+def test_the_added_effect_is_the_first_candidate(made: Callable[[], Trace]) -> None:
+    result = made()
     added = [step for step in result.steps if step.added is not None]
     assert all(step.candidates[0].effect == step.added for step in added)
 
 
+@pytest.mark.thorough
 def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(result: Trace) -> None:
     step = next(step for step in result.steps if step.added == "accel_scale")
     assert step.force_error_after is not None
@@ -63,6 +81,7 @@ def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(resu
     assert step.held_out_score > 5.0
 
 
+@pytest.mark.thorough
 def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
     term = next(t for t in result.model.terms if t.channel == "record")
     # A scale common to both axes is that of the normal force: y reads too much as much as z reads too little.
@@ -71,6 +90,7 @@ def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
     assert abs(term.value - expected) < 5.0 * term.std_error
 
 
+@pytest.mark.thorough
 def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
     assert result.ml is not None
     # Of Mach and Reynolds number, which move together, the search may run to its limit along what neither tells.
@@ -81,18 +101,34 @@ def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
 
 
 @pytest.mark.slow
-def test_after_the_limit_the_residual_is_that_of_the_final_model(flight: Flight) -> None:
+def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
     settings = QUICK.model_copy(update={"max_steps": 1, "maximum_likelihood": False})
-    result = trace(flight, settings)
+    result = trace(flight_with_errors(), settings)
     assert result.stopped == "limit"
     assert result.ml is None
     assert result.final_residual is not None
     assert result.final_residual.noise_ratio < 1.1
 
 
-def test_a_trace_that_starts_from_a_model_finds_its_residual(flight: Flight, result: Trace) -> None:
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("flown", "made", "settings"),
+    [
+        pytest.param(lambda: trimmed().flight, traced_trim, ONE_EFFECT, id="one effect"),
+        pytest.param(
+            flight_with_errors,
+            traced_errors,
+            QUICK.model_copy(update={"maximum_likelihood": False}),
+            id="two effects",
+        ),
+    ],
+)
+def test_a_trace_that_starts_from_a_model_finds_its_residual(
+    flown: Callable[[], Flight], made: Callable[[], Trace], settings: TraceConfig
+) -> None:
+    result = made()
     start = SavedModel.model_validate_json(result.model.definition.model_dump_json())
-    again = trace(flight, QUICK.model_copy(update={"start": start, "maximum_likelihood": False}))
+    again = trace(flown(), settings.model_copy(update={"start": start}))
     assert again.added == ()
     assert result.final_residual is not None
     np.testing.assert_allclose(again.steps[0].residual.rms, result.final_residual.rms, rtol=0.03)

@@ -13,30 +13,23 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
-from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
+from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from brv_hypo.simulation import simulate
+from tests.chains import TRIM, traced_trim, trimmed_cone
 
-TRIM = (1e-3, -5e-4)
-
-
-def config(trim: tuple[float, float]) -> SimulationConfig:
-    terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
-    data = load_config("research_cone").model_dump() | {"sample_rate": 100.0}
-    data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
-    return SimulationConfig.model_validate(data)
+SISTERS_TRIM = (-TRIM[0], TRIM[1])
 
 
 @pytest.fixture(scope="module")
 def traced() -> Trace:
-    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False)
-    return trace(simulate(config(TRIM), seed=3).flight, settings)
+    return traced_trim()
 
 
 @pytest.fixture(scope="module")
 def sister() -> Flight:
-    return simulate(another_flight(config((-TRIM[0], TRIM[1])), 4), seed=5).flight
+    return simulate(another_flight(trimmed_cone(SISTERS_TRIM), 4), seed=5).flight
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +40,7 @@ def predicted(traced: Trace, sister: Flight) -> Prediction:
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
     assert "C_Nalpha" in {term.name for term in predicted.frozen}
-    for term, planted in zip(predicted.refitted, (-TRIM[0], TRIM[1]), strict=True):
+    for term, planted in zip(predicted.refitted, SISTERS_TRIM, strict=True):
         assert term.std_error > 0.0
         assert abs(term.value - planted) < 0.1 * TRIM[0]
 
@@ -102,6 +95,7 @@ def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, 
         predict(sister, path)
 
 
+@pytest.mark.thorough
 def test_the_band_holds_nearly_all_samples(traced: Trace, sister: Flight) -> None:
     band = predict(sister, traced.model.definition, ("trim", "instruments")).band
     assert 0.90 <= band.inside <= 0.99
@@ -118,6 +112,7 @@ def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predict
     assert unsure.error.frozen == pytest.approx(predicted.error.frozen)
 
 
+@pytest.mark.thorough
 def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: Flight, predicted: Prediction) -> None:
     fitted = predict(sister, traced.model.definition, ("trim", "instruments"))
     assert fitted.error.frozen < 1.05 * predicted.error.frozen

@@ -7,8 +7,11 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.residuals import TraceConfig, trace
+from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.record_study import Ground, found_in, ground, line, planted
+from brv_hypo.residuals.restore import restored
+from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 
 MAGNUS = -1.0
@@ -19,12 +22,22 @@ def base() -> Ground:
     return ground(nominal().flight, 0)
 
 
-def test_nothing_planted_changes_nothing(base: Ground) -> None:
-    flight = with_moment(base.flight, base.state, find("magnus"), [0.0])
+@pytest.fixture(scope="module")
+def state() -> State:
+    """What the flight's least-squares problem is linearised about."""
+    flights = (trimmed().flight,)
+    return settled_state(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
+
+
+@pytest.mark.thorough
+def test_nothing_planted_changes_nothing(state: State) -> None:
+    flight = trimmed().flight
+    again = with_moment(flight, state, find("magnus"), [0.0])
     for name in ("q", "r", "ay", "az"):
-        np.testing.assert_array_equal(getattr(flight, name), getattr(base.flight, name))
+        np.testing.assert_array_equal(getattr(again, name), getattr(flight, name))
 
 
+@pytest.mark.thorough
 def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
     flight = with_moment(base.flight, base.state, find("magnus"), [MAGNUS])
     settings = TraceConfig(effects=("magnus", "trim"), discover=False, max_steps=2, maximum_likelihood=False)
@@ -34,10 +47,13 @@ def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
     assert abs(term.value - MAGNUS) < 0.1 * abs(MAGNUS)
 
 
-def test_planting_is_linear(base: Ground) -> None:
+@pytest.mark.thorough
+def test_planting_is_linear(state: State) -> None:
+    flight = trimmed().flight
+
     def change(value: float) -> np.ndarray:
-        flight = with_moment(base.flight, base.state, find("magnus"), [value])
-        return np.concatenate([flight.q - base.flight.q, flight.az - base.flight.az])
+        changed = with_moment(flight, state, find("magnus"), [value])
+        return np.concatenate([changed.q - flight.q, changed.az - flight.az])
 
     np.testing.assert_allclose(change(2.0 * MAGNUS), 2.0 * change(MAGNUS), rtol=1e-6, atol=1e-12)
 

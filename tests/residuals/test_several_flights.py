@@ -14,6 +14,8 @@ from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
+pytestmark = pytest.mark.thorough
+
 MAGNUS = -1.0
 TRIMS = ((1.2e-3, -6e-4), (-9e-4, 1.0e-3))
 QUICK = TraceConfig(effects=("magnus", "trim"), discover=False, maximum_likelihood=False)

@@ -130,7 +130,7 @@ def test_what_cannot_be_a_tolerance_is_refused(instruments: dict[str, Any], mess
         load_config({**CONE, "instruments": instruments})
 
 
-@pytest.mark.parametrize("component", ["y 1", "z 2"])
+@pytest.mark.parametrize("component", ["y 1", pytest.param("z 2", marks=pytest.mark.thorough)])
 def test_the_air_moves_as_the_wind_effect_says(component: str) -> None:
     """Told of the wind by the effect with the opposite sign, the reconstruction finds the true alpha again."""
     noise = load_config("research_cone").model_dump()["instruments"]
@@ -144,6 +144,7 @@ def test_the_air_moves_as_the_wind_effect_says(component: str) -> None:
     assert off[1] < 0.2 * off[0]
 
 
+@pytest.mark.thorough
 def test_a_batch_flies_each_flight_in_its_own_wind() -> None:
     config = load_config({**CONE, "instruments": {"draw": 1.0}})
     together = simulate_batch(config, seeds=(1, 2))

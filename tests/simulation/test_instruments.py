@@ -160,6 +160,7 @@ def test_gaps_are_missing_samples_and_load_bridged_or_cut() -> None:
     np.testing.assert_allclose(flight.flight.q[:120], CLEAN["q"][:120], atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_random_gaps_follow_the_seed() -> None:
     instruments = {"gaps": [{"duration": 0.02, "count": 5, "channels": ["velocity"]}]}
     first, again, other = (np.isnan(channels(instruments, seed=s)["velocity"]) for s in (3, 3, 4))

@@ -7,7 +7,6 @@ import signal
 import time
 
 import pytest
-from distributed import LocalCluster
 
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.study import read_study, run_study, workers
@@ -18,6 +17,8 @@ from tests.study.test_run import SMALL, VEHICLE
 
 @pytest.fixture(scope="module")
 def cluster():
+    from distributed import LocalCluster
+
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as found:
         yield found
 
@@ -32,6 +33,7 @@ def worker_of(seconds):
     return call
 
 
+@pytest.mark.thorough
 def test_both_places_give_every_item_once(cluster):
     items = list(range(8))
     for spread in (on_this_machine(1), on_cluster(cluster.scheduler_address)):
@@ -39,6 +41,7 @@ def test_both_places_give_every_item_once(cluster):
         assert sorted(item for _, item in found) == items
 
 
+@pytest.mark.thorough
 def test_what_a_killed_worker_was_at_is_done_by_another(cluster):
     found, killed = [], None
     for pid, item in on_cluster(cluster.scheduler_address)(worker_of(0.2), list(range(12))):
@@ -49,6 +52,7 @@ def test_what_a_killed_worker_was_at_is_done_by_another(cluster):
     assert sorted(found) == list(range(12))
 
 
+@pytest.mark.thorough
 def test_an_item_that_ends_every_worker_is_given_up_with_its_reason(cluster):
     def deadly(item):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -57,11 +61,13 @@ def test_an_item_that_ends_every_worker_is_given_up_with_its_reason(cluster):
         list(on_cluster(cluster.scheduler_address)(deadly, [1]))
 
 
+@pytest.mark.thorough
 def test_a_fault_in_a_call_reaches_the_caller(cluster):
     with pytest.raises(ZeroDivisionError):
         list(on_cluster(cluster.scheduler_address)(lambda item: 1 // item, [0]))
 
 
+@pytest.mark.thorough
 def test_an_address_where_nothing_answers_is_refused(monkeypatch):
     monkeypatch.setattr(workers, "CONNECT_SECONDS", 0.5)
     with pytest.raises(UsageError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:1'"):

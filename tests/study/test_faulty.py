@@ -63,6 +63,7 @@ def test_a_study_of_faults_counts_them_apart(tmp_path, monkeypatch):
     assert summary.false_alarms.total == 0
 
 
+@pytest.mark.thorough
 def test_a_flipped_sign_is_planted_refused_and_named():
     study = with_faults(share=1.0, kinds=("sign of q",)).model_copy(update={"sample_rate": 100.0})
     found = fly(study, draws(study)[0])
@@ -70,6 +71,7 @@ def test_a_flipped_sign_is_planted_refused_and_named():
     assert found.faults == ("q: sign",)
 
 
+@pytest.mark.thorough
 def test_sound_records_are_drawn_from_every_grade():
     record = next(records(3, 1))
     assert record.instruments.grade == "laboratory"

@@ -166,6 +166,7 @@ def commanded(small):
     ), folder
 
 
+@pytest.mark.thorough
 def test_the_command_writes_table_summary_and_page(commanded):
     done, folder = commanded
     assert done.exit_code == 0, done.output
@@ -179,6 +180,7 @@ def test_the_command_writes_table_summary_and_page(commanded):
     assert "Detection limits" in page
 
 
+@pytest.mark.thorough
 def test_the_planted_moment_is_found_with_its_angle_and_its_knots(commanded):
     _, folder = commanded
     flight = json.loads((folder / FLIGHTS).read_text().splitlines()[1])
@@ -189,6 +191,7 @@ def test_the_planted_moment_is_found_with_its_angle_and_its_knots(commanded):
     assert found["end"]["value"] == pytest.approx(found["end"]["truth"], abs=0.02)
 
 
+@pytest.mark.thorough
 def test_the_command_goes_on_where_it_was_and_prints_tables(commanded, small):
     _, folder = commanded
     done = CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--jobs", "1", "-v"])
@@ -199,6 +202,7 @@ def test_the_command_goes_on_where_it_was_and_prints_tables(commanded, small):
     assert quiet.stdout.startswith("What was planted ranks first in 2 of 2")
 
 
+@pytest.mark.thorough
 def test_another_seed_is_another_study(commanded, small):
     _, folder = commanded
     done = CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--seed", "5"])

@@ -18,7 +18,7 @@ def splines() -> tuple[np.ndarray, np.ndarray]:
     return spline_problem()
 
 
-@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+@pytest.mark.parametrize("kernel", ["numba-schur", pytest.param("numpy-schur", marks=pytest.mark.thorough)])
 def test_time_limit_returns_the_best_so_far_and_a_true_gap(
     splines: tuple[np.ndarray, np.ndarray], kernel: str
 ) -> None:

@@ -1,0 +1,41 @@
+"""Traces and comparisons that many tests look at: each is made once, of one settings, and changed by nobody."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
+from tests.flights import SAMPLE_RATE_HZ, nominal
+
+# Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5.
+TRIM = (1e-3, -5e-4)
+ONE_EFFECT = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
+"""One turn of the loop, for what does not depend on what there is to find."""
+
+
+def trimmed_cone(trim: tuple[float, float]) -> SimulationConfig:
+    """The research cone with a trim (C_m0, C_n0)."""
+    terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
+    data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ}
+    data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
+    return SimulationConfig.model_validate(data)
+
+
+@cache
+def trimmed() -> SimulatedFlight:
+    """A flight with `TRIM`."""
+    return simulate(trimmed_cone(TRIM), seed=3)
+
+
+@cache
+def traced_trim() -> Trace:
+    """The trace that finds the trim of `trimmed`."""
+    return trace(trimmed().flight, ONE_EFFECT)
+
+
+@cache
+def compared_nominal() -> Comparison:
+    """A flight on which nothing is to be found, with `damping` alone and the defaults: likelihood included."""
+    return compare([nominal().flight], CompareConfig(mechanisms=("damping",)))
