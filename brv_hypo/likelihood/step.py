@@ -122,7 +122,7 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     for s in range(len(problem.grids)):
         again = partial(_eliminated, problem, iterate, s, anchored)
         eliminated = again()
-        sensitivity = _sensitivity(eliminated)
+        sensitivity = sensitivity_of(eliminated)
         found.append(replace(sensitivity, eliminated=Recalled(again)) if noisy else sensitivity)
     return tuple(found)
 
@@ -313,7 +313,7 @@ def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice)
     return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
 
 
-def _sensitivity(eliminated: Eliminated) -> Sensitivity:
+def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
     """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
     triangle = eliminated.triangle()
     left = np.sum(triangle[:, :-1] ** 2, axis=0)
