@@ -46,7 +46,7 @@ class Extrapolation:
         return self._combined()
 
     def _combined(self) -> Step:
-        iterate, step = self._past[-1]
+        _, step = self._past[-1]
         weigh = self._metric(step)
         moves = np.stack([each.theta for _, each in self._past], axis=1)
         differences = weigh @ np.diff(moves, axis=1)
