@@ -201,9 +201,10 @@ def print_trapped(trials: int, seed: int, echo: Callable[[str], None]) -> None:
         )
         for what, first in (("as `fit` does it", False), ("from its first beginning alone", True)):
             value = found.first_log_likelihood if first else found.log_likelihood
+            solved, deceived = found.solved(first).mean(), found.deceived(first).mean()
             echo(
-                f"  {what}: {found.solved(first).mean():.1%} at the best optimum known, {found.deceived(first).mean():.1%} "
-                f"converged at a worse one; log-likelihood less than the best by {found.best - value.min():.3g} at most"
+                f"  {what}: {solved:.1%} at the best optimum known, {deceived:.1%} converged at a worse one; "
+                f"log-likelihood less than the best by {found.best - value.min():.3g} at most"
             )
 
 
@@ -239,6 +240,6 @@ def _print_kinds(results: Sequence[KindResult], echo: Callable[[str], None]) -> 
         good = found.converged
         scatter = np.sqrt(np.mean(found.score[good] ** 2)) if good.any() else float("nan")
         echo(
-            f"{found.name}: {good.mean():.1%} of {good.size} converged, {found.coarse.mean():.1%} coarse mesh; of those "
-            f"that converged {int((found.beyond & good).sum())} beyond 3 sigma, scatter {scatter:.2f} sigma"
+            f"{found.name}: {good.mean():.1%} of {good.size} converged, {found.coarse.mean():.1%} coarse mesh; of the "
+            f"converged {int((found.beyond & good).sum())} beyond 3 sigma, scatter {scatter:.2f} sigma"
         )
