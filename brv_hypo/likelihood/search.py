@@ -110,7 +110,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         try:
             segments, unseen = _sensitivities(problem, iterate)
         except SingularStatesError as error:
-            return ended(Status.UNDETERMINED, str(error))
+            return ended(_singular(error), str(error))
         step = _step(problem, iterate, segments)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
@@ -136,10 +136,14 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             options.progress(history[-1])
         if step.length < options.tolerance and noise_settled and violation < _FEASIBLE:
             if unseen is not None:
-                return ended(Status.UNDETERMINED, str(unseen))
+                return ended(_singular(unseen), str(unseen))
             return replace(ended(Status.CONVERGED), segments=segments)
         del segments, step  # not kept beside the next
     return ended(Status.ITERATION_LIMIT, f"{options.max_iterations} iterations")
+
+
+def _singular(error: SingularStatesError) -> Status:
+    return Status.STIFF if error.stiff else Status.UNDETERMINED
 
 
 def _advanced(
