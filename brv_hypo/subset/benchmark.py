@@ -41,8 +41,8 @@ LEAPS = """
 suppressMessages(library(leaps)); a <- commandArgs(TRUE)
 d <- as.matrix(read.csv(a[1], header = FALSE)); k <- as.integer(a[2])
 s <- system.time(r <- suppressWarnings(regsubsets(d[, -1], d[, 1], nvmax = k, method = "exhaustive",
-                                                  really.big = TRUE)))[3]
-cat(s, "\\n"); w <- summary(r)$which[, -1, drop = FALSE]
+                                                  really.big = TRUE)))
+cat(s[1] + s[2], "\\n"); w <- summary(r)$which[, -1, drop = FALSE]
 for (i in seq_len(nrow(w))) cat(which(w[i, ]), "\\n")
 """
 
