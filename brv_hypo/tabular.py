@@ -1,14 +1,11 @@
-"""What every result can do for a reader: a short repr, an HTML view, a data frame; and JSON that comes back."""
+"""What every result can do for a reader: a short repr, an HTML view, a data frame. JSON is in `json_result`."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, get_args, get_origin
-
-from pydantic import BaseModel, ConfigDict, model_validator
+from typing import TYPE_CHECKING, Any
 
 from brv_hypo.errors import UsageError
 
@@ -83,73 +80,10 @@ class Histories(Tabular):
         return f"<p><b>{escape(self.headline())}</b></p><p>to_dataframe(): {escape(names)}</p>"
 
 
-class NullIsNaN(BaseModel):
-    """A part of a result: where a field is a number, or a mapping of names to numbers, null means not a number."""
-
-    model_config = ConfigDict(frozen=True, populate_by_name=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _numbers(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        read = dict(data)
-        for name, field in cls.model_fields.items():
-            if name not in read:
-                continue
-            if field.annotation is float and read[name] is None:
-                read[name] = float("nan")
-            elif _is_mapping_of_numbers(field.annotation) and isinstance(read[name], dict):
-                read[name] = {key: float("nan") if value is None else value for key, value in read[name].items()}
-        return read
-
-
-class Result(Tabular, NullIsNaN):
-    """A result that survives JSON: what is not a number is written as null, and null is read as not a number."""
-
-    def __repr__(self) -> str:
-        """Short, whatever the result holds."""
-        return Tabular.__repr__(self)
-
-    __str__ = __repr__
-
-    def to_json(self) -> str:
-        """The JSON of the contract; histories for pictures are no part of it."""
-        return self.model_dump_json(by_alias=True, indent=2) + "\n"
-
-    @classmethod
-    def from_json(cls, source: str | Path) -> Self:
-        """The result that `to_json`, or a command with `--json`, wrote: its text, or the path of the file.
-
-        Raises UsageError where it is not one.
-        """
-        text = source if isinstance(source, str) and source.lstrip().startswith("{") else _read(source)
-        try:
-            return cls.model_validate_json(text)
-        except ValueError as error:
-            raise UsageError(f"this is not the JSON of a {cls.__name__}: {_first(error)}.") from None
-
-
-def _is_mapping_of_numbers(annotation: object) -> bool:
-    return get_origin(annotation) is dict and get_args(annotation) == (str, float)
-
-
 def _told(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return "" if value is None else str(value)
-
-
-def _first(error: ValueError) -> str:
-    return str(error).splitlines()[0]
-
-
-def _read(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or error
-        raise UsageError(f"{path} cannot be read: {reason}. Give the file that --json wrote.") from None
 
 
 def _pandas() -> Any:

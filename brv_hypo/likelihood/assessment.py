@@ -70,7 +70,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         )
     shift = mesh_shift(problem, iterate, segments, white)
     starts = by_initial_states(problem, segments)
-    taken_out = _taken_out(samples, _unknowns(problem, estimated)) if options.estimate_noise else 1.0
+    taken_out = _taken_out(problem, samples, _unknowns(problem, estimated), options)
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
     noise = noise_errors(problem, iterate, wanted)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
@@ -130,7 +130,7 @@ def _covariances(
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = _unknowns(problem, estimated)
-    white = raw * (_taken_out(samples, unknowns) if options.estimate_noise else 1.0)
+    white = raw * _taken_out(problem, samples, unknowns, options)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
@@ -203,8 +203,13 @@ def _unknowns(problem: Problem, estimated: IntArray) -> int:
     return len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
 
 
-def _taken_out(samples: int, unknowns: int) -> float:
-    """Factor for what fitting the unknowns took out of the variance of white residuals."""
+def _taken_out(problem: Problem, samples: int, unknowns: int, options: Options) -> float:
+    """Factor for what fitting the unknowns took out of the variance of white residuals.
+
+    1 where the noise is known, and with process noise, whose likelihood makes up for it (`scoring`).
+    """
+    if not options.estimate_noise or np.any(problem.process_noise):
+        return 1.0
     return samples / max(samples - unknowns, 1)
 
 

@@ -21,6 +21,8 @@ _APART = 1.0
 """Difference of log-likelihoods from which two ends are different optima."""
 _LONGEST = 100_000
 """Samples up to which a second beginning is tried."""
+_POOR = 3.0
+"""Mean square of residuals over that of the known noise above which a second beginning is worth its time."""
 _WINDOW = 9
 """Samples of the running mean whose residual is the third guess of the noise."""
 
@@ -44,12 +46,19 @@ def first_noises(y: FloatArray) -> tuple[FirstNoise, ...]:
     )
 
 
-def best_of(noises: Sequence[FirstNoise], run: Callable[[FloatArray], FitResult], samples: int) -> FitResult:
-    """The fit of the greatest likelihood; others than the first are tried where its residuals are not white."""
+def best_of(
+    noises: Sequence[FirstNoise],
+    run: Callable[[FloatArray], FitResult],
+    samples: int,
+    known: bool = False,
+) -> FitResult:
+    """The fit of the greatest likelihood; others than the first are tried where its residuals are not white, or, where
+    the noise is `known`, far larger than it.
+    """
     ends = [(noises[0].source, run(noises[0].covariance))]
     first = ends[0][1]
-    sound = first.converged and all(test.p_value >= _SUSPECT for test in first.whiteness)
-    if not sound and samples <= _LONGEST:
+    sound = _as_small_as_known(first) if known else all(test.p_value >= _SUSPECT for test in first.whiteness)
+    if not (first.converged and sound) and samples <= _LONGEST:
         ends += [(noise.source, run(noise.covariance)) for noise in noises[1:]]
     return chosen(ends)
 
@@ -72,6 +81,13 @@ def chosen(ends: Sequence[tuple[str, FitResult]]) -> FitResult:
             "several optima on these data: compare their residuals, and start from values that are known"
         )
     return replace(best, message=message, beginnings=beginnings)
+
+
+def _as_small_as_known(found: FitResult) -> bool:
+    """Whether residuals are no larger than the noise that they are weighed by, or process noise explains them."""
+    together = np.concatenate(found.innovations, axis=1)
+    squares = np.nanmean(together**2, axis=1) / np.diag(found.noise_covariance)
+    return bool(np.any(found.process_noise)) or not np.mean(squares) > _POOR
 
 
 def _unsmooth(y: FloatArray) -> FloatArray:

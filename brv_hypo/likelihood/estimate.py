@@ -10,7 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.assessment import assess
-from brv_hypo.likelihood.beginnings import best_of, chosen, first_noises
+from brv_hypo.likelihood.beginnings import FirstNoise, best_of, chosen, first_noises
 from brv_hypo.likelihood.bridging import bridged, pieces_of, stretches
 from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
@@ -186,14 +186,19 @@ class _Task:
         y = np.concatenate([g.y for g in grids], axis=1)
         options = replace(self.options, floor=least_variance(y), mesh_steps=steps)
 
-        def run(covariance: FloatArray) -> FitResult:
-            iterate = Iterate(histories, parameters.start, covariance)
-            return assess(search(*begin(problem, iterate, self.near_start), options), options)
+        known = None if self.noise_covariance is None else _known_covariance(self.noise_covariance, len(y))
 
-        if self.noise_covariance is not None:
-            return run(_known_covariance(self.noise_covariance, len(y))), model
+        def run(first: FloatArray) -> FitResult:
+            begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
+            if known is not None:
+                iterate = replace(iterate, covariance=known)
+            return assess(search(begun, iterate, options), options)
+
         noises = first_noises(y)
-        return best_of(noises[:1] if self.near_start else noises, run, y.shape[1]), model
+        if known is not None:
+            noises = (FirstNoise("the noise that was given", known), *noises)
+        tried = noises[:1] if self.near_start else noises
+        return best_of(tried, run, y.shape[1], known is not None), model
 
 
 def _driving(process_noise: Sequence[float] | FloatArray | None, n_states: int) -> FloatArray:

@@ -33,12 +33,13 @@ def refine(segments: Sequence[Segment], run: Callable[[Sequence[Segment], int], 
     while found.mesh_shift > TOLERATED and steps < MOST_STEPS:
         steps = min(steps * _raise(found.mesh_shift), MOST_STEPS)
         found = run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
-    if found.mesh_shift > TOLERATED and found.converged:
-        size = (
-            f"an estimate is off by {found.mesh_shift:.2g} standard errors with {steps} steps between samples"
-        )
+    if not found.mesh_shift > TOLERATED:
+        return found
+    size = f"an estimate is off by {found.mesh_shift:.2g} standard errors with {steps} steps between samples"
+    if found.converged:
         return replace(found, status=Status.COARSE, message=f"{size}: {Status.COARSE.message}")
-    return found
+    mesh = f"The mesh is a likely cause: {size}. {Status.COARSE.remedy}"
+    return replace(found, message=f"{found.message}. {mesh}")
 
 
 def _raise(shift: float) -> int:

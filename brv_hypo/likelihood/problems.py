@@ -10,9 +10,10 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.derivatives import Function
-from brv_hypo.likelihood.segment import Segment
+from brv_hypo.likelihood.segment import Hold, Segment
 
 _SUBSTEPS = 8
+"""Steps of the simulation between samples."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,9 @@ class ModelProblem:
         rate: samples per second.
         process_noise: standard deviation per root second of the noise that drives each state, (n_states,).
         delays: names of parameters that are delays.
+        hold: what the inputs do between samples; "zero" where `inputs` steps at the samples only.
+        guess: the segment's x0, (n_states,); None for zeros.
+        substeps: steps of the simulation between samples; more where the motion is fast for them.
     """
 
     dynamics: Function
@@ -39,11 +43,14 @@ class ModelProblem:
     rate: float
     process_noise: FloatArray | None = None
     delays: tuple[str, ...] = ()
+    hold: Hold = "cubic"
+    guess: FloatArray | None = None
+    substeps: int = _SUBSTEPS
 
     def simulate(self, n: int, seed: int, correlation: float = 0.0) -> Segment:
         """A record of n samples; `correlation` is that of the noise from one sample to the next.
 
-        The segment's x0 is what the instruments give: zeros.
+        The segment's x0 is what the instruments give: zeros, or the guess.
         """
         rng = np.random.default_rng(seed)
         t = np.arange(n) / self.rate
@@ -54,13 +61,15 @@ class ModelProblem:
         u = self.inputs(t)
         y = np.array(self.outputs(x, u, self.truth, t, *self._delayed(t, x, u)))
         y += self.noise[:, None] * markov_noise(rng, y.shape, correlation)
-        return Segment(t, u, y, np.zeros(self.x0.size))
+        guess = np.zeros(self.x0.size) if self.guess is None else self.guess
+        return Segment(t, u, y, guess, hold=self.hold)
 
     def trajectory(self, t: FloatArray, rng: np.random.Generator) -> FloatArray:
         """True states, (n_states, n), by Runge-Kutta steps much finer than the samples."""
-        step = (t[1] - t[0]) / _SUBSTEPS
-        fine = t[0] + step * np.arange((t.size - 1) * _SUBSTEPS + 1)
-        u, u_mid = self.inputs(fine), self.inputs(fine + step / 2)
+        step = (t[1] - t[0]) / self.substeps
+        fine = t[0] + step * np.arange((t.size - 1) * self.substeps + 1)
+        u_mid = self.inputs(fine + step / 2)
+        u, u_end = (u_mid, u_mid) if self.hold == "zero" else (self.inputs(fine), self.inputs(fine + step))
         lag = {name: round(self.truth[name] / step) for name in self.delays}
         x = np.empty((self.x0.size, fine.size))
         x[:, 0] = self.x0
@@ -79,11 +88,11 @@ class ModelProblem:
             k1 = slope(now, u[:, k], k)
             k2 = slope(now + step / 2 * k1, u_mid[:, k], k + 0.5)
             k3 = slope(now + step / 2 * k2, u_mid[:, k], k + 0.5)
-            k4 = slope(now + step * k3, u[:, k + 1], k + 1)
+            k4 = slope(now + step * k3, u_end[:, k], k + 1)
             x[:, k + 1] = now + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             if drive is not None:
                 x[:, k + 1] += np.sqrt(step) * drive * rng.standard_normal(drive.size)
-        return x[:, ::_SUBSTEPS]
+        return x[:, :: self.substeps]
 
     def with_truth(self, **values: float) -> ModelProblem:
         """The same problem with other true values."""

@@ -4,28 +4,39 @@ With the states integrated out the outputs are Gaussian with covariance C(Q, R),
 
     NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (see `filtering`)
 
+Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson & Thompson, Biometrika
+58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the residuals,
+those of process noise above all, which the dynamics' parameters resemble.
+
 Process and measurement noise explain the same residuals, so that one of them at a time, or the steps of
 expectation-maximisation, creep. Here the gradient of the NLLF by the logarithms of all variances and its expected
 Hessian, 1/2 tr(C^-1 dC C^-1 dC), come from derivatives of log det C along straight lines, and one step moves all.
-Q moves as Q exp(s), R as F exp(S) F' with F its Cholesky factor, so that both stay positive. Free initial states
-are integrated out too: fitted, they would take their share of the residuals, and the likelihood of a variance that
-goes to 0 would have no bound.
+Log det C + log det I is that of the contrasts which theta leaves alone, whose covariance is linear in variances too.
+Q moves as Q exp(s), R as F exp(S) F' with F its Cholesky factor, so that both stay positive. Free initial states are
+integrated out too: fitted, they would take their share of the residuals, and the likelihood of a variance that goes to
+0 would have no bound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.band import log_determinant
-from brv_hypo.likelihood.collocation import Linearisation
+from brv_hypo.likelihood.collocation import Linearisation, linearise_segment
 from brv_hypo.likelihood.elimination import eliminate
-from brv_hypo.likelihood.filtering import linearised_states
 from brv_hypo.likelihood.noise import Shape, log_determinants, whitening
-from brv_hypo.likelihood.step import Iterate, Problem, quadratic_of
+from brv_hypo.likelihood.step import (
+    Iterate,
+    Problem,
+    Sensitivity,
+    information_factor,
+    quadratic_of,
+    sensitivity_of,
+)
 
 _DIFFERENCE = 1e-3
 """Relative change of a variance for derivatives of log det C: truncation 2e-7, rounding of the second 1e-6."""
@@ -36,8 +47,13 @@ _LARGEST_MOVE = 3.0
 _HALVINGS = 5
 _VANISHED = 1e-2
 """NLLF that a variance has left to win on its way to 0 below which it counts as 0."""
+_UNSEEN = 1e-10
+"""Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
 _COUPLED = 12
 """Variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R."""
+
+
+Measure = Callable[[Problem, Iterate, Sequence[Linearisation]], float]
 
 
 @dataclass(frozen=True)
@@ -156,12 +172,15 @@ def _remarks(directions: Directions, gone: BoolArray) -> tuple[str, ...]:
 
 
 def scored(problem: Problem, iterate: Iterate, directions: Directions) -> tuple[Problem, Iterate, float]:
-    """Both after one scoring step, the states still where they were, and the step's length in standard errors."""
-    linear = linearised_states(problem, iterate)
+    """Both after one scoring step, the states still where they were, and the step's length in standard errors.
+
+    The step is that of the likelihood's Hessian, which is had sooner than the restricted one's and nearly as good.
+    """
+    linear = _linearised(problem, iterate)
     solved = _solved(problem, iterate, linear)
     if solved is None or not directions.count:
         return problem, iterate, 0.0
-    score = _score(problem, iterate, directions, linear, solved)
+    score = _score(problem, iterate, directions, linear, solved, _nothing)
     move = score.step()
     before = _value(problem, iterate, linear, solved)
     for _ in range(_HALVINGS):
@@ -174,9 +193,20 @@ def scored(problem: Problem, iterate: Iterate, directions: Directions) -> tuple[
 
 def score_of(problem: Problem, iterate: Iterate, directions: Directions) -> Score | None:
     """Gradient and expected Hessian; None where the states are not determined."""
-    linear = linearised_states(problem, iterate)
+    linear = _linearised(problem, iterate)
     solved = _solved(problem, iterate, linear)
-    return None if solved is None else _score(problem, iterate, directions, linear, solved)
+    if solved is None:
+        return None
+    return _score(problem, iterate, directions, linear, solved, _log_det_of_information)
+
+
+def _linearised(problem: Problem, iterate: Iterate) -> list[Linearisation]:
+    """Every segment about its states."""
+    parameters = problem.parameters
+    return [
+        linearise_segment(problem.model, grid, x, parameters.of_segment(s, iterate.theta), parameters.base)
+        for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True))
+    ]
 
 
 def _score(
@@ -185,21 +215,28 @@ def _score(
     directions: Directions,
     linear: Sequence[Linearisation],
     solved: _Solved,
+    measure: Measure,
 ) -> Score:
+    """The gradient, and the expected Hessian from second differences of `measure`."""
     count, h = directions.count, _DIFFERENCE
     unit = h * np.eye(count)
-    middle = _log_det(problem, iterate, directions, linear, np.zeros(count))
-    up, down = (
-        np.array([_log_det(problem, iterate, directions, linear, sign * row) for row in unit])
-        for sign in (1, -1)
-    )
+
+    def at(change: FloatArray) -> tuple[float, float]:
+        changed = _changed(problem, iterate, directions, change)
+        plain = _log_det(*changed, linear)
+        return plain, plain + measure(*changed, linear)
+
+    middle = at(np.zeros(count))[1]
+    ends = np.array([[at(sign * row) for row in unit] for sign in (1, -1)])
+    up, down = ends[..., 1]
     second = np.diag((up - 2.0 * middle + down) / h**2)
     coupled = count if count <= _COUPLED else len(directions.driven) + problem.grids[0].y.shape[0]
     for a in range(min(coupled, count)):
         for b in range(a):
-            both = _log_det(problem, iterate, directions, linear, unit[a] + unit[b])
+            both = at(unit[a] + unit[b])[1]
             second[a, b] = second[b, a] = (both - up[a] - up[b] + middle) / h**2
-    gradient = 0.5 * (up - down) / (2.0 * h) - 0.5 * _squares(problem, iterate, directions, solved)
+    slope = (ends[0, :, 0] - ends[1, :, 0]) / (2.0 * h)
+    gradient = 0.5 * slope - 0.5 * _squares(problem, iterate, directions, solved)
     return Score(directions, gradient, -0.5 * second)
 
 
@@ -223,23 +260,20 @@ def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArra
     return found
 
 
-def _log_det(
-    problem: Problem,
-    iterate: Iterate,
-    directions: Directions,
-    linear: Sequence[Linearisation],
-    change: FloatArray,
-) -> float:
-    """log det C but for a constant, variances changed on straight lines: Q (1 + s), F (1 + S) F'."""
+def _changed(
+    problem: Problem, iterate: Iterate, directions: Directions, change: FloatArray
+) -> tuple[Problem, Iterate]:
+    """Variances changed on straight lines: Q (1 + s), F (1 + S) F'."""
     factor = np.ones_like(problem.process_noise)
     factor[list(directions.driven)] += change[: len(directions.driven)]
     root = np.linalg.cholesky(iterate.covariance)
     covariance = iterate.covariance + root @ _symmetric(directions, change, len(root)) @ root.T
     changed = replace(problem, process_noise=problem.process_noise * np.sqrt(factor))
-    return _log_det_at(changed, replace(iterate, covariance=covariance), linear)
+    return changed, replace(iterate, covariance=covariance)
 
 
-def _log_det_at(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
+def _log_det(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
+    """log det C but for a constant."""
     total = 0.0
     for grid, x, each in zip(problem.grids, iterate.x, linear, strict=True):
         total += log_determinant(quadratic_of(problem, grid, x, [(slice(None), each)], iterate.covariance))
@@ -247,37 +281,81 @@ def _log_det_at(problem: Problem, iterate: Iterate, linear: Sequence[Linearisati
     return total
 
 
+def _log_det_of_information(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
+    """log det I(theta); nan where the states are not determined."""
+    solved = _solved(problem, iterate, linear)
+    return float("nan") if solved is None else solved.log_det
+
+
+def _nothing(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
+    return 0.0
+
+
 @dataclass(frozen=True)
 class _Solved:
-    """Objective with the states best for the variances, the functions linear; the whitened rows it is made of:
-    outputs (n, n_outputs) and process noise (n, n_states), the initial state's row first, of each segment.
+    """With the states best for the variances, the functions linear: the objective, and log det I(theta).
+
+    The whitened rows of both, of each segment: outputs (n, n_outputs, 1 + k), process noise (n, n_states, 1 + k), the
+    initial state's row first; the residual's column, then those of k orthonormal combinations of theta.
     """
 
     objective: float
+    log_det: float
     outputs: tuple[FloatArray, ...]
     noise: tuple[FloatArray, ...]
 
 
 def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> _Solved | None:
-    outputs, noise = [], []
+    segments = []
     for grid, x, each in zip(problem.grids, iterate.x, linear, strict=True):
         found = eliminate(quadratic_of(problem, grid, x, [(slice(None), each)], iterate.covariance))
         if found is None:
             return None
-        seen, driven = found.rows()
-        outputs.append(seen[:, :, 0])
-        noise.append(np.zeros(each.defect.shape) if driven is None else driven[:, :, 0])
-    total = sum(float(np.sum(rows**2)) for rows in (*outputs, *noise))
-    return _Solved(0.5 * total, tuple(outputs), tuple(noise))
+        segments.append(sensitivity_of(found))
+    combinations, log_det = _orthonormal(problem, iterate, segments)
+    outputs, noise = [], []
+    for segment, index in zip(segments, problem.parameters.segment_index, strict=True):
+        seen, driven = segment.eliminated.rows()
+        turn = np.zeros((1 + index.size, 1 + combinations.shape[1]))
+        turn[0, 0] = 1.0
+        turn[1:, 1:] = np.where(segment.void[:, None], 0.0, combinations[index])
+        outputs.append(seen @ turn)
+        noise.append(
+            np.zeros((*segment.eliminated.problem.defect.shape, 1)) if driven is None else driven @ turn
+        )
+    total = sum(float(np.sum(rows[:, :, 0] ** 2)) for rows in (*outputs, *noise))
+    return _Solved(0.5 * total, log_det, tuple(outputs), tuple(noise))
+
+
+def _orthonormal(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]
+) -> tuple[FloatArray, float]:
+    """Combinations of theta (p, k) of unit information, priors in it, and log det I(theta), over what the data and
+    the bounds leave free.
+    """
+    parameters = problem.parameters
+    inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
+    p = inside.size
+    data = information_factor(problem, segments)[:p, :p]
+    rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)])
+    size = np.linalg.norm(rows, axis=0)
+    free = np.flatnonzero(inside & (size > 0.0))
+    _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
+    kept = singular > _UNSEEN * singular.max(initial=0.0)
+    combinations = np.zeros((p, int(kept.sum())))
+    combinations[free] = rotation[kept].T / singular[kept] / size[free][:, None]
+    return combinations, 2.0 * float(np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
 
 
 def _squares(problem: Problem, iterate: Iterate, directions: Directions, solved: _Solved) -> FloatArray:
-    """Minus twice the derivative of the objective by the unknowns, (k,)."""
-    driven = sum(np.sum(rows[1:] ** 2, axis=0) for rows in solved.noise)
+    """Minus twice the derivative of objective and 1/2 log det I(theta) by the unknowns, (k,)."""
+    driven = sum(np.sum(rows[1:] ** 2, axis=(0, 2)) for rows in solved.noise)
     root = np.linalg.cholesky(iterate.covariance)
     seen = np.zeros_like(root)
     for grid, rows in zip(problem.grids, solved.outputs, strict=True):
-        weighted = root.T @ np.einsum("nja,nj->an", whitening(iterate.covariance, grid.measured), rows)
+        weighted = root.T @ np.einsum(
+            "nja,njk->ank", whitening(iterate.covariance, grid.measured), rows
+        ).reshape(len(root), -1)
         seen += weighted @ weighted.T
     measured = [seen[a, b] * (1.0 if a == b else 2.0) for a, b in directions.entries]
     return np.concatenate([np.asarray(driven)[list(directions.driven)], measured])
@@ -286,8 +364,8 @@ def _squares(problem: Problem, iterate: Iterate, directions: Directions, solved:
 def _value(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation], solved: _Solved | None
 ) -> float:
-    """NLLF but for a constant, priors left out; infinite where the states are not determined."""
+    """Restricted NLLF but for a constant, priors left out; infinite where the states are not determined."""
     if solved is None:
         return float("inf")
-    total = solved.objective + 0.5 * _log_det_at(problem, iterate, linear)
+    total = solved.objective + 0.5 * (_log_det(problem, iterate, linear) + solved.log_det)
     return total if np.isfinite(total) else float("inf")

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.acceleration import Extrapolation
 from brv_hypo.likelihood.collocation import evaluate_segment
 from brv_hypo.likelihood.filtering import (
     determinant_gradient,
@@ -99,6 +100,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         problem, iterate = _noise_first(problem, iterate, options)
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
+    extrapolation = Extrapolation(problem)
 
     def ended(status: Status, detail: str = "") -> Outcome:
         message = f"{detail}: {status.message}" if detail else status.message
@@ -108,13 +110,13 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         try:
             segments, unseen = _sensitivities(problem, iterate)
         except SingularStatesError as error:
-            return ended(Status.UNDETERMINED, str(error))
+            return ended(_singular(error), str(error))
         step = _step(problem, iterate, segments)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
         term = partial(determinant_term, problem) if np.any(problem.process_noise) else None
-        following, fraction = line_search(problem, iterate, step, penalty, term)
+        following, fraction = _advanced(problem, iterate, step, extrapolation, penalty, term)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
                 return ended(Status.STALLED)
@@ -134,10 +136,29 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             options.progress(history[-1])
         if step.length < options.tolerance and noise_settled and violation < _FEASIBLE:
             if unseen is not None:
-                return ended(Status.UNDETERMINED, str(unseen))
+                return ended(_singular(unseen), str(unseen))
             return replace(ended(Status.CONVERGED), segments=segments)
         del segments, step  # not kept beside the next
     return ended(Status.ITERATION_LIMIT, f"{options.max_iterations} iterations")
+
+
+def _singular(error: SingularStatesError) -> Status:
+    return Status.STIFF if error.stiff else Status.UNDETERMINED
+
+
+def _advanced(
+    problem: Problem,
+    iterate: Iterate,
+    step: Step,
+    extrapolation: Extrapolation,
+    penalty: float,
+    term: Callable[[Iterate], float] | None,
+) -> tuple[Iterate, float]:
+    """The whole of a slow step's extrapolation; else as far along the step as the merit falls."""
+    further = extrapolation.improved(iterate, step)
+    if further is not step:
+        return moved(problem, iterate, further, 1.0), 1.0
+    return line_search(problem, iterate, step, penalty, term)
 
 
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:

@@ -13,6 +13,7 @@ class Status(StrEnum):
     ITERATION_LIMIT = "iteration limit"
     STALLED = "stalled"
     UNDETERMINED = "undetermined"
+    STIFF = "too stiff"
     DIVERGED = "diverged"
 
     @property
@@ -50,6 +51,11 @@ _CAUSES = {
     Status.UNDETERMINED: (
         "a state neither shows in an output nor drives one that does",
         "Measure it, leave it out of the states, or give x0_std so that its start is known",
+    ),
+    Status.STIFF: (
+        "between two samples the fastest state settles so many times over that rounding hides the slow ones",
+        "Let that state follow the others at once (set its rate to 0 and solve for it), sample faster, or raise "
+        "mesh_steps",
     ),
     Status.DIVERGED: (
         "the step is not finite: the functions overflowed or returned nan",

@@ -28,6 +28,9 @@ _RANK_TOLERANCE = 1e-10
 """Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
 _ROUNDING = 1e-7
 """A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+_STIFF = 1e6
+"""Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
+"""
 _MANY = 32768
 """Samples, of all segments, from which eliminated states with process noise are not kept."""
 _ANCHOR = 10.0
@@ -101,11 +104,15 @@ class Step:
 
 
 class SingularStatesError(ArithmeticError):
-    """The states of a segment cannot be determined from its outputs; `segment` says which."""
+    """The states of a segment cannot be determined from its outputs; `segment` says which, `stiff` whether the
+    dynamics are so fast for the mesh that rounding alone may be why.
+    """
 
-    def __init__(self, segment: int) -> None:
-        super().__init__(f"the states of segment {segment} are not determined by its outputs")
+    def __init__(self, segment: int, stiff: bool = False) -> None:
+        what = "lost in rounding, its dynamics being stiff" if stiff else "not determined by its outputs"
+        super().__init__(f"the states of segment {segment} are {what}")
         self.segment = segment
+        self.stiff = stiff
 
 
 def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) -> tuple[Sensitivity, ...]:
@@ -122,7 +129,7 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     for s in range(len(problem.grids)):
         again = partial(_eliminated, problem, iterate, s, anchored)
         eliminated = again()
-        sensitivity = _sensitivity(eliminated)
+        sensitivity = sensitivity_of(eliminated)
         found.append(replace(sensitivity, eliminated=Recalled(again)) if noisy else sensitivity)
     return tuple(found)
 
@@ -177,7 +184,7 @@ def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool) -> E
         quadratic = _anchor(quadratic)
     eliminated = eliminate(quadratic)
     if eliminated is None:
-        raise SingularStatesError(s)
+        raise SingularStatesError(s, float(np.abs(quadratic.defect_by_state.blocks).max()) > _STIFF)
     return eliminated
 
 
@@ -313,7 +320,7 @@ def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice)
     return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
 
 
-def _sensitivity(eliminated: Eliminated) -> Sensitivity:
+def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
     """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
     triangle = eliminated.triangle()
     left = np.sum(triangle[:, :-1] ** 2, axis=0)

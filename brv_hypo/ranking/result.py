@@ -7,7 +7,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from brv_hypo.tabular import NullIsNaN, Result, Row
+from brv_hypo.json_result import NullIsNaN, Result
+from brv_hypo.tabular import Row
 
 Interval = tuple[float, float]
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
+from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
-from brv_hypo.tabular import NullIsNaN, Result, Row
+from brv_hypo.tabular import Row
 
 
 class ModelSource(NullIsNaN):

@@ -7,11 +7,12 @@ from typing import Literal
 
 from pydantic import Field
 
+from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.filed import MechanismFile
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.tabular import NullIsNaN, Result, Row
+from brv_hypo.tabular import Row
 
 Interval = tuple[float, float]
 Standing = Literal["finding", "hint"]

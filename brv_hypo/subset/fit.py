@@ -10,6 +10,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 
 MOST_REFINEMENTS = 8
+# Correction, against the coefficients, that is below the last digit of extended precision by ten and more.
+NEGLIGIBLE = 1e-21
 # Condition number of the scaled columns from which the variances are refined too.
 REFINE_VARIANCES_FROM = 1e6
 
@@ -69,17 +71,21 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
     """
     beta = np.zeros((inverse.shape[0], f.shape[1]), dtype=np.longdouble)
     r = np.zeros(f.shape, dtype=np.longdouble)
+    left, inside = f.astype(np.float64), -(inverse.T @ g.astype(np.float64))
     last = np.inf
     for _ in range(MOST_REFINEMENTS):
-        left = (f - r - wide @ beta).astype(np.float64)
-        inside = Q.T @ left - inverse.T @ (g - wide.T @ r).astype(np.float64)
+        inside = Q.T @ left + inside
         step = inverse @ inside
         size = float(np.linalg.norm(step))
         if size >= 0.5 * last:
             break
         beta = beta + step
         r = r + left - Q @ inside
-        last = size
-        if size <= 1e-18 * float(np.linalg.norm(beta.astype(np.float64))):
+        # Corrections shrink by one factor: the next would be size^2 / last.
+        following = size * (size / last) if np.isfinite(last) else size
+        if following <= NEGLIGIBLE * float(np.linalg.norm(beta.astype(np.float64))):
             break
+        last = size
+        left = (f - r - wide @ beta).astype(np.float64)
+        inside = -(inverse.T @ (g - wide.T @ r).astype(np.float64))
     return beta

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -98,3 +99,42 @@ def test_a_finer_segment_has_the_inputs_of_the_coarse_one(hold: Any) -> None:
         np.testing.assert_allclose(fine.u[0], inside, atol=2e-4)
     with pytest.raises(UsageError, match="mesh_steps"):
         run(8.0, mesh_steps=0)
+
+
+def robertson(times: FloatArray) -> tuple[Segment, dict[str, float]]:
+    """Robertson's reaction, rate constants nine decades apart, all three states measured."""
+    truth = {"k1": 0.04, "k2": 3e7, "k3": 1e4}
+    noise = np.array([[3e-3], [3e-7], [3e-3]])
+    x = solve_ivp(
+        lambda t, x: reaction(x, None, truth, t),
+        (0.0, times[-1]),
+        [1.0, 0.0, 0.0],
+        "Radau",
+        times,
+        rtol=1e-9,
+        atol=1e-13,
+    ).y
+    y = x + noise * np.random.default_rng(0).standard_normal(x.shape)
+    return Segment(times, np.zeros((0, times.size)), y, np.array([1.0, 0.0, 0.0])), truth
+
+
+def reaction(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    decay, pairs, back = theta["k1"] * x[0], theta["k2"] * x[1] ** 2, theta["k3"] * x[1] * x[2]
+    return np.stack([back - decay, decay - pairs - back, pairs])
+
+
+def test_dynamics_far_too_stiff_for_the_samples_are_called_so() -> None:
+    segment, truth = robertson(np.append(0.0, np.geomspace(1e-5, 1e4, 80)))
+    result = fit(reaction, lambda x, u, theta, t: x, [segment], truth)
+    assert result.status == Status.STIFF
+    assert "not determined by its outputs" not in result.message
+    assert Status.STIFF.remedy in result.message
+    assert all(np.isnan(error) for error in result.std_error.values())
+
+
+def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh, "MOST_STEPS", 2)
+    segment, truth = robertson(np.linspace(0.0, 40.0, 81))
+    result = fit(reaction, lambda x, u, theta, t: x, [segment], truth)
+    assert not result.converged
+    assert "The mesh is a likely cause" in result.message

@@ -1,0 +1,245 @@
+"""When `converged` can be believed: fits of what misleads them. See `python -m brv_hypo.likelihood.study`.
+
+An estimate is beyond 3 sigma where the errors of all its parameters together are: their sum of squares in units of
+their covariance exceeds what one fit in 370 does by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood.estimate import fit
+from brv_hypo.likelihood.hard_problems import (
+    held_short_period,
+    kinetics,
+    oscillator,
+    scattered,
+    stalled_aircraft,
+    thinned,
+    with_gap,
+)
+from brv_hypo.likelihood.problems import ModelProblem, growing_body, short_period
+from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.segment import Segment
+from brv_hypo.likelihood.status import Status
+
+_THREE_SIGMA = 0.9973
+_SAME_LIKELIHOOD = 1.0
+"""Difference of log-likelihoods below which an optimum is the best known."""
+
+
+@dataclass(frozen=True)
+class TrapStudy:
+    """Start by start, (starts,): log-likelihood and convergence of the fit, and of its first beginning alone.
+
+    `best` is the greatest log-likelihood known: of all starts, and of a fit from the states that were flown.
+    """
+
+    log_likelihood: FloatArray
+    converged: BoolArray
+    first_log_likelihood: FloatArray
+    first_converged: BoolArray
+    best: float
+
+    def solved(self, first: bool = False) -> BoolArray:
+        """Converged at the best optimum known."""
+        value, ended = (
+            (self.first_log_likelihood, self.first_converged)
+            if first
+            else (self.log_likelihood, self.converged)
+        )
+        return np.asarray(ended & (value > self.best - _SAME_LIKELIHOOD))
+
+    def deceived(self, first: bool = False) -> BoolArray:
+        """Converged at a worse one."""
+        ended = self.first_converged if first else self.converged
+        return np.asarray(ended & ~self.solved(first))
+
+
+def trapped(severity: float, starts: int, seed: int, samples: int = 480) -> TrapStudy:
+    """A flight into stall, fitted by a model without one, from start values up to half off."""
+    flown, model = stalled_aircraft(severity)
+    rng = np.random.default_rng(seed)
+    t = np.arange(samples) / flown.rate
+    x = flown.trajectory(t, rng)
+    segment = flown.measure(t, x, rng, 0.0)
+    reference = fit(model.dynamics, model.outputs, [replace(segment, x0=x)], model.truth)
+    ends = [
+        fit(model.dynamics, model.outputs, [segment], scattered(model.truth, 0.5, rng)) for _ in range(starts)
+    ]
+    first = [end.beginnings[0] for end in ends]
+    likelihoods = np.array([end.log_likelihood for end in ends])
+    return TrapStudy(
+        log_likelihood=likelihoods,
+        converged=np.array([end.converged for end in ends]),
+        first_log_likelihood=np.array([each.log_likelihood for each in first]),
+        first_converged=np.array([each.status is Status.CONVERGED for each in first]),
+        best=max(float(np.nanmax(likelihoods)), reference.log_likelihood),
+    )
+
+
+Spoil = Callable[[Segment, np.random.Generator], Segment]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Records of one kind: what was flown, for how many samples, how they were spoiled, how far off starts are."""
+
+    name: str
+    problem: ModelProblem
+    samples: int
+    spoil: Spoil
+    spread: float = 0.3
+
+
+@dataclass(frozen=True)
+class KindResult:
+    """Fits of one kind: convergence (trials,), errors in standard errors (trials, p), and whether all of them together
+    are beyond 3 sigma (trials,).
+    """
+
+    name: str
+    converged: BoolArray
+    coarse: BoolArray
+    score: FloatArray
+    beyond: BoolArray
+
+
+def record_kinds() -> tuple[Kind, ...]:
+    """Gaps, half of the samples missing, held and switched inputs, coarse grids."""
+    growing, aircraft, held = growing_body(), short_period(), held_short_period()
+    coarse_body = replace(growing, rate=10.0)
+    return (
+        Kind("gap of 3 s, unstable body", growing, 250, lambda s, rng: with_gap(s, rng.uniform(0.3, 0.5), 3.0)),
+        Kind("half missing, unstable body", growing, 250, lambda s, rng: thinned(s, 0.5, rng)),
+        Kind(
+            "both, unstable body", growing, 250,
+            lambda s, rng: thinned(with_gap(s, rng.uniform(0.3, 0.5), 3.0), 0.5, rng),
+        ),
+        Kind("gap of 3 s, short period", aircraft, 300, lambda s, rng: with_gap(s, rng.uniform(0.1, 0.6), 3.0), 1.0),
+        Kind("half missing, short period", aircraft, 300, lambda s, rng: thinned(s, 0.5, rng), 1.0),
+        Kind("held input, short period", held, 300, _as_it_is, 1.0),
+        Kind("held input, half missing", held, 300, lambda s, rng: thinned(s, 0.5, rng), 1.0),
+        Kind("10 Hz, unstable body", coarse_body, 100, _as_it_is),
+        Kind("oscillator, 2 samples a rad", oscillator(10.0), 150, _as_it_is, 0.05),
+        Kind("oscillator, 1 sample a rad", oscillator(20.0), 150, _as_it_is, 0.05),
+    )  # fmt: skip
+
+
+def stiff_kinds() -> tuple[Kind, ...]:
+    """From slow for the samples to far too fast."""
+    return (
+        *(
+            Kind(f"oscillator, {w:g} rad/s", oscillator(w), 150, _as_it_is, 0.02)
+            for w in (5.0, 20.0, 40.0, 60.0)
+        ),
+        *(Kind(f"kinetics, {k:g} 1/s", kinetics(k), 100, _as_it_is) for k in (10.0, 40.0, 100.0)),
+    )
+
+
+def run_kind(kind: Kind, trials: int, seed: int) -> KindResult:
+    """That many records, each with its own noise, gaps and start."""
+    found = []
+    for segment, start in _trials(kind, trials, seed):
+        found.append(fit(kind.problem.dynamics, kind.problem.outputs, [segment], start))
+    errors = [_errors(result, kind.problem.truth) for result in found]
+    return KindResult(
+        name=kind.name,
+        converged=np.array([result.converged for result in found]),
+        coarse=np.array([result.status is Status.COARSE for result in found]),
+        score=np.array([e / np.sqrt(np.diag(r.covariance)) for e, r in zip(errors, found, strict=True)]),
+        beyond=np.array([_beyond(e, r.covariance) for e, r in zip(errors, found, strict=True)]),
+    )
+
+
+def hold_bias(samples: int = 300) -> FloatArray:
+    """Error without noise of the estimates from a held input, in standard errors that the noise would give, (p,)."""
+    problem = held_short_period()
+    quiet = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
+    known = np.diag(problem.noise**2)
+    found = fit(problem.dynamics, problem.outputs, [quiet], problem.truth, noise_covariance=known)
+    return _errors(found, problem.truth) / np.sqrt(np.diag(found.covariance))
+
+
+def _trials(kind: Kind, trials: int, seed: int) -> Iterator[tuple[Segment, dict[str, float]]]:
+    problem = kind.problem
+    t = np.arange(kind.samples) / problem.rate
+    x = problem.trajectory(t, np.random.default_rng(seed))
+    for child in np.random.SeedSequence(seed).spawn(trials):
+        rng = np.random.default_rng(child)
+        segment = kind.spoil(problem.measure(t, x, rng, 0.0), rng)
+        yield segment, scattered(problem.truth, kind.spread, rng)
+
+
+def _errors(result: FitResult, truth: Mapping[str, float]) -> FloatArray:
+    return np.array([result.theta[name] - truth[name] for name in result.names])
+
+
+def _beyond(error: FloatArray, covariance: FloatArray) -> bool:
+    """Whether errors (p,) are beyond 3 sigma together; also where a covariance is missing."""
+    from scipy.stats import chi2
+
+    if not np.all(np.isfinite(covariance)):
+        return True
+    return bool(error @ np.linalg.solve(covariance, error) > chi2.ppf(_THREE_SIGMA, error.size))
+
+
+def _as_it_is(segment: Segment, rng: np.random.Generator) -> Segment:
+    return segment
+
+
+def print_trapped(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    """At most 50 starts for each of two severities."""
+    for severity in (4.0, 6.0):
+        found = trapped(severity, min(trials, 50), seed)
+        echo(
+            f"aircraft in stall of severity {severity:g}, model without one, {found.converged.size} starts half off"
+        )
+        for what, first in (("as `fit` does it", False), ("from its first beginning alone", True)):
+            value = found.first_log_likelihood if first else found.log_likelihood
+            solved, deceived = found.solved(first).mean(), found.deceived(first).mean()
+            echo(
+                f"  {what}: {solved:.1%} at the best optimum known, {deceived:.1%} converged at a worse one; "
+                f"log-likelihood less than the best by {found.best - value.min():.3g} at most"
+            )
+
+
+def print_records(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    """As many trials in all, a tenth of each kind."""
+    results = [run_kind(kind, max(trials // 10, 1), seed) for kind in record_kinds()]
+    _print_kinds(results, echo)
+    total = sum(found.converged.size for found in results)
+    wrong = sum(int((found.beyond & found.converged).sum()) for found in results)
+    echo(f"of {total} records {wrong} converged beyond 3 sigma: {wrong / total:.1%}")
+
+
+def print_stiff(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    """As many trials of each kind."""
+    _print_kinds([run_kind(kind, trials, seed) for kind in stiff_kinds()], echo)
+
+
+def print_hold(trials: int, seed: int, echo: Callable[[str], None]) -> None:
+    """The bias itself, and the mean error over trials with noise."""
+    bias = hold_bias()
+    echo(f"held input: bias without noise {np.max(np.abs(bias)):.1e} sigma at most")
+    kind = next(kind for kind in record_kinds() if kind.problem.hold == "zero")
+    found = run_kind(kind, trials, seed)
+    mean = found.score[found.converged].mean(axis=0)
+    echo(
+        f"  mean error of {found.converged.sum()} fits {np.max(np.abs(mean)):.2f} sigma at most, of which chance is "
+        f"{1.0 / np.sqrt(found.converged.sum()):.2f} a parameter"
+    )
+
+
+def _print_kinds(results: Sequence[KindResult], echo: Callable[[str], None]) -> None:
+    for found in results:
+        good = found.converged
+        scatter = np.sqrt(np.mean(found.score[good] ** 2)) if good.any() else float("nan")
+        echo(
+            f"{found.name}: {good.mean():.1%} of {good.size} converged, {found.coarse.mean():.1%} coarse mesh; of the "
+            f"converged {int((found.beyond & good).sum())} beyond 3 sigma, scatter {scatter:.2f} sigma"
+        )
