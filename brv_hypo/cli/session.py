@@ -139,7 +139,11 @@ class Session:
             from brv_hypo.report.drawing import draw_into
 
             written = draw_into(self.figures, document.charts, overwrite=self.force)
-            self.show(f"Wrote {len(written)} files to {self.figures}.")
+            self.show(
+                f"Wrote {len(written)} files to {self.figures}."
+                if written
+                else "The result has no charts: no picture files were written."
+            )
 
     @staticmethod
     def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> Provenance:

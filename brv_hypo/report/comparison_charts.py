@@ -88,7 +88,6 @@ def _sizes(comparison: Comparison) -> Chart:
         [row.n_terms for row in rows],
         spread,
         "first",
-        "hypotheses",
         dots=True,
         large=True,
         labels=[row.mechanism for row in rows],

@@ -33,6 +33,10 @@ COLOURS = {
     "guide": "#999999",
 }
 """By role; Okabe and Ito (2008), told apart by colour-blind readers."""
+_BESIDE = (
+    ((0, 5), "center", "bottom"), ((0, -5), "center", "top"), ((5, 0), "left", "center"), ((-5, 0), "right", "center")
+)  # fmt: skip
+"""Places of labels, in turn, so that those of neighbours do not hide each other: shift in points, alignment."""
 _STYLE: Any = {
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -56,10 +60,11 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     """
     require_matplotlib()
     target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
     wanted = [(chart, target / f"{file_stem(chart)}.{kind}") for chart in charts for kind in ("png", "svg")]
     for _, path in wanted:
         check_target(path, overwrite=overwrite)
+    if wanted:
+        target.mkdir(parents=True, exist_ok=True)
     for chart, path in wanted:
         write_whole(path, drawn(chart, path.suffix[1:]))
     return tuple(path for _, path in wanted)
@@ -148,8 +153,11 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
     if layer.error is not None:
         spread = np.asarray(layer.error, dtype=float)
         axes.errorbar(layer.x, layer.y, yerr=spread, fmt="none", ecolor=colour, linewidth=1.0)
-    for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
-        axes.annotate(label, (x, y), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=8)
+    for i, (x, y, label) in enumerate(zip(layer.x, layer.y, layer.labels, strict=False)):
+        shift, across, along = _BESIDE[i % len(_BESIDE)]
+        axes.annotate(
+            label, (x, y), xytext=shift, textcoords="offset points", ha=across, va=along, fontsize=8, clip_on=False
+        )
 
 
 def _bars(axes: Axes, layer: Bars, colour: str) -> None:

@@ -182,11 +182,13 @@ def spectrum_chart(
     sample_rate = 1.0 / float(np.median(np.diff(t)))
     layers: list[Layer] = []
     highest = 0.0
-    for name, (moments, role) in histories.items():
-        frequency, power = _spectrum(moments, sample_rate)
-        layers.append(Line(frequency, power, role, name))
+    spectra = {name: _spectrum(moments, sample_rate) for name, (moments, _) in histories.items()}
+    for frequency, power in spectra.values():
         highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
     highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
+    for name, (frequency, power) in spectra.items():
+        shown = frequency <= highest
+        layers.append(Line(frequency[shown], power[shown], histories[name][1], name))
     return Chart(
         f"spectrum{setting.suffix}",
         f"Spectrum{setting.which}",

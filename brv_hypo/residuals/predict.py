@@ -257,6 +257,13 @@ def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, f
     return 1.0 - max(error - noise, 0.0) / max(without - noise, 1e-300)
 
 
+def _explains(share: float) -> str:
+    """What a model does to a mean square; one that explains less than nothing does not hold."""
+    if share >= 0.0:
+        return f"explains {100.0 * share:.1f} % of"
+    return f"does not hold here, and leaves {1.0 - share:.3g} times"
+
+
 def _reason(shares: _Shares, band: Band) -> str:
     """The outcome in a few sentences."""
     if shares.flown == 0.0:
@@ -266,7 +273,8 @@ def _reason(shares: _Shares, band: Band) -> str:
         "model was found at, and are left out of these shares."
     )
     return (
-        f"The frozen model explains {100.0 * shares.frozen:.1f} % of the moments' mean square, noise aside; "
-        f"the same model fitted to this flight explains {100.0 * shares.own:.1f} %. Its {100.0 * band.level:.0f} % "
-        f"band holds {100.0 * band.inside:.1f} % of the samples." + (beyond if shares.flown < _NEARLY_ALL else "")
+        f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
+        f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
+        f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
+        + (beyond if shares.flown < _NEARLY_ALL else "")
     )

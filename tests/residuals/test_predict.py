@@ -10,6 +10,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
@@ -133,5 +134,5 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
-    assert [panel.title for panel in chart.panels] == ["C_m x 10^3", "C_n x 10^3"]
+    assert [panel.title for panel in chart.panels] == list(BODY)
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
