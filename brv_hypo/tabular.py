@@ -5,15 +5,19 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, model_validator
 
 from brv_hypo.errors import UsageError
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 MOST_ROWS = 60
 """Rows of an HTML view; a data frame has them all."""
@@ -40,20 +44,22 @@ class Tabular:
         frame: pandas.DataFrame = _pandas().DataFrame.from_records(list(self.rows()))
         return frame
 
+    def to_xarray(self) -> xarray.Dataset:
+        """The rows as a labelled data set over the dimension "row".
+
+        Raises UsageError with the remedy where xarray is not installed.
+        """
+        rows = list(self.rows())
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        return _dataset(columns, "row", {}, self.headline())
+
     def __repr__(self) -> str:
         """Short, whatever the result holds."""
         return f"<{type(self).__name__}: {self.headline()}>"
 
     def _repr_html_(self) -> str:
         """For notebooks: headline and table."""
-        rows = list(self.rows())
-        head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
-        body = "".join(
-            "<tr>" + "".join(f"<td>{escape(_told(value))}</td>" for value in row.values()) + "</tr>"
-            for row in rows[:MOST_ROWS]
-        )
-        more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
-        return f"<p><b>{escape(self.headline())}</b></p><table><tr>{head}</tr>{body}</table>{more}"
+        return _html(self.headline(), list(self.rows()))
 
 
 class Histories(Tabular):
@@ -69,7 +75,7 @@ class Histories(Tabular):
         return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The columns as a pandas data frame whose index is the axis; `.to_xarray()` of it is a labelled data set.
+        """The columns as a pandas data frame whose index is the axis.
 
         Raises UsageError with the remedy where pandas is not installed.
         """
@@ -77,10 +83,39 @@ class Histories(Tabular):
         frame: pandas.DataFrame = _pandas().DataFrame(columns).set_index(next(iter(columns)))
         return frame
 
+    def units(self) -> Mapping[str, str]:
+        """Units of the columns that have any, SI."""
+        return {}
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The columns as a labelled data set over the axis, with their units.
+
+        Raises UsageError with the remedy where xarray is not installed.
+        """
+        columns = dict(self.columns())
+        return _dataset(columns, next(iter(columns)), self.units(), self.headline())
+
     def _repr_html_(self) -> str:
-        """For notebooks: the headline, and which columns there are."""
-        names = ", ".join(self.columns())
-        return f"<p><b>{escape(self.headline())}</b></p><p>to_dataframe(): {escape(names)}</p>"
+        """For notebooks: the headline, and the columns with their units and ranges."""
+        units = self.units()
+        lines = [
+            {"column": name, "unit": units.get(name), "least": np.nanmin(values), "greatest": np.nanmax(values)}
+            for name, values in self.columns().items()
+        ]
+        return _html(self.headline(), lines)
+
+
+class Pictured:
+    """A result with charts: those of its page and of `--figures`."""
+
+    def plot(self, chart: str = "") -> Figure:
+        """One chart as a matplotlib figure, by the name that its picture file has; "" for the principal one.
+
+        Raises UsageError where the result has no such chart (naming those that it has), or matplotlib is missing.
+        """
+        # The report stands above all results in the order of imports: it is found by name, when it is asked for.
+        figure: Figure = import_module("brv_hypo.report.write").plot(self, chart)
+        return figure
 
 
 class NullIsNaN(BaseModel):
@@ -130,6 +165,16 @@ class Result(Tabular, NullIsNaN):
             raise UsageError(f"this is not the JSON of a {cls.__name__}: {_first(error)}.") from None
 
 
+def _html(headline: str, rows: Sequence[Row]) -> str:
+    head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(_told(value))}</td>" for value in row.values()) + "</tr>"
+        for row in rows[:MOST_ROWS]
+    )
+    more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
+    return f"<p><b>{escape(headline)}</b></p><table><tr>{head}</tr>{body}</table>{more}"
+
+
 def _is_mapping_of_numbers(annotation: object) -> bool:
     return get_origin(annotation) is dict and get_args(annotation) == (str, float)
 
@@ -150,6 +195,30 @@ def _read(path: str | Path) -> str:
     except OSError as error:
         reason = error.strerror or error
         raise UsageError(f"{path} cannot be read: {reason}. Give the file that --json wrote.") from None
+
+
+def _dataset(
+    columns: Mapping[str, Any], axis: str, units: Mapping[str, str], title: str
+) -> xarray.Dataset:
+    try:
+        import xarray
+    except ImportError:
+        message = "to_xarray() needs xarray, which is not installed: pip install 'brv-hypo[xarray]'."
+        raise UsageError(message) from None
+    variables = {
+        name: (axis, _one_each(values), {"units": units[name]} if name in units else {})
+        for name, values in columns.items()
+    }
+    return xarray.Dataset(variables, attrs={"title": title}).set_coords([axis] if axis in columns else [])
+
+
+def _one_each(values: Any) -> Any:
+    """Values as an array (n,), tuples as objects of it."""
+    if not any(isinstance(value, tuple | list) for value in values):
+        return np.asarray(values)
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = values
+    return objects
 
 
 def _pandas() -> Any:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from brv_hypo.tabular import NullIsNaN, Result, Row
+from brv_hypo.tabular import NullIsNaN, Pictured, Result, Row
 
 Interval = tuple[float, float]
 
@@ -216,7 +216,7 @@ class StepwiseDifference(NullIsNaN):
     rss_ratio: float
 
 
-class Comparison(Result):
+class Comparison(Pictured, Result):
     """The ranking of the hypotheses with its verdict.
 
     `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have

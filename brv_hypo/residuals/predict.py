@@ -31,6 +31,7 @@ from brv_hypo.residuals.model_file import read_model
 from brv_hypo.residuals.prediction import Band, ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
+from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.residuals.summary import term_estimates
 
@@ -48,19 +49,21 @@ _LINEARISATIONS = 2
 
 def predict(
     flight: FlightSource,
-    model: SavedModel | str | Path,
+    model: Trace | SavedModel | str | Path,
     refit: Sequence[str] = (),
     config: TraceConfig | None = None,
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
+    `model` is what `trace` returned, the model of it, or a file that holds either.
     `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
     `instruments` stands for all of these, within their tolerances.
     Errors of the record that the model holds are those of its own flight, and are left out.
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
-    path = None if isinstance(model, SavedModel) else Path(model)
-    content = of_as_many(model if isinstance(model, SavedModel) else read_model(Path(model)), 1)
+    saved = model.model.definition if isinstance(model, Trace) else model
+    path = None if isinstance(saved, SavedModel) else Path(saved)
+    content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
         return _predict(record, content, path, tuple(refit), config or TraceConfig())

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pydantic import Field
 
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
-from brv_hypo.tabular import NullIsNaN, Result, Row
+from brv_hypo.tabular import NullIsNaN, Pictured, Result, Row
 
 
 class ModelSource(NullIsNaN):
@@ -55,7 +55,7 @@ class Band(NullIsNaN):
     half_width: tuple[Series, Series]
 
 
-class Prediction(Result):
+class Prediction(Pictured, Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights

@@ -11,7 +11,7 @@ from brv_hypo.mechanisms.filed import MechanismFile
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.tabular import NullIsNaN, Result, Row
+from brv_hypo.tabular import NullIsNaN, Pictured, Result, Row
 
 Interval = tuple[float, float]
 Standing = Literal["finding", "hint"]
@@ -142,7 +142,7 @@ class Picture(NullIsNaN):
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
 
 
-class Trace(Result):
+class Trace(Pictured, Result):
     """The course of a trace: its steps, the model that it ended with, and what is left."""
 
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
