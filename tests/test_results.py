@@ -195,8 +195,8 @@ class TestPlot:
             assert len(compared.plot(chart.name).axes) == len(chart.panels)
 
     def test_the_winner_lies_on_top(self, compared) -> None:
-        lines = [line for line in compared.plot("moments").axes[0].get_lines() if line.get_label() in ("none", "sticking")]
-        assert [line.get_label() for line in lines] == ["none", "sticking"]
+        labels = [line.get_label() for line in compared.plot("moments").axes[0].get_lines()]
+        assert [label for label in labels if label in ("none", "sticking")] == ["none", "sticking"]
 
     def test_an_unknown_chart_is_refused_with_those_there_are(self, compared) -> None:
         with pytest.raises(UsageError, match=r"got chart 'momenst', expected one .* moments, residuals"):

@@ -206,6 +206,22 @@ class CoefficientSeries(NullIsNaN):
     std_error: tuple[float, ...]
 
 
+class SizeSeries(NullIsNaN):
+    """The in-plane moment of the leader with `n_terms` terms over time, of one flight: not part of the JSON.
+
+    `at_zero` is C_N' at no angle of attack, `slope` its derivative by alpha in 1/rad; the model that was `chosen` has
+    its knots and delays refined, the others are the best subsets on the grid.
+    """
+
+    mechanism: str
+    n_terms: int
+    chosen: bool
+    flight: int
+    time_s: tuple[float, ...]
+    at_zero: tuple[float, ...]
+    slope: tuple[float, ...]
+
+
 class StepwiseDifference(NullIsNaN):
     """A number of terms at which Efroymson's stepwise search misses the `best` subset on the grid, by `rss_ratio`."""
 
@@ -236,6 +252,7 @@ class Comparison(Pictured, Result):
     stepwise: tuple[StepwiseDifference, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
+    sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""

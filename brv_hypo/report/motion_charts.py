@@ -10,7 +10,7 @@ from scipy.signal import welch
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.faults import RecordFault
-from brv_hypo.ranking.result import RecordFaultSummary
+from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.chart import Band, Chart, Layer, Line, Mark, Panel, Role, Span, Values, wrapped_degrees
 
 MILLI = 1e3
@@ -102,7 +102,7 @@ def residual_chart(
         )
         for k, title in enumerate(titles)
     ]
-    return setting.chart("residuals", heading, panels)
+    return setting.chart("residuals", heading, panels, "Dashed lines: knots." if setting.knots else "")
 
 
 def motion_chart(
@@ -157,7 +157,14 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     )
 
 
-def moment_by_alpha_chart(setting: Setting, alpha: Values, measured: Moments, models: Sequence[Drawn]) -> Chart:
+def moment_by_alpha_chart(
+    setting: Setting,
+    alpha: Values,
+    measured: Moments,
+    models: Sequence[Drawn],
+    name: str = "moment-by-alpha",
+    heading: str = "Moments",
+) -> Chart:
     """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
     degrees = np.degrees(np.asarray(alpha))
     panels = [
@@ -170,8 +177,8 @@ def moment_by_alpha_chart(setting: Setting, alpha: Values, measured: Moments, mo
         )
         for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
     ]
-    heading = f"Moments against angle of attack{setting.which}"
-    return Chart(f"moment-by-alpha{setting.suffix}", heading, "angle of attack, deg", panels)
+    title = f"{heading} against angle of attack{setting.which}"
+    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels)
 
 
 def spectrum_chart(
@@ -218,6 +225,12 @@ def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) ->
         else:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
     return sorted(found)
+
+
+def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[float]:
+    """Times inside the record at which a model's coefficients begin, change or end."""
+    edges = {edge for term in terms if term.region_s is not None for edge in term.region_s}
+    return sorted(edge for edge in edges if start < edge < stop)
 
 
 def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:

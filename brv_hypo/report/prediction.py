@@ -40,8 +40,8 @@ def prediction_document(result: Prediction) -> Document:
             Table(("moments less", "mean square", "ratio"), errors, "Error of the moments"),
             Table(("time s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
             *(Picture(chart) for chart in prediction_charts(result)),
-            term_table("frozen", result.frozen, "always"),
-            term_table("fitted to this flight", result.refitted, "always"),
+            term_table("Frozen", result.frozen, "always"),
+            term_table("Fitted to this flight", result.refitted, "always"),
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )

@@ -262,6 +262,8 @@ def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, f
 
 def _explains(share: float) -> str:
     """What a model does to a mean square; one that explains less than nothing does not hold."""
+    if share > 0.9995:
+        return "explains more than 99.9 % of"
     if share >= 0.0:
         return f"explains {100.0 * share:.1f} % of"
     return f"does not hold here, and leaves {1.0 - share:.3g} times"

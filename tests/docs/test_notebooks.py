@@ -15,8 +15,8 @@ def executed(request, tmp_path):
     """A notebook with what its cells returned; a cell that fails raises CellExecutionError."""
     book = nbformat.reads(notebooks()[request.param], as_version=4)
     nbformat.validate(book)
-    client = nbclient.NotebookClient(book, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}})
-    return client.execute()
+    place = {"metadata": {"path": tmp_path}}
+    return nbclient.NotebookClient(book, timeout=300, kernel_name="python3", resources=place).execute()
 
 
 def test_every_cell_runs_and_figures_and_tables_are_shown(executed) -> None:
