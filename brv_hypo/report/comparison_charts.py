@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import IntArray
-from brv_hypo.ranking.result import CoefficientSeries, Comparison, RankedHypothesis, Series, SizeSeries
+from brv_hypo.ranking.result import CoefficientSeries, Comparison, Series, SizeSeries
 from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
 from brv_hypo.report.motion_charts import (
     MILLI,
