@@ -32,6 +32,10 @@ class Tabular:
     def headline(self) -> str:
         """The result in a few words."""
 
+    def conclusion(self) -> str:
+        """What follows from it, in a sentence or two; empty where it speaks for itself."""
+        return ""
+
     @abstractmethod
     def rows(self) -> Sequence[Row]:
         """The result as rows, each a mapping of column to value, all with the same columns."""
@@ -58,8 +62,8 @@ class Tabular:
         return f"<{type(self).__name__}: {self.headline()}>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: headline and table."""
-        return _html(self.headline(), list(self.rows()))
+        """For notebooks: headline, conclusion and table."""
+        return _html(self.headline(), list(self.rows()), self.conclusion())
 
 
 class Histories(Tabular):
@@ -165,14 +169,15 @@ class Result(Tabular, NullIsNaN):
             raise UsageError(f"this is not the JSON of a {cls.__name__}: {_first(error)}.") from None
 
 
-def _html(headline: str, rows: Sequence[Row]) -> str:
+def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(_told(value))}</td>" for value in row.values()) + "</tr>"
         for row in rows[:MOST_ROWS]
     )
     more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
-    return f"<p><b>{escape(headline)}</b></p><table><tr>{head}</tr>{body}</table>{more}"
+    said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
+    return f"<p><b>{escape(headline)}</b></p>{said}<table><tr>{head}</tr>{body}</table>{more}"
 
 
 def _is_mapping_of_numbers(annotation: object) -> bool:

@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import pickle
+from html import escape
 
 import numpy as np
 import pytest
@@ -102,6 +103,7 @@ class TestEveryResult:
         frame = result.to_dataframe()
         assert len(frame) > 0
         html = result._repr_html_()
+        assert escape(result.conclusion()) in html
         assert len(html) < 20_000
         assert all(str(column) in html for column in frame.columns)
 

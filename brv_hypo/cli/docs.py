@@ -62,12 +62,12 @@ def _topics() -> str:
 
 def _write_notebooks(session: Session, folder: Path) -> None:
     from brv_hypo.docs import notebooks
-    from brv_hypo.files.whole import check_target, write_whole
+    from brv_hypo.files.whole import check_target, make_folder, write_whole
 
     targets = {folder / name: content for name, content in notebooks().items()}
     for path in targets:
         check_target(path, overwrite=session.force)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     for path, content in targets.items():
         write_whole(path, content, overwrite=session.force)
     session.show(f"Wrote {', '.join(map(str, targets))}.")

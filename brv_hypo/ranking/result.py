@@ -262,6 +262,10 @@ class Comparison(Pictured, Result):
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {told}"
 
+    def conclusion(self) -> str:
+        """The reason of the verdict."""
+        return self.verdict.reason
+
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""
         probability = self.verdict.probability

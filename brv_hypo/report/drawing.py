@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files.whole import check_target, write_whole
+from brv_hypo.files.whole import check_target, make_folder, write_whole
 from brv_hypo.report.chart import Chart
 
 RESOLUTION = 200
@@ -34,7 +34,7 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     for _, path in wanted:
         check_target(path, overwrite=overwrite)
     if wanted:
-        target.mkdir(parents=True, exist_ok=True)
+        make_folder(target)
     for chart, path in wanted:
         write_whole(path, drawn(chart, path.suffix[1:]))
     return tuple(path for _, path in wanted)

@@ -79,6 +79,10 @@ class Prediction(Pictured, Result):
         """The flight, and the ratio of mean squares."""
         return f"{self.flight.title or self.flight.path}: error {self.ratio:.3g} of that without the model"
 
+    def conclusion(self) -> str:
+        """The outcome in a few sentences."""
+        return self.reason
+
     def rows(self) -> Sequence[Row]:
         """One row for each region of time."""
         return [

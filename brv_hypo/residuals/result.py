@@ -175,6 +175,10 @@ class Trace(Pictured, Result):
         found = ", ".join(self.findings) or "nothing"
         return f"{self.flight.title or self.flight.path}: found {found}{hints}; {self.stopped}"
 
+    def conclusion(self) -> str:
+        """What is left, where anything is."""
+        return self.unexplained or ("What is left is noise." if self.stopped == "white" else "")
+
     def rows(self) -> Sequence[Row]:
         """One row for each step: what was added, and the errors before and after."""
         return [

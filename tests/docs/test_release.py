@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import sysconfig
 import tarfile
 import zipfile
 from importlib.metadata import version
@@ -75,8 +74,7 @@ def installed(request, built, tmp_path_factory):
     python = home / "venv" / "bin" / "python"
     ask = [python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]
     own = Path(subprocess.run(ask, check=True, capture_output=True, text=True).stdout.strip())
-    here = dict.fromkeys(sysconfig.get_path(kind) for kind in ("purelib", "platlib"))
-    (own / "dependencies.pth").write_text("\n".join(here))
+    (own / "dependencies.pth").write_text("\n".join(p for p in sys.path if p.endswith("site-packages")))
     (package,) = built.glob(request.param)
     install = ["install", "--no-deps", "--no-build-isolation", "--no-index", "--force-reinstall", "-q", package]
     clean = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME")}
@@ -98,6 +96,7 @@ def test_what_is_installed_runs_from_its_own_files(installed) -> None:
     assert installed("--version").stdout.split()[-1] == version("brv-hypo")
 
 
+@pytest.mark.parametrize("installed", ["*.whl"], ids=["wheel"], indirect=True)
 def test_what_is_installed_flies_and_inspects_with_its_plugins(installed) -> None:
     known = installed("mechanisms")
     assert all(name in known.stdout for name in ("sticking", "magnus", "gyro_bias"))

@@ -236,6 +236,17 @@ class TestDrawing:
         with pytest.raises(UsageError, match="exists"):
             draw_into(tmp_path / "figures", [plain])
 
+    def test_a_folder_that_cannot_be_made_is_refused(self, plain, tmp_path) -> None:
+        from brv_hypo.errors import UsageError
+
+        (tmp_path / "file").write_text("")
+        with pytest.raises(UsageError, match="A file stands where a folder is needed"):
+            draw_into(tmp_path / "file" / "figures", [plain])
+
+    def test_a_result_without_charts_leaves_no_folder(self, tmp_path) -> None:
+        assert draw_into(tmp_path / "figures", []) == ()
+        assert not (tmp_path / "figures").exists()
+
     def test_every_chart_of_a_comparison_can_be_drawn(self, charts) -> None:
         assert all(b"<svg" in drawn(chart, "svg") for name, chart in charts.items() if name.endswith("-1"))
 
