@@ -154,7 +154,7 @@ def _excess(setting: Setting, series: Series, models: Sequence[Drawn]) -> list[C
     left = _difference(series.measured, static)
     return [
         moment_by_alpha_chart(
-            setting, series.alpha_rad, left, [beyond], "excess-by-alpha", "Moments beside the baseline's"
+            setting, series.alpha_rad, left, [beyond], "excess-by-alpha", "Moments less the baseline"
         )
     ]
 
