@@ -43,6 +43,11 @@ _NEARLY_ALL = 0.995
 _OF_THE_MOTION = ("motion", "force")
 # What `refit` calls all errors of record and vehicle that the tolerances allow.
 INSTRUMENTS = "instruments"
+# What is added to the reason where a model that was found beside errors of the record is held without them.
+_WITH_ERRORS = (
+    " The record was taken as free of errors here; `--refit instruments` lets it have those that its tolerances allow, "
+    "as the one had that the model was found on."
+)
 # How often the flight is linearised anew where errors of its record are fitted.
 _LINEARISATIONS = 2
 
@@ -128,7 +133,7 @@ def _predict(
         flown=shares.flown,
         band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(shares, band),
+        reason=_reason(shares, band, INSTRUMENTS in refit),
     )
 
 
@@ -269,7 +274,7 @@ def _explains(share: float) -> str:
     return f"does not hold here, and leaves {1.0 - share:.3g} times"
 
 
-def _reason(shares: _Shares, band: Band) -> str:
+def _reason(shares: _Shares, band: Band, instruments: bool) -> str:
     """The outcome in a few sentences."""
     if shares.flown == 0.0:
         return "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
@@ -282,4 +287,5 @@ def _reason(shares: _Shares, band: Band) -> str:
         f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
         + (beyond if shares.flown < _NEARLY_ALL else "")
+        + (_WITH_ERRORS if shares.frozen < 0.0 and not instruments else "")
     )
