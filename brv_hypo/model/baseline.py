@@ -34,7 +34,8 @@ class StaticMoment(Mechanism):
     """C_N0 and C_Nalpha, each with Legendre polynomials over [start, stop] as its slow drift.
 
     `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
-    `reynolds`: decades of Reynolds number between which C_Nalpha changes linearly as well; None where it does not.
+    `reynolds`: decades of Reynolds number, `speeds`: speeds relative to the air (m/s), between which C_Nalpha changes
+    linearly as well; None where it does not.
     """
 
     name = "static"
@@ -50,6 +51,7 @@ class StaticMoment(Mechanism):
     slope_degree: int = 2
     by: Literal["time", "mach"] = "time"
     reynolds: tuple[float, float] | None = None
+    speeds: tuple[float, float] | None = None
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Each static term times each polynomial; the first of each is the mean over the window."""
@@ -60,16 +62,24 @@ class StaticMoment(Mechanism):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
                 course = polynomials[order]
                 found.append(Term(name, term.in_plane * course, term.out_of_plane * course, term.units))
+        nothing = np.zeros_like(motion.alpha)
         if self.reynolds is not None:
-            low, high = self.reynolds
-            course = np.clip((2.0 * np.log10(motion.reynolds) - low - high) / (high - low), -1.0, 1.0)
-            found.append(Term("C_Nalpha drift Re", motion.alpha * course, np.zeros_like(motion.alpha), "1/rad"))
+            course = _within(np.log10(motion.reynolds), *self.reynolds)
+            found.append(Term("C_Nalpha drift Re", motion.alpha * course, nothing, "1/rad"))
+        if self.speeds is not None:
+            course = _within(motion.velocity, *self.speeds)
+            found.append(Term("C_Nalpha drift V", motion.alpha * course, nothing, "1/rad"))
         return tuple(found)
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
-        scaled = np.clip((2.0 * along - self.start - self.stop) / (self.stop - self.start), -1.0, 1.0)
+        scaled = _within(along, self.start, self.stop)
         top = max(self.offset_degree, self.slope_degree)
         return [legendre.legval(scaled, np.eye(top + 1)[order]) for order in range(top + 1)]
+
+
+def _within(values: FloatArray, low: float, high: float) -> FloatArray:
+    """Values from -1 at `low` to 1 at `high`, and no farther."""
+    return np.clip((2.0 * values - low - high) / (high - low), -1.0, 1.0)
 
 
 class PitchDamping(Mechanism):

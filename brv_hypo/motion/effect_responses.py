@@ -20,6 +20,9 @@ from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
 
+# Width of differences, in standard deviations: what is of second order in it would tell apart errors that the record
+# cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
+STEP = 1e-3
 MOST_NAMED = 3  # errors told where none can be taken out
 
 
@@ -28,13 +31,15 @@ class EffectResponses:
     """Changes of what the record says, for an error of each effect of one standard deviation.
 
     `drift` (n, 3, k) m/s: the velocity relative to the air in the axes of the first sample, as the body sees
-    it; `force` (n, k) m/s^2: the transverse force less what the pressure makes of the normal force;
-    `moment` (n, k): C_m + i C_n. The truth lies below the record by that much, times the error.
+    it; `force` (n, k) m/s^2: the transverse force; `pressure` (n, k): the dynamic pressure over itself, which the
+    normal force follows as it follows its slope; `moment` (n, k): C_m + i C_n. The truth lies below the record by that
+    much, times the error.
     """
 
     effects: tuple[Perturbation, ...]
     drift: FloatArray
     force: ComplexArray
+    pressure: FloatArray
     moment: ComplexArray
 
 
@@ -60,7 +65,7 @@ def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
     n = record.time.size
     nothing = np.zeros((n, 0), dtype=complex)
-    return EffectResponses((), np.zeros((n, 3, 0)), nothing, nothing)
+    return EffectResponses((), np.zeros((n, 3, 0)), nothing, nothing.real, nothing)
 
 
 def as_expected(responses: EffectResponses) -> EffectFit:
@@ -94,30 +99,32 @@ def corrected(flight: Flight, fit: EffectFit) -> Flight:
 def effect_responses(
     record: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
 ) -> EffectResponses:
-    """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g.
-
-    One-sided differences of one standard deviation.
-    """
+    """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
     if not effects:
         return no_responses(record)
     smooth = noise_free(record, force)
-    records = [perturbed(smooth, effect.apply(smooth.flight, effect.size)) for effect in effects]
+    records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in effects]
     pressure = np.stack([r.force_scale / smooth.force_scale - 1.0 for r in records], axis=1)
     forces = np.stack([r.transverse_force - smooth.transverse_force for r in records], axis=1)
     return EffectResponses(
         effects=tuple(effects),
-        drift=_drift(smooth, crossflow, records),
-        force=forces - pressure * force[:, None],
-        moment=np.stack([r.moment - smooth.moment for r in records], axis=1),
+        drift=_drift(smooth, crossflow, records) / STEP,
+        force=forces / STEP,
+        pressure=pressure / STEP,
+        moment=np.stack([r.moment - smooth.moment for r in records], axis=1) / STEP,
     )
 
 
 def telling(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything."""
-    drift, force, moment = responses.drift, responses.force, responses.moment
-    tells = np.any(drift != 0.0, axis=(0, 1)) | np.any(force != 0.0, axis=0) | np.any(moment != 0.0, axis=0)
+    drift, force, pressure, moment = responses.drift, responses.force, responses.pressure, responses.moment
+    tells = np.any(drift != 0.0, axis=(0, 1))
+    for each in (force, pressure, moment):
+        tells |= np.any(each != 0.0, axis=0)
     kept = tuple(effect for effect, tell in zip(responses.effects, tells, strict=True) if tell)
-    return EffectResponses(kept, drift[:, :, tells], force[:, tells], moment[:, tells])
+    return EffectResponses(
+        kept, drift[:, :, tells], force[:, tells], pressure[:, tells], moment[:, tells]
+    )
 
 
 def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:

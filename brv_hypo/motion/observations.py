@@ -32,8 +32,9 @@ class TieModel:
 
     `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance;
     `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` (n, e) what
-    errors of the record of one standard deviation add to the observation at the same crossflow; `sigma`
-    (n,), inf where nothing is seen; `complex_slope`: whether the slope's coefficients are complex.
+    errors of the record of one standard deviation add to the observation at the same crossflow, and `factors` (n, e)
+    what share they add to its scale; `sigma` (n,), inf where nothing is seen; `complex_slope`: whether the slope's
+    coefficients are complex.
     """
 
     name: str
@@ -42,6 +43,7 @@ class TieModel:
     slope_basis: FloatArray
     nuisance: ComplexArray
     effects: ComplexArray
+    factors: FloatArray
     sigma: FloatArray
     complex_slope: bool
 
@@ -63,6 +65,14 @@ class TieModel:
         slopes = (self.scale * effective(xi))[:, None] * self.slope_basis
         parts = [slopes, 1j * slopes] if self.complex_slope else [slopes]
         return np.concatenate([*parts, self.nuisance], axis=1)
+
+    def effect_columns(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
+        """What errors of the record add to the observation less what the model makes of them (n, e).
+
+        An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
+        """
+        tied = self.scale * self.slope(coefficients) * effective(xi)
+        return np.asarray(self.effects - self.factors * tied[:, None])
 
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
         """The same model with a slope of `count` coefficients in time."""
@@ -86,6 +96,7 @@ def force_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.zeros((record.time.size, 0), dtype=complex),
         effects=responses.force,
+        factors=responses.pressure,
         sigma=np.where(_inside(record), record.force_sigma, np.inf),
         complex_slope=False,
     )
@@ -104,6 +115,7 @@ def moment_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.stack([ones, 1j * ones, rate], axis=1),
         effects=responses.moment,
+        factors=np.zeros(responses.moment.shape),
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
         complex_slope=True,
     )

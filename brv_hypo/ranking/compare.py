@@ -22,10 +22,10 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import OTHER_FLOOR, REPETITIONS, SECOND_ORDER
+from brv_hypo.ranking.constants import BOUND_SIGMAS, LINEARISATIONS, OTHER_FLOOR, REPETITIONS, SECOND_ORDER
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
-from brv_hypo.ranking.intervals import out_of_bounds
+from brv_hypo.ranking.intervals import out_of_bounds, within_bounds
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.preparation import about, prepare
@@ -34,7 +34,7 @@ from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
 from brv_hypo.regression.held_out import HeldOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
@@ -86,7 +86,7 @@ def _compare(
     fits = _fitted(problem, hypotheses, say)
     problem, fits = _about_leader(problem, fits, reconstructions, config, say)
     problem = with_efficiency(problem, fits)
-    fits = [refit(problem, fit) for fit in fits]
+    fits = [within_bounds(refit(problem, fit)) for fit in fits]
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
@@ -111,13 +111,19 @@ def _judged(
 ) -> Verdict:
     """The verdict on fits with their held-out errors."""
     scores = [
-        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), out_of_bounds(fit))
+        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
         for fit, error in zip(fits, errors, strict=True)
     ]
     leader = min(fits, key=lambda fit: fit.information)
     repeated = stability(problem, fits, REPETITIONS)
     null = next(fit for fit in fits if not fit.mechanisms)
     return judge(scores, misfit(problem, leader, null), repeated, limits(problem, hypotheses, fits))
+
+
+def _impossible(fit: HypothesisFit) -> str | None:
+    """The value that no body has, in words, where it lies beyond its error."""
+    excess = out_of_bounds(fit)
+    return None if excess is None or excess.sigmas <= BOUND_SIGMAS else excess.words
 
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
@@ -144,17 +150,22 @@ def _about_leader(
     config: CompareConfig,
     say: Progress,
 ) -> tuple[Problem, list[HypothesisFit]]:
-    """The problem linearised about the leader's fit, where it explains so much that errors of second order may show.
+    """Problem and fits linearised about the leader's fit, where it explains so much that errors of second order show.
 
-    The fits are then to be fitted anew.
+    Once more where that has lowered what the leader leaves.
     """
-    leader = min(fits, key=lambda fit: fit.information)
-    null = next(fit for fit in fits if not fit.mechanisms)
-    if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR:
-        return problem, list(fits)
-    say(f"linearising about {leader.name}")
-    problem = about(problem, leader, reconstructions, config)
-    return problem, [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+    left = math.inf
+    for _ in range(LINEARISATIONS):
+        leader = min(fits, key=lambda fit: fit.information)
+        null = next(fit for fit in fits if not fit.mechanisms)
+        if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR or leader.rss > left - OTHER_FLOOR:
+            break
+        left = leader.rss
+        say(f"linearising about {leader.name}")
+        problem = about(problem, leader, reconstructions, config)
+        moved = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+        fits = [scanned_finely(problem, fit) for fit in moved]
+    return problem, list(fits)
 
 
 def with_efficiency(problem: Problem, fits: Sequence[HypothesisFit]) -> Problem:

@@ -23,6 +23,10 @@ OTHER_FLOOR = 12.0
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
 # columns) may leave: 7 % of its contribution's rms.
 SECOND_ORDER = 0.005
+# How often the problem is linearised about what explains much of the flight, while that lowers what is left.
+LINEARISATIONS = 2
+# Standard errors of the noise's own level by which rates may be louder than it.
+LEVEL_SIGMAS = 3.0
 # Probability of the errors that the data ask of record and vehicle, under their tolerances, below which the record is
 # not what its tolerances say, or the flight too far from what is linear in them.
 IMPROBABLE_ERRORS = 1e-4
@@ -34,3 +38,6 @@ BOUND_SIGMAS = 3.0
 REPETITIONS = (8, 12)
 # Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
 SLOPE_DEGREE = 3
+# Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows
+# Mach number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
+WAVERING_SPEED = 5e-5

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.polynomial import Legendre
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
@@ -14,7 +15,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import SLOPE_DEGREE
+from brv_hypo.ranking.constants import SLOPE_DEGREE, WAVERING_SPEED
 from brv_hypo.regression.build import (
     LinearisationPoint,
     baseline_columns,
@@ -107,5 +108,22 @@ def _frame(reconstructions: Sequence[Reconstruction], offset_degree: int, slope_
         stop=max(float(t[-1]) for t in times),
         offset_degree=offset_degree,
         slope_degree=slope_degree,
+        speeds=_wavering_speeds(reconstructions, slope_degree),
     )
     return build_frame(reconstructions, [static, PitchDamping()])
+
+
+def _wavering_speeds(reconstructions: Sequence[Reconstruction], degree: int) -> tuple[float, float] | None:
+    """The ends of the speeds (m/s), where they change otherwise than a polynomial in time can follow.
+
+    Wind along the track, or drag that goes with the angle of attack: the slope of the moment follows Mach number.
+    """
+    wavers = False
+    for reconstruction in reconstructions:
+        time, speed = reconstruction.flight.time, reconstruction.motion.velocity
+        left = speed - Legendre.fit(time, speed, degree)(time)
+        wavers |= bool(np.std(left) > WAVERING_SPEED * np.mean(speed))
+    if not wavers:
+        return None
+    speeds = np.concatenate([reconstruction.motion.velocity for reconstruction in reconstructions])
+    return float(speeds.min()), float(speeds.max())

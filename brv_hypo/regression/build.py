@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
@@ -26,6 +27,8 @@ from brv_hypo.regression.whitening import difference
 
 # Residual of the normal force, in units of its median, from which a sample is a spike.
 _OUTLIER = 7.2
+# Probability of errors under their tolerances down to which they are taken out of a record as they are.
+_REACH = 1e-3
 
 
 def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
@@ -93,7 +96,7 @@ def point_of(
 ) -> LinearisationPoint:
     """The point at a model's fit and the errors that go with it."""
     values, others = problem.solution(frame, columns)
-    errors = problem.rows.nuisances.values(others, len(problem.records))
+    errors = _within_reach(problem, others)
     return LinearisationPoint(mechanisms, columns, values, errors, errors)
 
 
@@ -106,7 +109,20 @@ def errors_found(problem: Problem) -> tuple[Errors, ...]:
     """What the data say of every flight's errors beside a free, smooth moment, in SI: one mapping a flight."""
     frame, free = free_moment(problem)
     _, others = problem.solution(frame, (*problem.baseline, *free))
-    return problem.rows.nuisances.values(others, len(problem.records))
+    return _within_reach(problem, others)
+
+
+def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
+    """Fitted errors (unknowns,) in SI, one mapping a flight; scaled down to where their tolerances make them probable.
+
+    A moment that is not in the model yet poses as errors of many tolerances; the record without them is another flight.
+    """
+    nuisances = problem.rows.nuisances
+    asked = nuisances.present - others[nuisances.bounded]
+    farthest = float(stats.chi2.isf(_REACH, asked.size)) if asked.size else 0.0
+    scale = min(1.0, float(np.sqrt(farthest / max(float(asked @ asked), 1e-300))))
+    errors = nuisances.values(others, len(problem.records))
+    return tuple({key: scale * value for key, value in own.items()} for own in errors)
 
 
 def with_vehicle(

@@ -14,7 +14,14 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import Nonlinear, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.regression.refinement import (
+    SCANNED,
+    SCANNED_FINELY,
+    Nonlinear,
+    nonlinear_parameters,
+    prediction_slopes,
+    refine,
+)
 from brv_hypo.regression.search import OnGrid, extended, narrowed, on_grid
 
 # Sizes that may go by without a gain before the search over sizes ends.
@@ -23,6 +30,8 @@ PATIENCE = 2
 STARTS = 2
 # How often the search on a model's own knots and thetas is repeated while it gains.
 NARROWINGS = 3
+# How often the parameters of the model settled on are scanned finely while it gains.
+FINE_SCANS = 3
 # A hypothesis whose criterion stays this far behind another after so many sizes is not searched further.
 OUT_OF_REACH = 400.0
 SIZES_TRIED = 3
@@ -34,7 +43,8 @@ class HypothesisFit:
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots
-    with `nonlinear_errors`; both uncertainties are empty until `refit`.
+    with `nonlinear_errors`; both uncertainties are empty until `refit`. `bound_cost` is the fall of 2 ln L where
+    coefficients are held within their mechanism's bounds.
     """
 
     name: str
@@ -51,6 +61,7 @@ class HypothesisFit:
     covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     nonlinear_errors: tuple[float, ...] = ()
     ended_early: bool = False
+    bound_cost: float = 0.0
 
     @property
     def rss(self) -> float:
@@ -75,7 +86,8 @@ class HypothesisFit:
     @property
     def information(self) -> float:
         """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
-        return self._own_likelihood() + extended_bic(
+        own = self._own_likelihood() + self.bound_cost
+        return own + extended_bic(
             self.rss, self.samples, self.effective, self.parameters, self.searched, len(self.selected)
         )
 
@@ -147,7 +159,7 @@ def fit_hypothesis(
         if narrower.information >= best.information:
             break
         best = narrower
-    return best
+    return scanned_finely(problem, best)
 
 
 def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -167,6 +179,27 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(renewed, covariance=covariance[:linear, :linear], nonlinear_errors=tuple(errors.tolist()))
 
 
+def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with its delays and knots scanned once more, each with the others where they came to lie, while it gains.
+
+    From the grid, where other knots are still off, a scan may lead to a neighbouring minimum.
+    """
+    for _ in range(FINE_SCANS if problem.refine and fit.nonlinear else 0):
+        scanned = _settled(
+            Reduced(problem, fit.frame),
+            fit.name,
+            fit.mechanisms,
+            fit.columns,
+            fit.searched,
+            frozenset(),
+            SCANNED_FINELY,
+        )
+        if scanned.information >= fit.information:
+            break
+        fit = scanned
+    return fit
+
+
 def _least(fits: list[HypothesisFit]) -> HypothesisFit:
     return min(fits, key=lambda fit: fit.information)
 
@@ -178,6 +211,7 @@ def _settled(
     columns: tuple[Column, ...],
     searched: int,
     known: frozenset[Column],
+    points: int = SCANNED,
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem
@@ -189,7 +223,7 @@ def _settled(
     size, frame = len(problem.baseline), reduced.frame
     parameters = nonlinear_parameters(columns, size, frame.mechanisms, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced)
+    refined = refine(columns, parameters, fresh, reduced, points=points)
     return HypothesisFit(
         name,
         mechanisms,

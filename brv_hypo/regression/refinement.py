@@ -22,8 +22,9 @@ from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
 # A step that gains less than this, in units of twice the log-likelihood, ends the iteration.
 SMALLEST_GAIN = 0.2
-# Values of a parameter that are tried before Gauss-Newton.
-_SCANNED = 7
+# Values of a parameter that are tried before Gauss-Newton, and once more about the model that was settled on.
+SCANNED = 7
+SCANNED_FINELY = 25
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
 
@@ -77,15 +78,16 @@ def refine(
     fresh: frozenset[int],
     reduced: Reduced,
     iterations: int = 6,
+    points: int = SCANNED,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
     `columns` are the baseline's and then the chosen ones. Parameters that move a column of `fresh` are scanned over
-    their bounds first.
+    their bounds first, at so many `points`.
     """
     size = len(reduced.problem.baseline)
     own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
-    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh))
+    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh), points)
     for _ in range(iterations if nonlinear else 0):
         improved = _line_search(reduced, state, _step(reduced, state))
         if improved is None:
@@ -136,14 +138,18 @@ def nonlinear_parameters(
 
 
 def _scanned(
-    reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Column, ...], fresh: frozenset[int]
+    reduced: Reduced,
+    nonlinear: tuple[Nonlinear, ...],
+    columns: tuple[Column, ...],
+    fresh: frozenset[int],
+    points: int,
 ) -> _State:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     batch = reduced.batch(columns)
     settled = []
     for parameter in nonlinear:
         if not fresh.isdisjoint(parameter.columns):
-            values = (parameter.value, *(float(value) for value in parameter.around(_SCANNED)))
+            values = (parameter.value, *(float(value) for value in parameter.around(points)))
             best, moved = _best_of(reduced, batch, columns, parameter, values)
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)

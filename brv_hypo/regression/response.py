@@ -20,6 +20,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.effect_responses import STEP
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, effective, windward_meridian
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
@@ -92,9 +93,9 @@ class LinearisedFlight:
 
     def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
         """Derivative of the residual (n,) by one component of a record effect, on the fitted, noise-free motion."""
-        flight = effect.perturb(self._noise_free.flight, component, size)
+        flight = effect.perturb(self._noise_free.flight, component, STEP * size)
         high = self._propagated(perturbed(self._noise_free, flight), self.start)
-        return (high - self._at_noise_free).times(1.0 / size)
+        return (high - self._at_noise_free).times(1.0 / (STEP * size))
 
     @cached_property
     def _noise_free(self) -> InertialRecord:
@@ -132,11 +133,12 @@ class LinearisedFlight:
         rows = []
         for shape in error.shapes(flight.time):
             moved = (
-                replace(flight, p=flight.p + shape)
+                replace(flight, p=flight.p + STEP * shape)
                 if error.name == ROLL_RATE
-                else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + shape))
+                else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + STEP * shape))
             )
-            rows.append(self._propagated(perturbed(self.record, moved), self.start) - self.here)
+            high = self._propagated(perturbed(self.record, moved), self.start)
+            rows.append((high - self.here).times(1.0 / STEP))
         return rows
 
     def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
@@ -175,9 +177,9 @@ class LinearisedFlight:
         names, rows, present, own = [], [], [], []
         for number, weight in enumerate(weights):
             for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag)):
-                moved_flow = self.crossflow + part * turn * walk[:, number]
+                moved_flow = self.crossflow + STEP * part * turn * walk[:, number]
                 names.append(f"walk {label} {number}")
-                rows.append(self._residual(self.record, moved_flow) - self.here)
+                rows.append((self._residual(self.record, moved_flow) - self.here).times(1.0 / STEP))
                 present.append(float(value))
                 own.append(1j * part * derolled * noise[:, number])
         return names, rows, np.array(present), own

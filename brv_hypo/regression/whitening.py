@@ -17,6 +17,13 @@ from scipy.linalg import solve_toeplitz
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 
+# Stretches of time that the spectrum of the noise is the median of, and their shortest and longest length, samples.
+_STRETCHES = 16
+_SHORTEST_STRETCH = 32
+_LONGEST_STRETCH = 256
+# What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
+MEDIAN_EFFICIENCY = 0.48
+
 
 @dataclass(frozen=True)
 class NoiseModel:
@@ -66,21 +73,17 @@ def difference() -> NoiseModel:
 
 
 def fit_noise(
-    residuals: list[ComplexArray], max_order: int = 24, taken: FloatArray | None = None
+    residuals: Sequence[ComplexArray], max_order: int = 24, taken: FloatArray | None = None
 ) -> NoiseModel:
     """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
 
-    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the biased
-    autocovariance, which keeps the filter stable. `taken` (max_order + 1,) is what the fit that left the residuals took
-    of white noise's autocorrelation (`taken_by`): many fitted columns would pose as colour.
+    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance
+    that `lasting_autocovariance` gives, which keeps the filter stable. `taken` (max_order + 1,) is what the fit that
+    left the residuals took of white noise's autocorrelation (`taken_by`): many fitted columns would pose as colour.
     """
     total = sum(part.size for part in residuals)
     top = int(min(max_order, max(1, total // 20)))
-    covariance = np.zeros(top + 1)
-    for part in residuals:
-        for lag in range(min(top, part.size - 1) + 1):
-            covariance[lag] += np.real(np.vdot(part[: part.size - lag], part[lag:]))
-    covariance /= 2.0 * total
+    covariance = lasting_autocovariance(residuals, top)
     if covariance[0] <= 0.0:
         return white(0.0)
     if taken is not None:
@@ -91,13 +94,43 @@ def fit_noise(
     ]
     variances = np.array([covariance[0] - a @ covariance[1 : a.size + 1] for a in predictors])
     variances = np.maximum(variances, 1e-12 * covariance[0])
-    bic = 2.0 * total * np.log(variances) + np.arange(top + 1) * np.log(2.0 * total)
+    values = 2.0 * total * MEDIAN_EFFICIENCY
+    bic = values * np.log(variances) + np.arange(top + 1) * np.log(values)
     order = int(np.argmin(bic))
     sigma = float(np.sqrt(variances[order]))
     filters = tuple(
         np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1)
     )
     return NoiseModel(filters, sigma)
+
+
+def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> FloatArray:
+    """Autocovariance (lags + 1,) of one component of what lasts through the residuals, one (m,) array a segment.
+
+    From the median over short stretches of time of their spectra (Allen et al. 2012, FINDCHIRP, Appendix B), positive
+    and negative frequencies together: a moment that nothing explains acts for some of the time, at the frequency of
+    the motion and of one sense of turning, and is no noise.
+    """
+    total = sum(part.size for part in residuals)
+    length = int(2 ** np.round(np.log2(np.clip(total / _STRETCHES, _SHORTEST_STRETCH, _LONGEST_STRETCH))))
+    spectra = [_spectra(part, length) for part in residuals if part.size >= length]
+    if not spectra:
+        spectra = [_spectra(np.concatenate([part, np.zeros(length)])[:length], length) for part in residuals]
+    power = np.concatenate(spectra)
+    power = np.concatenate([power, np.roll(power[:, ::-1], 1, axis=1)])
+    count = power.shape[0]
+    odd = 2.0 * np.arange(1, (count - 1) // 2 + 1)
+    bias = 1.0 + float(np.sum(1.0 / (odd + 1.0) - 1.0 / odd))
+    lasting = np.median(power, axis=0) / bias
+    return np.asarray(np.fft.ifft(lasting).real[: lags + 1] / 2.0, dtype=float)
+
+
+def _spectra(part: ComplexArray, length: int) -> FloatArray:
+    """Periodograms (stretches, length) of half-overlapping stretches under a Hann window, of unit mean square."""
+    window = np.hanning(length + 2)[1:-1]
+    window = window / np.sqrt(np.sum(window**2))
+    stretches = np.lib.stride_tricks.sliding_window_view(part, length)[:: length // 2]
+    return np.asarray(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2, dtype=float)
 
 
 def taken_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:

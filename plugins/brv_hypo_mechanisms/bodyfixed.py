@@ -42,9 +42,11 @@ class BodyFixed(Mechanism):
         return np.asarray(motion.time[1:][np.diff(np.maximum.accumulate(turns)) > 0], dtype=float)
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
-        """C_b and phi_b with standard errors, to first order in the covariance (2, 2)."""
+        """C_b and phi_b with standard errors, to first order in the covariance (2, 2); nothing where both are 0."""
         cosine, sine = values["C_b cos(phi_b)"], values["C_b sin(phi_b)"]
         size = float(np.hypot(cosine, sine))
+        if size == 0.0:
+            return ()
         along, across = np.array([cosine, sine]) / size, np.array([-sine, cosine]) / size
         return (
             Derived("C_b", size, float(np.sqrt(along @ covariance @ along)), "1"),

@@ -20,6 +20,7 @@ from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import corrected, effect_responses, no_responses, telling
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.inputs import with_smooth_air
 from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
@@ -33,8 +34,8 @@ _ENOUGH = 0.1
 _ROUGH = 0.01
 # They are linearised anew about what was found of them, at most so often, and again where that had moved the
 # crossflow by more than this share of its rms: then second-order terms show in the force.
-_LINEARISATIONS = 4
-_MOVED = 0.2
+_LINEARISATIONS = 6
+_MOVED = 0.02
 
 
 def joint(
@@ -42,8 +43,10 @@ def joint(
 ) -> WindHistory:
     """The default method; see the module's description.
 
-    The errors of the record are linearised about the motion that is found without them.
+    The errors of the record are linearised about the motion that is found without them. The air data are freed of
+    noise first: as a factor of the normal force it would be in what the force is explained by.
     """
+    record = replace(record, flight=with_smooth_air(record.flight))
     problem, near = TiedWalk(record, config, no_responses(record), np.zeros(0)), None
     if perturbations:
         problem, near = _linearised(record, config, perturbations)

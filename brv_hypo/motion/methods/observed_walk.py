@@ -24,7 +24,7 @@ from brv_hypo.motion.wind import (
     transverse_axes,
 )
 
-_MOST_STEPS = 15
+_MOST_STEPS = 25
 # Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
 _CONVERGED = 1e-2
 _Axes = tuple[FloatArray, FloatArray]
@@ -128,10 +128,11 @@ class TiedWalk:
     def _iterate(
         self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None = None
     ) -> TiedFit:
-        """Gauss-Newton from a start, and a crossflow if one is known."""
+        """Gauss-Newton from a start, and a crossflow if one is known; half a step at a time where steps grow."""
         if crossflow is None:
             crossflow = body_crossflow(self.record, self.direction(start))
         coefficients: tuple[FloatArray, ...] = ()
+        share, last = 1.0, np.inf
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
             axes = transverse_axes(direction)
@@ -142,11 +143,15 @@ class TiedWalk:
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
             solution = equations.solve(*self._priors(coefficients, start))
             shift = (solution.walk + drift @ solution.theta[: self.shared]) / self.speed
-            crossflow = np.asarray(nominal + turn * shift)
-            start = _moved(start, axes, solution.walk[0] / self.speed[0], solution.theta[:_GRAVITY])
-            coefficients = _added(coefficients, solution.theta[self.shared :])
+            step = nominal + turn * shift - xi
+            share, last = share if _rms(step) < last else 0.5 * share, _rms(step)
+            crossflow = np.asarray(xi + share * step)
+            start = _moved(
+                start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY]
+            )
+            coefficients = _added(coefficients, share * solution.theta[self.shared :])
             wander = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(crossflow - xi) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
+            if np.all(np.abs(step) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
                 break
         response = equations.sensitivity.copy()
         response[:, : self.shared] += drift
@@ -191,7 +196,7 @@ class TiedWalk:
             gain = slope / self.speed
             columns = np.zeros((xi.size, first[-1]), dtype=complex)
             columns[:, : self.shared] = gain[:, None] * drift
-            columns[:, _GRAVITY : self.shared] += tie.effects
+            columns[:, _GRAVITY : self.shared] += tie.effect_columns(xi, values)
             columns[:, at : at + tie.unknowns] = own
             rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
         return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
