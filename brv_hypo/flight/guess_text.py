@@ -28,6 +28,8 @@ _OF_VEHICLE = {
 }
 """What a property of the vehicle is, for whom its name does not say."""
 
+_GRADE = "instruments: their grade is taken as industrial; what they are worth decides what can be told from the record"
+
 
 @dataclass(frozen=True)
 class Guess:
@@ -92,7 +94,7 @@ def written(found: Guessed) -> Guess:
     )
     lines += _offers(found, asked)
     lines += _unused(found)
-    return Guess("\n".join(lines) + "\n", (*missing, *doubts))
+    return Guess("\n".join(lines) + "\n", (*missing, *doubts, _GRADE))
 
 
 def file_of(table: Table, main: Table) -> str:
