@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.model.columns import Column
-from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.splines import running_integral
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
 

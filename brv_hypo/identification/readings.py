@@ -10,9 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.frames import angle_of_attack, crossflow
 from brv_hypo.motion.inputs import SmoothInputs
+from brv_hypo.motion.splines import running_integral
 from brv_hypo.regression.frame import RateFrame
 
 

@@ -13,7 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,6 +23,7 @@ from brv_hypo.errors import MechanismError
 from brv_hypo.files.printed import one_line
 from brv_hypo.flight.record import CHANNELS, Flight
 from brv_hypo.mechanisms.contract import Derived, Mechanism, Parameter, RecordEffect, Term
+from brv_hypo.motion.history import EarlierMotion
 from brv_hypo.motion.motion import Motion
 
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
@@ -149,6 +150,8 @@ def checked_perturbation(effect: RecordEffect, flight: Flight, component: str, v
 def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
     assert is_dataclass(data)
+    if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, _ShownPast)):
+        return data
     views: dict[str, Any] = {}
     for field in fields(data):
         value = getattr(data, field.name)
@@ -156,9 +159,18 @@ def read_only(data: Data) -> Data:
             views[field.name] = value.view()
             views[field.name].flags.writeable = False
     if isinstance(data, Motion) and data.history is not None:
-        past = data.history
-        views["history"] = lambda tau: read_only(past(tau))
+        views["history"] = _ShownPast(data.history)
     return replace(data, **views)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class _ShownPast:
+    """The past of a motion that cannot be written to."""
+
+    past: Callable[[float], Motion]
+
+    def __call__(self, tau: float) -> Motion:
+        return read_only(self.past(tau))
 
 
 def without_faulty(

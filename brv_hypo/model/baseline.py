@@ -73,8 +73,7 @@ class StaticMoment(Mechanism):
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
         scaled = _within(along, self.start, self.stop)
-        top = max(self.offset_degree, self.slope_degree)
-        return [legendre.legval(scaled, np.eye(top + 1)[order]) for order in range(top + 1)]
+        return list(legendre.legvander(scaled, max(self.offset_degree, self.slope_degree)).T)
 
 
 def _within(values: FloatArray, low: float, high: float) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,7 +44,9 @@ class Column:
 
     def at(self, theta: Theta, course: TimeFunction) -> Column:
         """The column at another theta, or with another course."""
-        return replace(self, theta=theta, course=course)
+        return Column(
+            self.mechanism, self.term, theta, course, self.units, self.tied, self.delay_name, self.flight
+        )
 
     @property
     def delay(self) -> float | None:

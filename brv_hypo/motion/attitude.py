@@ -8,14 +8,9 @@ rate.
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-
-
-def running_integral(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral of `values` (n, ...) from the first sample to each, along the first axis; fourth order."""
-    return np.asarray(CubicSpline(time, values).antiderivative()(time))
+from brv_hypo.motion.splines import running_integral
 
 
 def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
@@ -25,11 +20,11 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     rotations do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES
     7:61, 1971).
     """
-    angle = CubicSpline(time, transverse_rate).antiderivative()(time)
+    angle = running_integral(time, transverse_rate)
     steps = np.diff(angle, prepend=angle[:1])
     coning = np.zeros(time.size)
     coning[1:] = np.diff(time) ** 2 / 12.0 * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
-    return _matrices(_running_product(_quaternions(coning, steps)))
+    return _matrices(*_running_product(*_quaternions(coning, steps)))
 
 
 def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
@@ -52,43 +47,33 @@ def body_attitude(
     return roll, rolled(derolled_attitude(time, transverse_rate * np.exp(1j * roll)), roll)
 
 
-def _quaternions(axial: FloatArray, transverse: ComplexArray) -> FloatArray:
-    """Unit quaternions (n, 4), scalar first, of rotation vectors (axial, Re, Im) in rad."""
+def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Unit quaternions a + b j (n,) each, of rotation vectors (axial, Re, Im) in rad: a = w + i x, b = y + i z."""
     half = 0.5 * np.hypot(axial, np.abs(transverse))
     scale = 0.5 * np.sinc(half / np.pi)
-    return np.stack([np.cos(half), scale * axial, scale * transverse.real, scale * transverse.imag], axis=1)
+    return np.cos(half) + 1j * (scale * axial), scale * transverse
 
 
-def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Quaternion products a b, (n, 4)."""
-    a0, a1, a2, a3 = a.T
-    b0, b1, b2, b3 = b.T
-    return np.stack(
-        [
-            a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-            a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
-            a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
-            a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
-        ],
-        axis=1,
-    )
-
-
-def _running_product(quaternions: FloatArray) -> FloatArray:
-    """Products of the first 1, 2, ... n, by doubling: log2(n) vectorised passes."""
-    product = quaternions.copy()
+def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Products of the first 1, 2, ... n of quaternions a + b j, by doubling: log2(n) vectorised passes."""
     reach = 1
-    while reach < product.shape[0]:
-        product[reach:] = _product(product[:-reach], product[reach:])
+    while reach < a.size:
+        before_a, before_b, own_a, own_b = a[:-reach], b[:-reach], a[reach:], b[reach:]
+        a, b = (
+            np.concatenate([a[:reach], before_a * own_a - before_b * np.conj(own_b)]),
+            np.concatenate([b[:reach], before_a * own_b + before_b * np.conj(own_a)]),
+        )
         reach *= 2
-    return np.asarray(product / np.linalg.norm(product, axis=1, keepdims=True))
+    length = np.sqrt(np.abs(a) ** 2 + np.abs(b) ** 2)
+    return a / length, b / length
 
 
-def _matrices(quaternions: FloatArray) -> FloatArray:
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+def _matrices(a: ComplexArray, b: ComplexArray) -> FloatArray:
+    """Rotation matrices (n, 3, 3) of unit quaternions a + b j."""
+    w, x, y, z = a.real, a.imag, b.real, b.imag
+    out = np.empty((a.size, 3, 3))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = 1.0 - 2.0 * (yy + zz), 2.0 * (xy - wz), 2.0 * (xz + wy)
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 2.0 * (xy + wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz - wx)
+    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = 2.0 * (xz - wy), 2.0 * (yz + wx), 1.0 - 2.0 * (xx + yy)
+    return out

@@ -111,22 +111,29 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     windows of many cycles smooth everything away whatever their order, and only the second sees it.
     """
     longest = max(piece.size for piece in pieces)
-    narrowest = _weights(_ORDERS[-1], _ORDERS[-1] // 2, 1)[0]
+    parts = [_real_parts(piece) for piece in pieces]
     best, choice = np.inf, (_ORDERS[0], 1, 0.0)
     for order in _ORDERS:
         valley = np.inf
         for half_width in _half_widths(order // 2 + 1, longest):
-            weights = _weights(order, half_width, 1)[0]
+            against = _differences(order, half_width)
             bias = max(
-                _squared_bias(pieces, weights, _weights(order + 2, half_width, 1)[0], sigma, margin=0.0),
-                _squared_bias(pieces, weights, narrowest, sigma, margin=_DOUBT),
+                _squared_bias(parts, difference, sigma, margin)
+                for difference, margin in zip(against, (0.0, _DOUBT), strict=True)
             )
+            weights = _weights(order, half_width, 1)[0]
             error = _BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
             if error < best:
                 best, choice = error, (order, half_width, bias)
             if error > _PAST_VALLEY * (valley := min(valley, error)):
                 break
     return choice
+
+
+def _real_parts(piece: ComplexArray) -> tuple[FloatArray, FloatArray | None]:
+    """Real and imaginary part (n,); None for a signal that has none."""
+    imaginary = np.ascontiguousarray(piece.imag)
+    return np.ascontiguousarray(piece.real), imaginary if np.any(imaginary) else None
 
 
 def _half_widths(smallest: int, longest: int) -> list[int]:
@@ -137,18 +144,29 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
     return widths
 
 
+@lru_cache(maxsize=256)
+def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
+    """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
+    weights = _weights(order, half_width, 1)[0]
+    narrowest = _weights(_ORDERS[-1], _ORDERS[-1] // 2, 1)[0]
+    found = []
+    for reference in (_weights(order + 2, half_width, 1)[0], narrowest):
+        widest = max(weights.size, reference.size)
+        wide = [np.pad(each, (widest - each.size) // 2) for each in (weights, reference)]
+        found.append(wide[0] - wide[1])
+    return found[0], found[1]
+
+
 def _squared_bias(
-    pieces: list[ComplexArray], weights: FloatArray, reference: FloatArray, sigma: float, margin: float
+    pieces: list[tuple[FloatArray, FloatArray | None]], difference: FloatArray, sigma: float, margin: float
 ) -> float:
-    """Mean squared bias of a filter, judged against one of less bias; below `margin` standard errors it is
-    none."""
-    widest = max(weights.size, reference.size)
-    difference = np.pad(weights, (widest - weights.size) // 2) - np.pad(
-        reference, (widest - reference.size) // 2
-    )
-    gap = np.concatenate(
-        [np.correlate(piece, difference, "valid") for piece in pieces if piece.size >= widest]
-    )
+    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none."""
+    power, count = 0.0, 0
+    for parts in pieces:
+        if parts[0].size >= difference.size:
+            count += parts[0].size - difference.size + 1
+            gaps = [np.correlate(part, difference, "valid") for part in parts if part is not None]
+            power += sum(float(gap @ gap) for gap in gaps)
     noise = 2.0 * sigma**2 * float(difference @ difference)
-    excess = float(np.mean(np.abs(gap) ** 2)) - noise
-    return excess if excess > margin * noise * np.sqrt(_CORRELATED / gap.size) else 0.0
+    excess = power / count - noise
+    return excess if excess > margin * noise * np.sqrt(_CORRELATED / count) else 0.0

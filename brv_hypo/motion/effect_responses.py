@@ -14,11 +14,12 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import body_attitude, running_integral
+from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
+from brv_hypo.motion.splines import running_integral
 
 # Width of differences, in standard deviations: what is of second order in it would tell apart errors that the record
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).

@@ -145,9 +145,14 @@ def arm_acceleration(
 
     `p` and q + i r = `rate` (n,) rad/s; `p_change`, `change` their derivatives.
     """
-    omega = np.stack([p, rate.real, rate.imag], axis=1)
-    acceleration = np.stack([p_change, change.real, change.imag], axis=1)
-    return np.asarray(np.cross(acceleration, arm) + np.cross(omega, np.cross(omega, arm)))
+    x, y, z = arm
+    q, r, q_change, r_change = rate.real, rate.imag, change.real, change.imag
+    pq, pr, qr, pp, qq, rr = p * q, p * r, q * r, p * p, q * q, r * r
+    out = np.empty((p.size, 3))
+    out[:, 0] = -(qq + rr) * x + (pq - r_change) * y + (pr + q_change) * z
+    out[:, 1] = (pq + r_change) * x - (pp + rr) * y + (qr - p_change) * z
+    out[:, 2] = (pr - q_change) * x + (qr + p_change) * y - (pp + qq) * z
+    return out
 
 
 def _force_at_cg(

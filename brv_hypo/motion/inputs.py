@@ -10,12 +10,13 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import derolled_attitude, running_integral
+from brv_hypo.motion.attitude import derolled_attitude
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError, Smooth, smoothed
+from brv_hypo.motion.splines import running_integral
 
 _PASSES = 3
 _LEAST_DENSITY = 1e-3
@@ -122,7 +123,7 @@ def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     along = flight.ax * forward + ((flight.ay + 1j * flight.az) * np.conj(xi)).real
-    impulse = running_integral(flight.time, along)
+    impulse: FloatArray = running_integral(flight.time, along)
     return smoothed(flight.velocity - impulse).values + impulse
 
 

@@ -6,14 +6,15 @@ in the velocity at the start and in gravity. The speed is taken from the record'
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import running_integral
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.splines import running_integral
 
 # Surface gravity m/s^2 and mean radius m.
 _PLANETS = {
@@ -48,16 +49,39 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
     speed = record.flight.velocity
     if forces:
-        velocity = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+        velocity = _velocity(record, start, force_impulse(record))
     else:
         turned = running_integral(record.time, start.gravity / speed[:, None])
         velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
 
 
+def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> list[ComplexArray]:
+    """Open-loop crossflow (n,) of records of the same times, each from its start; forces are integrated at once."""
+    distinct = {(id(record.force), id(record.attitude)): record for record, _ in moved}
+    forces = np.stack([record.force_inertial for record in distinct.values()], axis=2)
+    impulses = np.moveaxis(running_integral(moved[0][0].time, forces), 2, 0)
+    found = dict(zip(distinct, impulses, strict=True))
+    crossflows = []
+    for record, start in moved:
+        impulse = _with_wind(record, found[id(record.force), id(record.attitude)])
+        velocity = _velocity(record, start, impulse)
+        crossflows.append(body_crossflow(record, velocity) / np.linalg.norm(velocity, axis=1))
+    return crossflows
+
+
+def _velocity(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
+    """Velocity (n, 3) m/s, but for what gravity and errors leave, in the axes of the first sample."""
+    first = record.flight.velocity[0] * start.direction
+    return np.asarray(first + impulse + record.time[:, None] * start.gravity, dtype=float)
+
+
 def force_impulse(record: InertialRecord) -> FloatArray:
     """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
-    impulse = running_integral(record.time, record.force_inertial)
+    return _with_wind(record, running_integral(record.time, record.force_inertial))
+
+
+def _with_wind(record: InertialRecord, impulse: FloatArray) -> FloatArray:
     wind = record.flight.wind
     return impulse if wind is None else impulse - (wind - wind[0])
 

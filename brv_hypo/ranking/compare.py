@@ -35,7 +35,7 @@ from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
-from brv_hypo.regression.held_out import HeldOut, held_out
+from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
 
@@ -89,9 +89,11 @@ def _compare(
     fits = [within_bounds(refit(problem, fit)) for fit in fits]
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
-    errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
+    leaving = LeavingOut(problem)
+    without = [leaving.of(fit.frame, fit.columns) for fit in fits]
+    errors = [held_out(problem, each, config.held_out_blocks) for each in without]
     say("judging")
-    verdict = _judged(problem, hypotheses, fits, errors)
+    verdict = _judged(problem, hypotheses, fits, errors, without)
     selected = clock.perf_counter()
     likelihoods = identify_standing(fits, config, say)
     finished = clock.perf_counter()
@@ -107,7 +109,11 @@ def _compare(
 
 
 def _judged(
-    problem: Problem, hypotheses: Hypotheses, fits: Sequence[HypothesisFit], errors: Sequence[HeldOut]
+    problem: Problem,
+    hypotheses: Hypotheses,
+    fits: Sequence[HypothesisFit],
+    errors: Sequence[HeldOut],
+    without: Sequence[FitsWithout],
 ) -> Verdict:
     """The verdict on fits with their held-out errors."""
     scores = [
@@ -115,7 +121,7 @@ def _judged(
         for fit, error in zip(fits, errors, strict=True)
     ]
     leader = min(fits, key=lambda fit: fit.information)
-    repeated = stability(problem, fits, REPETITIONS)
+    repeated = stability(fits, without, REPETITIONS)
     null = next(fit for fit in fits if not fit.mechanisms)
     return judge(scores, misfit(problem, leader, null), repeated, limits(problem, hypotheses, fits))
 
@@ -128,6 +134,7 @@ def _impossible(fit: HypothesisFit) -> str | None:
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
     """Every hypothesis searched; the likeliest of a rough search first, so that those without hope can end early."""
+    say("searching on the grid of knots and delays")
     rough = replace(problem, refine=False, max_terms=problem.exact_terms)
     grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
     first = sorted(
@@ -164,7 +171,7 @@ def _about_leader(
         say(f"linearising about {leader.name}")
         problem = about(problem, leader, reconstructions, config)
         moved = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-        fits = [scanned_finely(problem, fit) for fit in moved]
+        fits = [scanned_finely(problem, refit(problem, fit)) for fit in moved]
     return problem, list(fits)
 
 

@@ -7,17 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
 
-import numpy as np
-
-from brv_hypo.arrays import FloatArray
 from brv_hypo.model.columns import Column
 from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.search import on_grid
-from brv_hypo.subset import SubsetResult, stepwise
+from brv_hypo.subset import stepwise_columns
 
 NONE = "none"
 TIE = 1e-6  # relative difference of residual sums of squares below which two subsets are equally good
@@ -52,15 +47,16 @@ def criteria_disagree(
 def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:
     """Where Efroymson's stepwise search misses the best subset on the grid of knots and delays, by size.
 
-    For the likeliest of the hypotheses that have a mechanism: each costs both searches. Sizes that stepwise does not
-    come to, for its F to enter is too small, are left out.
+    For the likeliest of the hypotheses that have a mechanism, on the grid that it was searched on. Sizes that stepwise
+    does not come to, for its F to enter is too small, are left out.
     """
     found = []
-    search = partial(_efroymson, round(problem.samples * problem.efficiency))
+    search = partial(stepwise_columns, samples=round(problem.samples * problem.efficiency))
     searched = sorted((fit for fit in fits if fit.mechanisms), key=lambda fit: fit.information)
     for fit in searched[:1]:
-        exact = on_grid(problem, fit.mechanisms, 1).best
-        quick = on_grid(problem, fit.mechanisms, 1, search).best
+        if fit.grid is None:
+            continue
+        exact, quick = fit.grid.best(1), fit.grid.best(1, search)
         for size, (best, *_) in sorted(exact.items()):
             met = quick.get(size)
             if met and met[0][0] > best[0] * (1.0 + TIE):
@@ -81,12 +77,6 @@ def _placed(column: Column) -> str:
     since = "" if column.course.kind == "constant" else f" at {column.course.start:.2f} s"
     theta = ", ".join(f"{name} {value:.3g}" for name, value in column.theta)
     return f"{column.label}{since}" + (f" ({theta})" if theta else "")
-
-
-def _efroymson(samples: int, X: FloatArray, y: FloatArray, **options: Any) -> SubsetResult:
-    """Stepwise on a triangular factor of a problem of so many samples: empty rows give its F their freedom."""
-    more = max(samples - y.size, 0)
-    return stepwise(np.vstack([X, np.zeros((more, X.shape[1]))]), np.append(y, np.zeros(more)), **options)
 
 
 def _joined(names: Sequence[str]) -> str:

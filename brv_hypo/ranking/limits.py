@@ -15,14 +15,15 @@ from brv_hypo.model.columns import Column, Theta, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.constants import LIMIT_FALL
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
 
 # Edges of the regions that are tried: every region between two of them.
 _EDGES = 9
 # Share of a column's squared length below which what the baseline leaves of it is rounding.
 _SPENT = 1e-8
+# Condition number of a region's scaled information above which its terms cannot be told apart.
+_WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True)
@@ -95,17 +96,14 @@ def _moment_rms(problem: Problem) -> float:
 
 def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
     """The largest rms moment of one mechanism over the record."""
-    frame = problem.frame.with_mechanisms([mechanism])
+    reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
     if mechanism.parameters():
-        values = solve_scaled(problem.design(frame, problem.baseline), problem.response)
-        frame = frame.with_in_plane_moment(problem.baseline, values)
-    base = problem.design(frame, problem.baseline)
-    basis = np.linalg.qr(base / lengths(base))[0]
-    left = problem.response - basis @ (basis.T @ problem.response)
+        frame = reduced.frame.with_in_plane_moment(problem.baseline, reduced.baseline_values)
+        reduced = Reduced(problem, frame)
     shapes = [
         shape
         for theta in theta_grid(mechanism, dense=True)
-        for shape in _shapes(problem, frame, mechanism, theta, basis, left, variance)
+        for shape in _shapes(reduced, mechanism, theta, variance)
     ]
     if not shapes:
         return float("inf")
@@ -114,43 +112,37 @@ def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
     return max(shape.largest(room) for shape, room in allowed if room > 0.0)
 
 
-def _shapes(
-    problem: Problem,
-    frame: RateFrame,
-    mechanism: Mechanism,
-    theta: Theta,
-    basis: FloatArray,
-    left: FloatArray,
-    variance: float,
-) -> list[_Shape]:
-    """Every region between two edges, as differences of columns that start at them."""
-    time = frame.time
-    edges = np.linspace(time.min(), time.max(), _EDGES)[:-1]
+def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: float) -> list[_Shape]:
+    """Every region between two edges, made of the parts between neighbouring ones."""
+    frame = reduced.frame
+    edges = np.linspace(frame.time.min(), frame.time.max(), _EDGES)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
-    columns = [
-        Column(mechanism.name, name, theta, TimeFunction("jump", float(edge)), units)
-        for edge in edges
+    parts = [
+        Column(mechanism.name, name, theta, TimeFunction("jump", float(start), float(stop)), units)
+        for start, stop in zip(edges[:-1], [*edges[1:-1], np.inf], strict=True)
         for name, units in names
     ]
-    raw, moments = problem.raw_design(frame, columns), frame.moments(columns)
-    design = problem.rows.projected(raw)
-    design = design - basis @ (basis.T @ design)
-    terms = len(names)
-    cut = [(design[:, k : k + terms], moments[:, k : k + terms]) for k in range(0, len(columns), terms)]
-    cut.append((np.zeros_like(cut[0][0]), np.zeros_like(cut[0][1])))
-    whole = [*(raw[:, k : k + terms] for k in range(0, len(columns), terms)), np.zeros_like(cut[0][0])]
-    found = []
-    for first in range(len(cut) - 1):
-        for last in range(first + 1, len(cut)):
-            rows = cut[first][0] - cut[last][0]
-            body = cut[first][1] - cut[last][1]
-            information = rows.T @ rows / variance
-            scale = np.diag(information)
-            squares = np.sum((whole[first] - whole[last]) ** 2, axis=0)
-            if np.any(scale * variance <= _SPENT * squares) or np.linalg.cond(information / scale) > 1e10:
-                continue
-            estimate = np.asarray(np.linalg.solve(information, rows.T @ left / variance), dtype=float)
-            peak = float(estimate @ information @ estimate)
-            gram = np.real(np.conj(body).T @ body) / body.shape[0]
-            found.append(_Shape(peak, estimate, information, gram))
-    return found
+    batch, moments = reduced.batch(parts), frame.moments(parts)
+    count, terms = edges.size - 1, len(names)
+    held = np.array(
+        [(np.arange(count) >= a) & (np.arange(count) < b) for a in range(count) for b in range(a + 1, count + 1)],
+        dtype=float,
+    )
+
+    def over_regions(products: FloatArray) -> FloatArray:
+        """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
+        apart = products.reshape(count, terms, count, terms)
+        return np.asarray(np.einsum("ri,iajb,rj->rab", held, apart, held, optimize=True), dtype=float)
+
+    information = over_regions(batch.products(batch)) / variance
+    before = np.diagonal(over_regions(batch.rows.T @ batch.rows), axis1=1, axis2=2)
+    gram = over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0])
+    right = held @ reduced.right(batch).reshape(count, terms) / variance
+    scale = np.diagonal(information, axis1=1, axis2=2)
+    seen = np.flatnonzero(np.all(scale * variance > _SPENT * before, axis=1))
+    seen = seen[np.linalg.cond(information[seen] / scale[seen, np.newaxis]) <= _WORST_CONDITION]
+    estimate = np.linalg.solve(information[seen], right[seen][..., np.newaxis])[..., 0]
+    peak = np.einsum("ra,rab,rb->r", estimate, information[seen], estimate)
+    return [
+        _Shape(float(peak[k]), estimate[k], information[region], gram[region]) for k, region in enumerate(seen)
+    ]

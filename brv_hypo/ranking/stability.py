@@ -8,21 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import left_out, nothing_left_out
-from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.held_out import FitsWithout
 
 
-def stability(problem: Problem, fits: Sequence[HypothesisFit], blocks: Sequence[int]) -> float:
+def stability(
+    fits: Sequence[HypothesisFit], without: Sequence[FitsWithout], blocks: Sequence[int]
+) -> float:
     """Share of repetitions, each without one of `blocks` blocks, that have the same leader as the whole record.
+
+    `without` are the fits of the same columns without blocks, one for each of `fits`.
 
     Coefficients and nuisances are fitted anew; knots and delays stay. The whole record's leader is that of the same
     likelihood, in which rows may be left out (`Problem.untied`).
     """
-    leader = min(fits, key=lambda fit: _of_rest(fit, nothing_left_out(problem, fit.frame, fit.columns))).name
+    whole = {fit.name: _of_rest(fit, each.nothing) for fit, each in zip(fits, without, strict=True)}
+    leader = min(whole, key=lambda name: whole[name])
     same, count = 0, 0
     for number in blocks:
-        rss = [list(left_out(problem, fit.frame, fit.columns, number)) for fit in fits]
-        for repetition in zip(*rss, strict=True):
+        for repetition in zip(*(each.each(number) for each in without), strict=True):
             criteria = {
                 fit.name: _of_rest(fit, each.rest) for fit, each in zip(fits, repetition, strict=True)
             }

@@ -22,7 +22,7 @@ from brv_hypo.regression.refinement import (
     prediction_slopes,
     refine,
 )
-from brv_hypo.regression.search import OnGrid, extended, narrowed, on_grid
+from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
 
 # Sizes that may go by without a gain before the search over sizes ends.
 PATIENCE = 2
@@ -44,7 +44,7 @@ class HypothesisFit:
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots
     with `nonlinear_errors`; both uncertainties are empty until `refit`. `bound_cost` is the fall of 2 ln L where
-    coefficients are held within their mechanism's bounds.
+    coefficients are held within their mechanism's bounds. `grid` is what the search began from.
     """
 
     name: str
@@ -62,6 +62,7 @@ class HypothesisFit:
     nonlinear_errors: tuple[float, ...] = ()
     ended_early: bool = False
     bound_cost: float = 0.0
+    grid: GridFactors | None = field(default=None, repr=False, compare=False)
 
     @property
     def rss(self) -> float:
@@ -153,13 +154,13 @@ def fit_hypothesis(
             break
     assert best is not None
     if best.information > best_rival + OUT_OF_REACH:
-        return replace(best, ended_early=True)
+        return replace(best, ended_early=True, grid=grid.factors)
     for _ in range(NARROWINGS if problem.refine else 0):
         narrower = _least([settle(chosen, chosen) for chosen in narrowed(problem, best.frame, best.columns)])
         if narrower.information >= best.information:
             break
         best = narrower
-    return scanned_finely(problem, best)
+    return replace(scanned_finely(problem, best), grid=grid.factors)
 
 
 def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -168,7 +169,7 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     renewed = _settled(
         Reduced(problem, fit.frame), fit.name, fit.mechanisms, fit.columns, fit.searched, known
     )
-    renewed = replace(renewed, ended_early=fit.ended_early)
+    renewed = replace(renewed, ended_early=fit.ended_early, grid=fit.grid)
     design = problem.design(renewed.frame, renewed.columns)
     if renewed.nonlinear:
         slopes = prediction_slopes(renewed.nonlinear, renewed.columns, renewed.values, renewed.frame)

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.mechanisms.isolation import checked_terms
+from brv_hypo.mechanisms.isolation import checked_terms, read_only
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.frames import body_from_plane
-from brv_hypo.motion.history import recorded
+from brv_hypo.motion.history import with_in_plane_moment
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.weakform import Integrals, WeakSegment, weak_segments
@@ -33,10 +33,10 @@ _KEPT_VALUES = 4_000_000
 
 @dataclass(frozen=True)
 class _Shapes:
-    """A mechanism's unit moments, C_m + i C_n (n, terms) a flight, and their antiderivatives, one a segment."""
+    """A mechanism's unit moments, C_N' + i C_Z' (n, terms) a flight, and their antiderivatives, one a segment."""
 
     position: Mapping[str, int]
-    body: tuple[ComplexArray, ...]
+    plane: tuple[ComplexArray, ...]
     integrals: tuple[Integrals, ...]
 
 
@@ -56,6 +56,22 @@ class RateFrame:
     def _evaluated(self) -> OrderedDict[tuple[str, Theta], _Shapes]:
         """Shapes that were asked for lately, the latest last."""
         return OrderedDict()
+
+    @cached_property
+    def _shown(self) -> tuple[Motion, ...]:
+        """The motions as mechanisms are shown them."""
+        return tuple(read_only(motion) for motion in self.motions)
+
+    @cached_property
+    def _turns(self) -> tuple[ComplexArray, ...]:
+        """What turns moments in the plane of alpha into body axes (n, 1), of each flight."""
+        one, nothing = np.ones(1), np.zeros(1)
+        return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.motions)
+
+    @cached_property
+    def _factors(self) -> tuple[ComplexArray, ...]:
+        """Factor (m, 1) of moments in the plane of alpha that makes integrands of them, of each segment."""
+        return tuple(s.factor[:, np.newaxis] * self._turns[s.flight][s.rows] for s in self.segments)
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -92,7 +108,7 @@ class RateFrame:
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
         for shapes, members, which in self._by_shape(columns):
             for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
-                body = shapes.body[segment.flight][segment.rows]
+                body = (shapes.plane[segment.flight] * self._turns[segment.flight])[segment.rows]
                 for j, k in zip(members, which, strict=True):
                     out[a:b, j] = body[:, k] * columns[j].course(segment.time)
         return self._where_they_act(out, columns)
@@ -108,6 +124,15 @@ class RateFrame:
         """The same frame, knowing these mechanisms too."""
         known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
         return replace(self, mechanisms=known)
+
+    def same_motions(self, other: RateFrame) -> bool:
+        """Whether the motions are those of another frame but for their in-plane moment."""
+        names = [field.name for field in fields(Motion) if field.name not in ("in_plane_moment", "history")]
+        return len(self.motions) == len(other.motions) and all(
+            getattr(own, name) is getattr(theirs, name)
+            for own, theirs in zip(self.motions, other.motions, strict=True)
+            for name in names
+        )
 
     def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
         """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns.
@@ -127,7 +152,7 @@ class RateFrame:
                     terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                     known[key] = {term.name: term for term in terms}
                 moment = moment + value * known[key][column.term].in_plane * column.course(motion.time)
-            motions.append(recorded(replace(motion, in_plane_moment=moment, history=None)))
+            motions.append(with_in_plane_moment(motion, moment))
         out = replace(self, motions=tuple(motions))
         for key, shapes in self._evaluated.items():
             if self.mechanisms[key[0]].wind_fixed:
@@ -149,16 +174,20 @@ class RateFrame:
             yield shapes, members, np.array([shapes.position[columns[j].term] for j in members])
 
     def _evaluate(self, name: str, theta: Theta) -> _Shapes:
-        found: list[ComplexArray] = []
+        plane: list[ComplexArray] = []
         position: dict[str, int] = {}
-        for motion in self.motions:
+        for motion in self._shown:
             terms = checked_terms(self.mechanisms[name], motion, dict(theta))
             position = {term.name: k for k, term in enumerate(terms)}
-            in_plane = np.stack([term.in_plane for term in terms], axis=1)
-            out_of_plane = np.stack([term.out_of_plane for term in terms], axis=1)
-            found.append(body_from_plane(in_plane, out_of_plane, motion.windward_meridian[:, np.newaxis]))
-        integrals = tuple(s.integrate(found[s.flight][s.rows]) for s in self.segments)
-        return _Shapes(position, tuple(found), integrals)
+            found = np.empty((motion.time.size, len(terms)), dtype=complex)
+            for k, term in enumerate(terms):
+                found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
+            plane.append(found)
+        integrals = tuple(
+            s.integrate_weighted(factor * plane[s.flight][s.rows])
+            for s, factor in zip(self.segments, self._factors, strict=True)
+        )
+        return _Shapes(position, tuple(plane), integrals)
 
 
 def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:

@@ -19,7 +19,7 @@ from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part
 from brv_hypo.regression.frame import RateFrame, remove_levels
-from brv_hypo.regression.linear import lengths, solve_scaled
+from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import fit_noise, taken_by, white
@@ -31,6 +31,8 @@ _MOST_UNTHINNED = 8000
 # Splines in time of each shape of the free moment, and rows that each of its columns needs.
 _SPLINES = 10
 _ROWS_PER_COLUMN = 12
+# Singular values of that fit that count, of the largest.
+_CUTOFF = 1e-9
 # Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
 _PER_CYCLE = 12
 
@@ -97,24 +99,26 @@ def settled_noise(problem: Problem) -> Noise:
     thinning = 1 if part.rows.size <= _MOST_UNTHINNED else rows.noise.thinning
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
     design = plain.whole_design(frame, columns)
-    values = solve_scaled(design, plain.raw_response, 1e-9)
+    scale = lengths(design)
+    left, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+    kept = singular > _CUTOFF * singular[0]
+    basis = left[:, kept]
+    values = (right[kept].T / singular[kept]) @ (basis.T @ plain.raw_response) / scale
     count, constants = len(columns), 2 * len(part.levels)
-    left = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
-    force = [left.force[a:b][part.seen[a:b]] for a, b in part.pieces]
+    rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
+    force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]
     rates_taken, force_taken = (
-        _taken(design, part, plain.rows.rates) if thinning == 1 else (None, None)
+        _taken(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
     )
     return Noise(
-        fit_noise(remove_levels(left.rates, part.pieces, plain.rows.noise.rates), _NOISE_ORDER, rates_taken),
+        fit_noise(remove_levels(rest.rates, part.pieces, plain.rows.noise.rates), _NOISE_ORDER, rates_taken),
         fit_noise([piece for piece in force if piece.size], _NOISE_ORDER, force_taken),
         rows.noise.thinning,
     )
 
 
-def _taken(design: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
-    """What the fit takes of the autocorrelation of white noise in rates and force."""
-    left, singular, _ = np.linalg.svd(design / lengths(design), full_matrices=False)
-    basis = left[:, singular > 1e-9 * singular[0]]
+def _taken(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
+    """What a fit on this orthonormal basis takes of the autocorrelation of white noise in rates and force."""
     rows = part.rows.size
     return (
         taken_by(basis[:rates], part.pieces, rows, _NOISE_ORDER),

@@ -130,16 +130,19 @@ def nuisances(
             )
         without_prior = {} if free is None else free[number]
         own = {name: effect for (name, _), effect in without_prior.items()}
-        for effect in (*(effect for effect in effects if effect.name not in own), *own.values()):
-            for component in effect.components(linearised.record.flight):
-                if not effect.carried and (effect.name, component.name) not in without_prior:
-                    continue
-                history = linearised.effect(effect, component.name, component.size).times(component.size)
-                key, size = (effect.name, component.name), component.size
-                found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
-                present = np.nan if key in without_prior else -found / size
-                item = Nuisance(*key, number, component.units, size, present, found)
-                add(item, on_frame(frame, number, history))
+        wanted = [
+            (effect, component)
+            for effect in (*(effect for effect in effects if effect.name not in own), *own.values())
+            for component in effect.components(linearised.record.flight)
+            if effect.carried or (effect.name, component.name) in without_prior
+        ]
+        changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
+        for (effect, component), history in zip(wanted, changes, strict=True):
+            key, size = (effect.name, component.name), component.size
+            found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
+            present = np.nan if key in without_prior else -found / size
+            item = Nuisance(*key, number, component.units, size, present, found)
+            add(item, on_frame(frame, number, history))
         for mechanism in vehicle:
             if mechanism.of_each_flight(linearised.record.flight):
                 for item, rates in _tolerated(frame, number, mechanism):

@@ -14,6 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.inertial import InertialRecord
@@ -29,6 +30,10 @@ GIVEN = "given"
 _MOST_TIED = 0.995
 # Values of histories that are held at once: 16 bytes each, several times over.
 _AT_ONCE = 2_000_000
+
+
+# Singular values of the baseline's unit columns that count, of the largest.
+_CUTOFF = 1e-12
 
 
 class GivenColumns(Mechanism):
@@ -156,6 +161,19 @@ class WhitenedRows:
 
 
 @dataclass(frozen=True)
+class ProjectedBaseline:
+    """The baseline's columns, the nuisances projected out of them.
+
+    `basis` (rows, rank) is orthonormal, `coefficients` (columns, rank) come from coordinates in it; `left` (rows,) is
+    what it leaves of the response.
+    """
+
+    basis: FloatArray
+    coefficients: FloatArray
+    left: FloatArray
+
+
+@dataclass(frozen=True)
 class Problem:
     """Data, baseline columns, knots (s), noise and limits; `efficiency` is effective over actual samples.
 
@@ -175,6 +193,31 @@ class Problem:
     refine: bool = True
     efficiency: float = 1.0
     given: Mapping[str, Rows] = field(default_factory=dict)
+
+    def projected_baseline(self, frame: RateFrame) -> ProjectedBaseline:
+        """The baseline as this frame sees it: most frames differ in other columns, and see the same."""
+        if frame.same_motions(self.frame) and all(
+            isinstance(frame.mechanisms[column.mechanism], StaticMoment | PitchDamping | GivenColumns)
+            for column in self.baseline
+        ):
+            return self._own_baseline
+        return self._project_baseline(frame)
+
+    @cached_property
+    def _own_baseline(self) -> ProjectedBaseline:
+        return self._project_baseline(self.frame)
+
+    def _project_baseline(self, frame: RateFrame) -> ProjectedBaseline:
+        design = self.design(frame, self.baseline)
+        if not self.baseline:
+            return ProjectedBaseline(design, np.zeros((0, 0)), self.response)
+        scale = lengths(design)
+        orthonormal, triangle = np.linalg.qr(design / scale)
+        directions, singular, right = np.linalg.svd(triangle)
+        kept = singular > _CUTOFF * singular[0]
+        basis = np.asarray(orthonormal @ directions[:, kept], dtype=float)
+        coefficients = (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+        return ProjectedBaseline(basis, coefficients, self.response - basis @ (basis.T @ self.response))
 
     @cached_property
     def response(self) -> FloatArray:
@@ -251,13 +294,17 @@ class Problem:
     def left(
         self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray
     ) -> Rows:
-        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,)."""
+        """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).
+
+        Several fits at once have a column each: values (columns, fits), histories (frame rows, fits).
+        """
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         histories = self.rows.nuisances.rows
-        rates = self.frame.observed - frame.columns([columns[j] for j in moments]) @ values[moments]
+        observed, force = (each.reshape(-1, *(1,) * (values.ndim - 1)) for each in (self.frame.observed, self.force))
+        rates = observed - frame.columns([columns[j] for j in moments]) @ values[moments]
         rates = rates - histories.rates @ others
-        force = self.force - histories.force @ others
+        force = force - histories.force @ others
         if given:
             more = side_by_side([self.given[columns[j].term] for j in given])
             rates, force = rates - more.rates @ values[given], force - more.force @ values[given]

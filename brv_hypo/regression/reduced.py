@@ -15,11 +15,9 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import lengths, solve_normal
-from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.linear import solve_normal
+from brv_hypo.regression.problem import Problem, ProjectedBaseline
 
-# Singular values of the baseline's unit columns that count, of the largest.
-_CUTOFF = 1e-12
 # Share of its length below which what is left of a column is rounding.
 _SPENT = 1e-10
 # Rows that are reduced to a triangular factor at once.
@@ -30,30 +28,27 @@ _BLOCK = 20_000
 class Batch:
     """Whitened columns: the rows that they have (m, columns), and coordinates in what is projected out.
 
-    `nuisance` (unknowns, columns) and `baseline` (baseline columns, columns).
+    `inside` (unknowns + rank of the baseline, columns): the nuisances first.
     """
 
     rows: FloatArray
-    nuisance: FloatArray
-    baseline: FloatArray
+    inside: FloatArray
 
     def of(self, chosen: Sequence[int] | IntArray | slice) -> Batch:
         """Some of the columns."""
-        return Batch(self.rows[:, chosen], self.nuisance[:, chosen], self.baseline[:, chosen])
+        return Batch(self.rows[:, chosen], self.inside[:, chosen])
 
     def with_columns(self, places: Sequence[int], others: Batch) -> Batch:
         """The batch with other columns in these places."""
-        own = (self.rows.copy(), self.nuisance.copy(), self.baseline.copy())
-        for mine, theirs in zip(own, (others.rows, others.nuisance, others.baseline), strict=True):
+        own = (self.rows.copy(), self.inside.copy())
+        for mine, theirs in zip(own, (others.rows, others.inside), strict=True):
             mine[: theirs.shape[0], places] = theirs
         return Batch(*own)
 
     def products(self, others: Batch) -> FloatArray:
         """Scalar products with the columns of another batch, both projected (columns, columns)."""
         m = min(self.rows.shape[0], others.rows.shape[0])
-        whole = self.rows[:m].T @ others.rows[:m]
-        inside = self.nuisance.T @ others.nuisance + self.baseline.T @ others.baseline
-        return np.asarray(whole - inside, dtype=float)
+        return np.asarray(self.rows[:m].T @ others.rows[:m] - self.inside.T @ others.inside, dtype=float)
 
     @cached_property
     def squares(self) -> FloatArray:
@@ -81,8 +76,7 @@ class Reduced:
     @cached_property
     def left(self) -> FloatArray:
         """What the baseline leaves of the response (rows,)."""
-        basis, _ = self._baseline
-        return np.asarray(self.problem.response - basis @ (basis.T @ self.problem.response), dtype=float)
+        return self._baseline.left
 
     @cached_property
     def rss(self) -> float:
@@ -90,16 +84,8 @@ class Reduced:
         return float(self.left @ self.left)
 
     @cached_property
-    def _baseline(self) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal basis of the baseline (rows, rank), and coefficients from coordinates in it (columns, rank)."""
-        design = self.problem.design(self.frame, self.problem.baseline)
-        if not self.problem.baseline:
-            return design, np.zeros((0, 0))
-        scale = lengths(design)
-        orthonormal, triangle = np.linalg.qr(design / scale)
-        basis, singular, right = np.linalg.svd(triangle)
-        kept = singular > _CUTOFF * singular[0]
-        return orthonormal @ basis[:, kept], (right[kept].T / singular[kept]) / scale[:, np.newaxis]
+    def _baseline(self) -> ProjectedBaseline:
+        return self.problem.projected_baseline(self.frame)
 
     def batch(self, columns: Sequence[Column]) -> Batch:
         """Columns, whitened."""
@@ -110,8 +96,8 @@ class Reduced:
         return self._batch(self.problem.rows.white_moments(rates))
 
     def _batch(self, rows: FloatArray) -> Batch:
-        m = rows.shape[0]
-        return Batch(rows, self.problem.rows.basis[:m].T @ rows, self._baseline[0][:m].T @ rows)
+        bases = (self.problem.rows.basis, self._baseline.basis)
+        return Batch(rows, np.concatenate([basis[: rows.shape[0]].T @ rows for basis in bases]))
 
     def right(self, batch: Batch) -> FloatArray:
         """Scalar products of the columns with the response (columns,)."""
@@ -126,7 +112,9 @@ class Reduced:
     def projected(self, batch: Batch, first: int, last: int) -> FloatArray:
         """Rows [first, last) of the columns with nuisances and baseline projected out (rows, columns)."""
         inside = slice(first, last)
-        out = -(self.problem.rows.basis[inside] @ batch.nuisance + self._baseline[0][inside] @ batch.baseline)
+        unknowns = self.problem.rows.basis.shape[1]
+        out = self.problem.rows.basis[inside] @ -batch.inside[:unknowns]
+        out -= self._baseline.basis[inside] @ batch.inside[unknowns:]
         own = batch.rows[inside]
         out[: own.shape[0]] += own
         return np.asarray(out, dtype=float)
@@ -148,13 +136,20 @@ class Reduced:
         """Whitened residual (rows,)."""
         return self.left - self.projected(_sum(batch, values), 0, self.left.size)[:, 0]
 
+    @property
+    def baseline_values(self) -> FloatArray:
+        """The baseline's coefficients (columns,) where nothing else is fitted."""
+        found = self._baseline
+        return np.asarray(found.coefficients @ (found.basis.T @ self.problem.response), dtype=float)
+
     def with_baseline(self, batch: Batch, values: FloatArray) -> FloatArray:
         """The baseline's coefficients that go with those of the columns, and these after them."""
-        basis, coefficients = self._baseline
-        own = coefficients @ (basis.T @ self.problem.response - batch.baseline @ values)
+        found = self._baseline
+        inside = batch.inside[self.problem.rows.basis.shape[1] :]
+        own = found.coefficients @ (found.basis.T @ self.problem.response - inside @ values)
         return np.concatenate([own, values])
 
 
 def _sum(batch: Batch, values: FloatArray) -> Batch:
     weights = values[:, np.newaxis]
-    return Batch(batch.rows @ weights, batch.nuisance @ weights, batch.baseline @ weights)
+    return Batch(batch.rows @ weights, batch.inside @ weights)

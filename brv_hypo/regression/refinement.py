@@ -6,6 +6,7 @@ derivatives and standard errors like any other parameter.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -25,6 +26,8 @@ SMALLEST_GAIN = 0.2
 # Values of a parameter that are tried before Gauss-Newton, and once more about the model that was settled on.
 SCANNED = 7
 SCANNED_FINELY = 25
+# Values of a parameter that differ relatively by less are one.
+_SAME = 1e-12
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
 
@@ -47,6 +50,10 @@ class Nonlinear:
         if self.kind == "theta" and self.value > 0.0:
             return np.geomspace(max(low, self.value / 1.6), min(high, self.value * 1.6), points)
         return np.linspace(low, high, points)
+
+    def others(self, points: int) -> list[float]:
+        """The values of `around` that are not its own."""
+        return [float(value) for value in self.around(points) if not math.isclose(value, self.value, rel_tol=_SAME)]
 
     def moved(self, columns: Sequence[Column], value: float) -> tuple[Column, ...]:
         """The columns with this parameter at `value`."""
@@ -149,7 +156,7 @@ def _scanned(
     settled = []
     for parameter in nonlinear:
         if not fresh.isdisjoint(parameter.columns):
-            values = (parameter.value, *(float(value) for value in parameter.around(points)))
+            values = (parameter.value, *parameter.others(points))
             best, moved = _best_of(reduced, batch, columns, parameter, values)
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)

@@ -15,7 +15,7 @@ from brv_hypo.regression.frame import RateFrame
 
 @dataclass(frozen=True)
 class ResidualMoments:
-    """C_m + i C_n measured less modelled (rows,) of a frame, and where it is usable."""
+    """C_m + i C_n measured less modelled (rows, ...) of a frame, and on which rows it is usable."""
 
     body: ComplexArray
     usable: BoolArray
@@ -24,21 +24,20 @@ class ResidualMoments:
 def residual_moments(
     frame: RateFrame, records: Sequence[InertialRecord], rates: ComplexArray
 ) -> ResidualMoments:
-    """Moments from what a model leaves of the derolled rates, (rows,) rad/s.
+    """Moments from what a model leaves of the derolled rates, (rows,) rad/s, or several models (rows, models).
 
     The filter that differentiates the rates acts on measurement and model alike, so that it rounds no
     corner of the one that the other keeps.
     """
-    body = np.zeros(rates.size, dtype=complex)
-    usable = np.zeros(rates.size, dtype=bool)
+    body = np.zeros(rates.shape, dtype=complex)
+    usable = np.zeros(rates.shape[0], dtype=bool)
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         record, rows = records[segment.flight], segment.rows
         spin = record.spin_rate
         if b - a <= 2 * spin.half_width:
             continue
-        both = np.stack([rates[a:b].real, rates[a:b].imag])
+        both = np.stack([rates[a:b].real.T, rates[a:b].imag.T])
         rate = savgol_filter(both, 2 * spin.half_width + 1, spin.order, 1, record.flight.step)
-        turned = (rate[0] + 1j * rate[1]) * np.exp(-1j * record.spin_angle[rows])
-        body[a:b] = turned / record.moment_scale[rows]
+        body[a:b] = ((rate[0] + 1j * rate[1]) * (np.exp(-1j * record.spin_angle[rows]) / record.moment_scale[rows])).T
         usable[a:b] = (record.measured & spin.interior)[rows]
     return ResidualMoments(body, usable)

@@ -9,19 +9,27 @@ motion's errors pose as an effect.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import STEP
-from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, effective, windward_meridian
+from brv_hypo.motion.frames import (
+    angle_of_attack,
+    angle_rates,
+    body_from_plane,
+    crossflow,
+    effective,
+    windward_meridian,
+)
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel, with_smooth_inputs
@@ -29,19 +37,25 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError
+from brv_hypo.motion.splines import running_integral
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
     body_crossflow,
     gravity_magnitude,
+    propagated_crossflows,
     transverse_axes,
     wind_direction,
 )
 from brv_hypo.regression.channels import Rows
 
+Moved = TypeVar("Moved")
+
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
 _FEWEST_MODES, _MOST_MODES = 10, 40
+# Samples of perturbed records that are held at once, some 200 bytes each.
+_AT_ONCE = 200_000
 # What the sines may leave of the random walk, in standard deviations of alpha.
 _LEFT_OUT = 0.8
 
@@ -89,13 +103,41 @@ class LinearisedFlight:
     @cached_property
     def here(self) -> Rows:
         """The residual as it stands; constants of integration are not in it."""
-        return self._residual(self.record, self.crossflow)
+        return self._residuals([(self.record, self.crossflow)])[0]
+
+    def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Rows]:
+        """What components of effects, by these sizes, do to the residual (n,) to first order, on the fitted, noise-free
+        motion.
+        """
+        moved = ((self._read(effect, component, STEP * size), self.start) for effect, component, size in wanted)
+        for high in self._propagated(moved):
+            yield (high - self._at_noise_free).times(1.0 / STEP)
+
+    def _read(self, effect: RecordEffect, component: str, value: float) -> InertialRecord:
+        """The noise-free record with an error: its motion is that of the measured rates, its rates the model's."""
+        smooth = self._noise_free
+        record = perturbed(smooth, effect.perturb(smooth.flight, component, value))
+        seen = effect.perturb(self._as_modelled, component, value)
+        return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
+
+    @cached_property
+    def _as_modelled(self) -> Flight:
+        """The noise-free flight with the transverse rates that the moment model makes, constants of integration fitted.
+
+        A scale of measured rates would hold what the model does not explain, and scale it away.
+        """
+        smooth = self._noise_free
+        shift = body_crossflow(smooth, wind_direction(smooth, self.start)) - self._open_loop
+        left = self._residuals([(smooth, self.crossflow + shift)])[0].rates
+        for a, b in smooth.flight.segments:
+            left[a:b] -= left[a:b].mean()
+        rates = smooth.flight.q + 1j * smooth.flight.r - left * np.exp(-1j * smooth.spin_angle)
+        return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
         """Derivative of the residual (n,) by one component of a record effect, on the fitted, noise-free motion."""
-        flight = effect.perturb(self._noise_free.flight, component, STEP * size)
-        high = self._propagated(perturbed(self._noise_free, flight), self.start)
-        return (high - self._at_noise_free).times(1.0 / (STEP * size))
+        (change,) = self.effects([(effect, component, size)])
+        return change.times(1.0 / size)
 
     @cached_property
     def _noise_free(self) -> InertialRecord:
@@ -122,7 +164,10 @@ class LinearisedFlight:
 
     @cached_property
     def _at_noise_free(self) -> Rows:
-        return self._propagated(self._noise_free, self.start)
+        smooth, seen = self._noise_free, self._as_modelled
+        record = replace(smooth, flight=replace(smooth.flight, q=seen.q, r=seen.r))
+        (found,) = self._propagated([(record, self.start)])
+        return found
 
     def input_noise(self, error: InputError) -> list[Rows]:
         """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
@@ -130,16 +175,16 @@ class LinearisedFlight:
         A weight is what the record, as smoothed, has of that shape too much.
         """
         flight = self.record.flight
-        rows = []
-        for shape in error.shapes(flight.time):
-            moved = (
-                replace(flight, p=flight.p + STEP * shape)
-                if error.name == ROLL_RATE
-                else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + STEP * shape))
-            )
-            high = self._propagated(perturbed(self.record, moved), self.start)
-            rows.append((high - self.here).times(1.0 / STEP))
-        return rows
+        moved = (
+            replace(flight, p=flight.p + STEP * shape)
+            if error.name == ROLL_RATE
+            else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + STEP * shape))
+            for shape in error.shapes(flight.time)
+        )
+        return [
+            (high - self.here).times(1.0 / STEP)
+            for high in self._propagated((perturbed(self.record, each), self.start) for each in moved)
+        ]
 
     def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
@@ -148,18 +193,13 @@ class LinearisedFlight:
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
         size = gravity_magnitude(self.record.flight) or FREE_GRAVITY
-        names, rows, present = [], [], []
-        for name, axis in (("y", second), ("z", third)):
-            moved = replace(self.start, direction=self.start.direction + _TURN * axis[0])
-            names.append(f"start {name}")
-            rows.append((self._propagated(self.record, moved) - self.here).times(1.0 / _TURN))
-            present.append(np.nan)
-        for name, axis, value in zip("xyz", np.eye(3), self.start.gravity, strict=True):
-            moved = replace(self.start, gravity=self.start.gravity + _PULL * axis)
-            names.append(f"gravity {name}")
-            rows.append((self._propagated(self.record, moved) - self.here).times(size / _PULL))
-            present.append(value / size)
-        return names, rows, np.array(present)
+        starts = [replace(self.start, direction=self.start.direction + _TURN * axis[0]) for axis in (second, third)]
+        starts += [replace(self.start, gravity=self.start.gravity + _PULL * axis) for axis in np.eye(3)]
+        per_unit = [1.0 / _TURN] * 2 + [size / _PULL] * 3
+        high = self._propagated((self.record, start) for start in starts)
+        rows = [(moved - self.here).times(unit) for moved, unit in zip(high, per_unit, strict=True)]
+        names = ["start y", "start z", "gravity x", "gravity y", "gravity z"]
+        return names, rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
 
     def random_walk(self) -> tuple[list[str], list[Rows], FloatArray, list[ComplexArray]]:
         """Names, derivatives and present values of what the gyros' white noise makes of the attitude, and that noise.
@@ -174,38 +214,50 @@ class LinearisedFlight:
         offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
         weights = np.linalg.lstsq(walk, offset, rcond=None)[0]
         derolled = turn * np.exp(1j * self.record.spin_angle)
-        names, rows, present, own = [], [], [], []
+        names, flows, present, own = [], [], [], []
         for number, weight in enumerate(weights):
             for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag)):
-                moved_flow = self.crossflow + STEP * part * turn * walk[:, number]
+                flows.append(self.crossflow + STEP * part * turn * walk[:, number])
                 names.append(f"walk {label} {number}")
-                rows.append((self._residual(self.record, moved_flow) - self.here).times(1.0 / STEP))
                 present.append(float(value))
                 own.append(1j * part * derolled * noise[:, number])
+        rows = [
+            (moved - self.here).times(1.0 / STEP)
+            for batch in in_batches((self.record, flow) for flow in flows)
+            for moved in self._residuals(batch)
+        ]
         return names, rows, np.array(present), own
 
-    def _propagated(self, record: InertialRecord, start: WindStart) -> Rows:
-        """The residual had the record read so and the motion started there."""
-        shift = body_crossflow(record, wind_direction(record, start)) - self._open_loop
-        return self._residual(record, self.crossflow + shift)
+    def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> Iterator[Rows]:
+        """The residual had the record read so and the motion started there, for each of these in turn."""
+        for batch in in_batches(moved):
+            shifts = [each - self._open_loop for each in propagated_crossflows(batch)]
+            yield from self._residuals(
+                [(record, self.crossflow + shift) for (record, _), shift in zip(batch, shifts, strict=True)]
+            )
 
     @cached_property
     def _open_loop(self) -> ComplexArray:
         return body_crossflow(self.record, wind_direction(self.record, self.start))
 
-    def _residual(self, record: InertialRecord, xi: ComplexArray) -> Rows:
-        motion = self._moved(record, xi)
-        flight = record.flight
-        derotation = np.exp(1j * record.spin_angle)
-        integrand = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale * self._moment(motion)
-        rates = (flight.q + 1j * flight.r) * derotation
+    def _residuals(self, moved: Sequence[tuple[InertialRecord, ComplexArray]]) -> list[Rows]:
+        """The residual of records of the same times at a crossflow; their moments are integrated at once."""
+        flight, count = moved[0][0].flight, len(moved)
+        rates, integrands = np.empty((2, count, flight.samples), dtype=complex)
+        for k, (record, xi) in enumerate(moved):
+            derotation = np.exp(1j * record.spin_angle)
+            integrands[k] = derotation * record.moment_scale * self._moment(self._moved(record, xi))
+            rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
         for a, b in flight.segments:
-            rates[a:b] -= CubicSpline(flight.time[a:b], integrand[a:b]).antiderivative()(flight.time[a:b])
-        return Rows(rates, record.transverse_force - self.force.columns(record, xi) @ self.force_values)
+            rates[:, a:b] -= running_integral(flight.time[a:b], integrands[:, a:b].T).T
+        return [
+            Rows(own, record.transverse_force - self.force.columns(record, xi) @ self.force_values)
+            for own, (record, xi) in zip(rates, moved, strict=True)
+        ]
 
     def _moment(self, motion: Motion) -> ComplexArray:
         """C_m + i C_n of the model (n,)."""
-        total = np.zeros(motion.time.size, dtype=complex)
+        inside, outside = np.zeros(motion.time.size), np.zeros(motion.time.size)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
         for column, value in zip(self.columns, self.values, strict=True):
             key = (column.mechanism, column.theta)
@@ -213,8 +265,10 @@ class LinearisedFlight:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term = found[key][column.term]
-            total += value * column.course(motion.time) * (term.in_plane + 1j * term.out_of_plane)
-        return np.asarray(total * np.exp(-1j * motion.windward_meridian), dtype=complex)
+            weight = value * column.course(motion.time)
+            inside += weight * term.in_plane
+            outside += weight * term.out_of_plane
+        return body_from_plane(inside, outside, motion.windward_meridian)
 
     def _moved(self, record: InertialRecord, xi: ComplexArray) -> Motion:
         """The motion with another crossflow, and with the record's own rates and air data."""
@@ -245,6 +299,21 @@ class LinearisedFlight:
         cosine = np.cos(motion.alpha)
         growth = motion.alpha_rate * cosine / np.maximum(np.sin(motion.alpha), 1e-9)
         return np.asarray(self.crossflow * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
+
+
+def in_batches(
+    moved: Iterable[tuple[InertialRecord, Moved]],
+) -> Iterator[list[tuple[InertialRecord, Moved]]]:
+    """Records of the same times, so many at once that they stay small."""
+    batch: list[tuple[InertialRecord, Moved]] = []
+    for each in moved:
+        time = each[0].flight.time
+        if batch and (len(batch) * time.size > _AT_ONCE or not np.array_equal(time, batch[0][0].flight.time)):
+            yield batch
+            batch = []
+        batch.append(each)
+    if batch:
+        yield batch
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:

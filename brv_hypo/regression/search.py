@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.subset import SubsetResult, best_subsets
+from brv_hypo.subset import Chosen, best_columns
 
 Subset = tuple[float, tuple[Column, ...]]
-Search = Callable[..., SubsetResult]  # with the interface of `best_subsets`
+Search = Callable[..., Sequence[Chosen]]  # with the interface of `best_columns`
 # Relative difference up to which two values of a nonlinear parameter are one, found twice (refined at two knots).
 SAME_THETA = 0.1
 
@@ -76,6 +76,59 @@ def _columns_of(
 
 
 @dataclass(frozen=True)
+class Factor:
+    """Columns, the first of which are `forced`, as their triangular factor with the response last.
+
+    It has the same residual sums of squares as the rows, and is small.
+    """
+
+    columns: tuple[Column, ...]
+    forced: int
+    triangle: FloatArray
+
+    def subsets(self, max_terms: int, n_best: int = 1, search: Search = best_columns) -> list[Subset]:
+        """(RSS, columns) of the best subsets of each size beside the forced columns."""
+        vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
+        for place, column in enumerate(self.columns):
+            if place >= self.forced and column.tied:
+                vectors.setdefault(column.vector, []).append(place)
+        found = search(
+            self.triangle[:, :-1],
+            self.triangle[:, -1],
+            max_terms=min(max_terms, len(self.columns) - self.forced),
+            forced=tuple(range(self.forced)),
+            n_best=n_best,
+            groups=tuple(tuple(members) for members in vectors.values()) or None,
+        )
+        return [(rss, tuple(self.columns[j] for j in chosen)) for rss, chosen in found]
+
+
+@dataclass(frozen=True)
+class GridFactors:
+    """The factors of what is on offer on the grid of knots and thetas, of either kind (see `Offers`)."""
+
+    single: tuple[Factor, ...]
+    joint: tuple[Factor, ...]
+    max_terms: int
+
+    def best(self, n_best: int, search: Search = best_columns) -> dict[int, tuple[Subset, ...]]:
+        """For each number of columns the `n_best` of either kind, the least RSS first, as `search` finds them."""
+        best: dict[int, dict[tuple[Column, ...], float]] = {}
+        for factors in (self.single, self.joint):
+            found: dict[int, list[Subset]] = {}
+            for factor in factors:
+                for rss, chosen in factor.subsets(self.max_terms, n_best, search):
+                    found.setdefault(len(chosen), []).append((rss, chosen))
+            for size, ranked in found.items():
+                least = sorted(ranked, key=_rss)[:n_best]
+                best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
+        return {
+            size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
+            for size, subsets in best.items()
+        }
+
+
+@dataclass(frozen=True)
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
@@ -84,34 +137,20 @@ class OnGrid:
 
     frame: RateFrame
     offered: Offers
+    factors: GridFactors
     best: Mapping[int, tuple[Subset, ...]]
 
 
-def on_grid(
-    problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2, search: Search = best_subsets
-) -> OnGrid:
-    """The `n_best` subsets of each size of either kind of offer, as `search` finds them."""
+def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2) -> OnGrid:
+    """The `n_best` subsets of each size of either kind of offer."""
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
-    best: dict[int, dict[tuple[Column, ...], float]] = {}
-    for sets in (offered.single, offered.joint):
-        found: dict[int, list[Subset]] = {}
-        for columns in sets:
-            for rss, chosen in _subsets(reduced, (), columns, problem.exact_terms, n_best, search):
-                found.setdefault(len(chosen), []).append((rss, chosen))
-        for size, ranked in found.items():
-            least = sorted(ranked, key=_rss)[:n_best]
-            best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
-    return OnGrid(
-        frame,
-        offered,
-        {
-            size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
-            for size, subsets in best.items()
-            if size > 0
-        },
+    single, joint = (
+        tuple(_factor(reduced, (), columns) for columns in sets) for sets in (offered.single, offered.joint)
     )
+    factors = GridFactors(single, joint, problem.exact_terms)
+    return OnGrid(frame, offered, factors, factors.best(n_best))
 
 
 def _rss(subset: Subset) -> float:
@@ -135,7 +174,7 @@ def extended(
         subset
         for offer in _compatible(selected, mechanisms, offered)
         for subset in (
-            _subsets(reduced, selected, offer, size)
+            _factor(reduced, selected, offer).subsets(size)
             if size > 1 and not all(column.tied for column in offer)
             else _single(reduced, selected, offer, size)
         )
@@ -160,7 +199,7 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) ->
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
     smaller = max(len(selected), 1)
-    found = _subsets(Reduced(problem, frame), (), tuple(own), smaller, n_best=2)
+    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(smaller, n_best=2)
     return [chosen for _, chosen in found if chosen]
 
 
@@ -193,7 +232,7 @@ def _compatible(
     """The offers with the model's own theta, where a mechanism allows one theta at a time."""
     single = {m.name for m in mechanisms if m.parameters() and not m.several_parameters_at_once}
     theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
-    renamed = [tuple(replace(c, theta=theta.get(c.mechanism, c.theta)) for c in offer) for offer in offered]
+    renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.course) for c in offer) for offer in offered]
     return list(dict.fromkeys(renamed))
 
 
@@ -216,31 +255,12 @@ def _single(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column
     return [(float(left @ left - falls[best]), tuple(offered[j] for j in members[best]))]
 
 
-def _subsets(
-    reduced: Reduced,
-    forced: Sequence[Column],
-    offered: Sequence[Column],
-    max_terms: int,
-    n_best: int = 1,
-    search: Search = best_subsets,
-) -> list[Subset]:
-    """(RSS, columns) of the best subsets of each size beside the forced columns."""
-    batch = reduced.batch((*forced, *offered))
-    # The triangular factor has the same residual sums of squares as the rows, and is small.
+def _factor(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column]) -> Factor:
+    """The factor of these columns, without those that nothing is left of."""
+    batch, columns = reduced.batch((*forced, *offered)), (*forced, *offered)
     triangle = reduced.triangle(batch)
     spent = frozenset(reduced.spent(batch, triangle).tolist())
-    columns = [(j, column) for j, column in enumerate((*forced, *offered)) if j not in spent]
-    size = sum(j < len(forced) for j, _ in columns)
-    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
-    for place, (_, column) in enumerate(columns):
-        if place >= size and column.tied:
-            vectors.setdefault(column.vector, []).append(place)
-    result = search(
-        triangle[:, [j for j, _ in columns]],
-        triangle[:, -1],
-        max_terms=min(max_terms, len(columns) - size),
-        forced=tuple(range(size)),
-        n_best=n_best,
-        groups=tuple(tuple(members) for members in vectors.values()) or None,
+    kept = [j for j in range(len(columns)) if j not in spent]
+    return Factor(
+        tuple(columns[j] for j in kept), sum(j < len(forced) for j in kept), triangle[:, [*kept, len(columns)]]
     )
-    return [(s.rss, tuple(columns[j][1] for j in s.columns if j >= size)) for s in result.subsets]

@@ -16,48 +16,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg.lapack import dgttrf, dgttrs
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.time_variation import TimeFunction
-
-
-@dataclass(frozen=True)
-class SplineGrid:
-    """Cubic splines without a knot at the second and the last but one sample, on the samples `time` (m,), m > 3.
-
-    The equations of the slopes are factorised once (de Boor, A Practical Guide to Splines, Chapter IV).
-    """
-
-    time: FloatArray
-
-    @cached_property
-    def steps(self) -> FloatArray:
-        """Distance of neighbouring samples (m - 1, 1), s."""
-        return np.diff(self.time)[:, np.newaxis]
-
-    @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
-        h = self.steps[:, 0]
-        lower = np.append(h[1:], h[-1] + h[-2])
-        diagonal = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
-        upper = np.append(h[0] + h[1], h[:-1])
-        dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
-        return dl, d, du, du2, pivots
-
-    def slopes(self, values: ComplexArray) -> ComplexArray:
-        """Slopes at the samples of the splines through `values` (m, columns)."""
-        h = self.steps
-        chords = np.diff(values, axis=0) / h
-        right = np.empty(values.shape, dtype=complex)
-        right[1:-1] = 3.0 * (h[1:] * chords[:-1] + h[:-1] * chords[1:])
-        first, last = h[0] + h[1], h[-1] + h[-2]
-        right[0] = ((h[0] + 2.0 * first) * h[1] * chords[0] + h[0] ** 2 * chords[1]) / first
-        right[-1] = (h[-1] ** 2 * chords[-2] + (2.0 * last + h[-1]) * h[-2] * chords[-1]) / last
-        found, _ = dgttrs(*self._factors, right.view(float))
-        return np.ascontiguousarray(found).view(complex)
+from brv_hypo.motion.splines import Places, SplineGrid, running_integral
 
 
 @dataclass(frozen=True)
@@ -74,26 +37,18 @@ class Antiderivative:
     @cached_property
     def at_samples(self) -> ComplexArray:
         """Integrals up to each sample (m, columns)."""
-        h, g, s = self.grid.steps, self.values, self._slopes
-        out = np.zeros_like(g)
-        np.cumsum(h / 2.0 * (g[:-1] + g[1:]) + h**2 / 12.0 * (s[:-1] - s[1:]), axis=0, out=out[1:])
-        return out
+        return self.grid.integrals(self.values, self._slopes)
 
-    def at(self, times: FloatArray, columns: IntArray) -> ComplexArray:
-        """Integral of each column (k,) up to its own time (k,)."""
-        i, u, (c0, c1, c2, c3) = self._cubic(times, columns)
-        return self.at_samples[i, columns] + u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
-
-    def _cubic(
-        self, times: FloatArray, columns: IntArray
-    ) -> tuple[IntArray, FloatArray, tuple[ComplexArray, ...]]:
-        """Interval, time since its first sample, and the polynomial's coefficients, the constant first."""
-        i = np.searchsorted(self.grid.time[1:-1], times, side="right")
+    def at(self, places: Places, columns: IntArray) -> ComplexArray:
+        """Integral of each column (k,) up to its own place (k,)."""
+        i, u = places.interval, places.since
         h = self.grid.steps[i, 0]
-        g, s, following = self.values[i, columns], self._slopes[i, columns], self._slopes[i + 1, columns]
+        g, s = self.values[i, columns], self._slopes[i, columns]
         chord = (self.values[i + 1, columns] - g) / h
-        bend = (s + following - 2.0 * chord) / h
-        return i, times - self.grid.time[i], (g, s, (chord - s) / h - bend, bend / h)
+        bend = (s + self._slopes[i + 1, columns] - 2.0 * chord) / h
+        c2, c3 = (chord - s) / h - bend, bend / h
+        inside = u * (g + u * (s / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        return np.asarray(self.at_samples[i, columns] + inside, dtype=complex)
 
 
 @dataclass(frozen=True)
@@ -124,9 +79,19 @@ class _Courses:
     begin: FloatArray
     end: FloatArray
 
+    @classmethod
+    def told(cls, courses: Sequence[TimeFunction], first: float, last: float) -> _Courses:
+        """These courses over a segment from `first` to `last` s."""
+        start, stop = np.array([(course.start, course.stop) for course in courses]).T
+        ramp = np.array([course.kind == "ramp" for course in courses])
+        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
+        return cls(ramp, start, stop, begin, end)
+
     def of(self, chosen: IntArray) -> _Courses:
         """Some of them."""
-        return _Courses(*(getattr(self, name)[chosen] for name in ("ramp", "start", "stop", "begin", "end")))
+        return _Courses(
+            self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen]
+        )
 
 
 @dataclass(frozen=True)
@@ -145,47 +110,50 @@ class WeakSegment:
 
     def integrate(self, body_moments: ComplexArray) -> Integrals:
         """Antiderivatives for columns C_m + i C_n (m, columns) on the segment's samples."""
-        return Integrals(self._grid, self.factor[:, np.newaxis] * body_moments)
+        return self.integrate_weighted(self.factor[:, np.newaxis] * body_moments)
+
+    def integrate_weighted(self, integrands: ComplexArray) -> Integrals:
+        """Antiderivatives for columns (m, columns) that hold the segment's factor already."""
+        return Integrals(self._grid, integrands)
 
     def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
-        told = self._told(courses)
+        told = _Courses.told(courses, self.time[0], self.time[-1])
         out = self._between(integrals.plain, which, told)
         ramps = np.flatnonzero(told.ramp)
         if ramps.size:
-            told, which, plain = told.of(ramps), which[ramps], out[:, ramps]
-            last = np.full(ramps.size, self.time[-1])
-            held = np.minimum(told.stop, last) - told.start
-            out[:, ramps] = (
-                self._between(integrals.first, which, told)
-                + (self.time[0] - told.start) * plain
-                + held
-                * self._between(integrals.plain, which, _Courses(told.ramp, last, last, told.end, last))
-            )
+            told, which = told.of(ramps), which[ramps]
+            out[:, ramps] *= self.time[0] - told.start
+            out[:, ramps] += self._between(integrals.first, which, told)
+            self._hold(out, ramps, integrals.plain, which, told)
         return out
-
-    def _told(self, courses: Sequence[TimeFunction]) -> _Courses:
-        start = np.array([course.start for course in courses])
-        stop = np.array([course.stop for course in courses])
-        ramp = np.array([course.kind == "ramp" for course in courses])
-        first, last = self.time[0], self.time[-1]
-        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
-        return _Courses(ramp, start, stop, begin, end)
 
     def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
-        base = integral.at(told.begin, which)
-        out = integral.at_samples[:, which] - base
-        out *= self.time[:, np.newaxis] >= told.begin
-        for j in np.flatnonzero(told.end < self.time[-1]):
-            after = np.searchsorted(self.time, told.end[j])
-            out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
+        base = integral.at(Places.among(self.time, told.begin), which)
+        out = integral.at_samples[:, which]
+        out -= base
+        for j, first in enumerate(self.time.searchsorted(told.begin)):
+            out[:first, j] = 0.0
+        for j in np.flatnonzero(told.end < self.time[-1]).tolist():
+            after = self.time.searchsorted(told.end[j])
+            place = Places.among(self.time, told.end[j : j + 1])
+            out[after:, j] = integral.at(place, which[j : j + 1]) - base[j]
         return out
+
+    def _hold(
+        self, out: ComplexArray, ramps: IntArray, integral: Antiderivative, which: IntArray, told: _Courses
+    ) -> None:
+        """Add to the ramps among the columns what their last values bring after they have ended."""
+        last = np.full(ramps.size, self.time[-1])
+        if np.any(told.end < last):
+            held = np.minimum(told.stop, last) - told.start
+            out[:, ramps] += held * self._between(integral, which, _Courses(told.ramp, last, last, told.end, last))
 
 
 def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:
     """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates."""
-    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * integral(flight.time, flight.p))
+    derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
     observed = (flight.q + 1j * flight.r) * derotation
     return tuple(
@@ -193,8 +161,3 @@ def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSe
         for a, b in flight.segments
         if b - a >= shortest
     )
-
-
-def integral(time: FloatArray, rate: FloatArray) -> FloatArray:
-    """Integral of a sampled rate from the first sample, by cubic spline."""
-    return np.asarray(CubicSpline(time, rate).antiderivative()(time), dtype=float)

@@ -112,24 +112,23 @@ def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> Floa
     the motion and of one sense of turning, and is no noise.
     """
     total = sum(part.size for part in residuals)
-    length = int(2 ** np.round(np.log2(np.clip(total / _STRETCHES, _SHORTEST_STRETCH, _LONGEST_STRETCH))))
-    spectra = [_spectra(part, length) for part in residuals if part.size >= length]
-    if not spectra:
-        spectra = [_spectra(np.concatenate([part, np.zeros(length)])[:length], length) for part in residuals]
-    power = np.concatenate(spectra)
+    wanted = int(2 ** np.round(np.log2(np.clip(total / _STRETCHES, _SHORTEST_STRETCH, _LONGEST_STRETCH))))
+    length = min(wanted, max(part.size for part in residuals))
+    power = np.concatenate([_spectra(part, length) for part in residuals if part.size >= length])
     power = np.concatenate([power, np.roll(power[:, ::-1], 1, axis=1)])
     count = power.shape[0]
     odd = 2.0 * np.arange(1, (count - 1) // 2 + 1)
     bias = 1.0 + float(np.sum(1.0 / (odd + 1.0) - 1.0 / odd))
     lasting = np.median(power, axis=0) / bias
-    return np.asarray(np.fft.ifft(lasting).real[: lags + 1] / 2.0, dtype=float)
+    found = np.fft.ifft(lasting).real / 2.0
+    return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
 
 
 def _spectra(part: ComplexArray, length: int) -> FloatArray:
     """Periodograms (stretches, length) of half-overlapping stretches under a Hann window, of unit mean square."""
     window = np.hanning(length + 2)[1:-1]
     window = window / np.sqrt(np.sum(window**2))
-    stretches = np.lib.stride_tricks.sliding_window_view(part, length)[:: length // 2]
+    stretches = np.lib.stride_tricks.sliding_window_view(part, length)[:: max(length // 2, 1)]
     return np.asarray(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2, dtype=float)
 
 

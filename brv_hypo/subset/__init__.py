@@ -2,7 +2,7 @@
 
 A map, in the order in which data flow:
 
-    best.py         ``best_subsets``, the entrance
+    best.py         ``best_subsets``, the entrance; ``best_columns``, the same without the fits
     frame.py        weights, forced columns, scaling, aliases, triangular factor
     constraints.py  groups and parents
     board.py        the best subsets so far and the thresholds that they set
@@ -18,16 +18,18 @@ A map, in the order in which data flow:
     problems.py, benchmark.py   seeded problems; ``python -m brv_hypo.subset.benchmark``
 """
 
-from brv_hypo.subset.best import best_subsets
+from brv_hypo.subset.best import best_columns, best_subsets
+from brv_hypo.subset.board import Chosen
 from brv_hypo.subset.constraints import Group, at_most_one, together
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias, Refusal
 from brv_hypo.subset.result import Certificate, NearTies, PressBest, Subset, SubsetResult
-from brv_hypo.subset.stepwise import differences, stepwise
+from brv_hypo.subset.stepwise import differences, stepwise, stepwise_columns
 
 __all__ = [
     "Alias",
     "Certificate",
+    "Chosen",
     "Criteria",
     "Group",
     "NearTies",
@@ -36,8 +38,10 @@ __all__ = [
     "Subset",
     "SubsetResult",
     "at_most_one",
+    "best_columns",
     "best_subsets",
     "differences",
     "stepwise",
+    "stepwise_columns",
     "together",
 ]

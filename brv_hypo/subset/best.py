@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.errors import UsageError
-from brv_hypo.subset.board import Board
+from brv_hypo.subset.board import Board, Chosen
 from brv_hypo.subset.constraints import Groups, Parents
 from brv_hypo.subset.enumeration import best_press, near_ties
 from brv_hypo.subset.finish import Finisher
@@ -69,11 +69,7 @@ def best_subsets(
     on Schur complements, branching at every drop on the largest rise of the bound.
     """
     effort = Effort(kernel, threads, time_limit_s, progress, inform)
-    if max_terms < 0 or n_best < 1 or threads < 1:
-        raise UsageError(
-            f"got max_terms={max_terms}, n_best={n_best}, threads={threads}; expected max_terms >= 0 and the "
-            "others >= 1"
-        )
+    _refuse_nonsense(max_terms, n_best, threads)
     frame = build_frame(X, y, forced, weights, groups, parents)
     finisher = Finisher(
         frame, held_out_blocks, None if point is None else np.asarray(point, dtype=np.float64)
@@ -87,3 +83,28 @@ def best_subsets(
     if certify_press:
         result = replace(result, press=best_press(frame, board, finisher, enumeration_limit, effort))
     return result
+
+
+def best_columns(
+    X: ArrayLike,
+    y: ArrayLike,
+    max_terms: int = 10,
+    forced: Sequence[int] = (0,),
+    n_best: int = 1,
+    groups: Groups | None = None,
+) -> tuple[Chosen, ...]:
+    """The subsets of ``best_subsets``, proved like them but not fitted: residual sums of squares and columns alone."""
+    _refuse_nonsense(max_terms, n_best)
+    frame = build_frame(X, y, forced, None, groups, None)
+    board = Board(frame, min(max_terms, frame.rank), n_best)
+    seed_board(board)
+    search(board, Effort())
+    return board.chosen()
+
+
+def _refuse_nonsense(max_terms: int, n_best: int, threads: int = 1) -> None:
+    if max_terms < 0 or n_best < 1 or threads < 1:
+        raise UsageError(
+            f"got max_terms={max_terms}, n_best={n_best}, threads={threads}; expected max_terms >= 0 and the "
+            "others >= 1"
+        )

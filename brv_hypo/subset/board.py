@@ -11,6 +11,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.frame import EPS, Frame, dependency, triangle
 
+# Residual sum of squares, and the columns of X without the forced ones, ascending.
+Chosen = tuple[float, tuple[int, ...]]
 # Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
 TIE = 1e-11
 # Relative allowance for rounding in a bound where the columns are well-conditioned.
@@ -43,6 +45,15 @@ class Board:
     def rows(self, size: int) -> list[tuple[float, tuple[int, ...]]]:
         """(residual sum of squares, candidate positions) of one size, best first."""
         return self._rows[size]
+
+    def chosen(self) -> tuple[Chosen, ...]:
+        """All subsets on it, by size, then by residual sum of squares."""
+        candidates = self.frame.candidates
+        return tuple(
+            (rss, tuple(sorted(int(c) for c in candidates[list(positions)])))
+            for rows in self._rows
+            for rss, positions in rows
+        )
 
     def offer_all(self, subsets: Iterable[Sequence[int]]) -> None:
         """Offer every subset."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -47,7 +48,7 @@ class Constraints:
     excludes: BoolArray
     possible: BoolArray
 
-    @property
+    @cached_property
     def active(self) -> bool:
         """Whether there is any rule at all."""
         return bool(self.requires.any() or self.excludes.any() or not self.possible.all())

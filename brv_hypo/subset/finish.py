@@ -69,12 +69,7 @@ class Finisher:
 
     def result(self, board: Board, certificate: Certificate) -> SubsetResult:
         """All subsets on the board, fitted."""
-        candidates = self._frame.candidates
-        subsets = tuple(
-            self.subset(tuple(int(c) for c in candidates[list(positions)]))
-            for size in range(1, board.max_size + 1)
-            for _, positions in board.rows(size)
-        )
+        subsets = tuple(self.subset(columns) for _, columns in board.chosen())
         frame = self._frame
         return SubsetResult(subsets, certificate, frame.aliases, self.subset(()), refused=frame.refused)
 

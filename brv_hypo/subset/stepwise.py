@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.errors import UsageError
-from brv_hypo.subset.board import TIE, Board, residual
+from brv_hypo.subset.board import TIE, Board, Chosen, residual
 from brv_hypo.subset.constraints import Groups, Parents
 from brv_hypo.subset.finish import Finisher
 from brv_hypo.subset.frame import Frame, build_frame
@@ -57,7 +57,7 @@ def stepwise(
     )
     board = Board(frame, min(max_terms, frame.rank), 1)
     steps = 0
-    for subset in _path(frame, board.max_size, f_enter, f_remove):
+    for subset in _path(frame, board.max_size, f_enter, f_remove, frame.y.size):
         board.offer(subset)
         steps += 1
     unproved = float("inf")
@@ -75,6 +75,28 @@ def stepwise(
     return finisher.result(board, certificate)
 
 
+def stepwise_columns(
+    X: ArrayLike,
+    y: ArrayLike,
+    max_terms: int = 10,
+    forced: Sequence[int] = (0,),
+    n_best: int = 1,
+    groups: Groups | None = None,
+    *,
+    samples: int,
+    f_enter: float = 4.0,
+    f_remove: float = 3.9,
+) -> tuple[Chosen, ...]:
+    """The subsets of ``stepwise``, not fitted: residual sums of squares and columns alone.
+
+    X and y may be a triangular factor of so many ``samples``, which give F its freedom.
+    """
+    frame = build_frame(X, y, forced, None, groups, None)
+    board = Board(frame, min(max_terms, frame.rank), 1)
+    board.offer_all(_path(frame, board.max_size, f_enter, f_remove, samples))
+    return board.chosen()
+
+
 def differences(exact: SubsetResult, quick: SubsetResult) -> tuple[str, ...]:
     """One sentence for every size where stepwise missed the best subset."""
     sentences = []
@@ -88,19 +110,21 @@ def differences(exact: SubsetResult, quick: SubsetResult) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _path(frame: Frame, max_size: int, f_enter: float, f_remove: float) -> Iterator[tuple[int, ...]]:
+def _path(
+    frame: Frame, max_size: int, f_enter: float, f_remove: float, samples: int
+) -> Iterator[tuple[int, ...]]:
     """The subsets that stepwise passes through."""
     chosen: tuple[int, ...] = ()
     rss = frame.rss_forced
     visited = {chosen}
     while True:
-        entered = _best_entry(frame, chosen, rss, max_size)
+        entered = _best_entry(frame, chosen, rss, max_size, samples)
         if entered is None or entered[0] < f_enter or entered[1] in visited:
             return
         chosen, rss = entered[1], entered[2]
         visited.add(chosen)
         yield chosen
-        while (left := _least_exit(frame, chosen, rss)) is not None and left[0] < f_remove:
+        while (left := _least_exit(frame, chosen, rss, samples)) is not None and left[0] < f_remove:
             if left[1] in visited:
                 break
             chosen, rss = left[1], left[2]
@@ -109,7 +133,7 @@ def _path(frame: Frame, max_size: int, f_enter: float, f_remove: float) -> Itera
 
 
 def _best_entry(
-    frame: Frame, chosen: tuple[int, ...], rss: float, max_size: int
+    frame: Frame, chosen: tuple[int, ...], rss: float, max_size: int, samples: int
 ) -> tuple[float, tuple[int, ...], float] | None:
     moves = []
     outside = [j for j in range(frame.n_candidates) if j not in chosen]
@@ -120,12 +144,12 @@ def _best_entry(
         larger = tuple(sorted(allowed[0]))
         new = residual(frame, larger)
         if new is not None:
-            moves.append((_partial_f(frame, chosen, rss, larger, new), larger, new))
+            moves.append((_partial_f(samples - len(frame.forced), chosen, rss, larger, new), larger, new))
     return max(moves, default=None)
 
 
 def _least_exit(
-    frame: Frame, chosen: tuple[int, ...], rss: float
+    frame: Frame, chosen: tuple[int, ...], rss: float, samples: int
 ) -> tuple[float, tuple[int, ...], float] | None:
     moves = []
     for j in chosen:
@@ -133,14 +157,14 @@ def _least_exit(
         smaller = tuple(i for i in chosen if i != j and not bound[i])
         new = residual(frame, smaller)
         if new is not None:
-            moves.append((_partial_f(frame, smaller, new, chosen, rss), smaller, new))
+            moves.append((_partial_f(samples - len(frame.forced), smaller, new, chosen, rss), smaller, new))
     return min(moves, default=None)
 
 
 def _partial_f(
-    frame: Frame, small: tuple[int, ...], rss_small: float, large: tuple[int, ...], rss_large: float
+    rows: int, small: tuple[int, ...], rss_small: float, large: tuple[int, ...], rss_large: float
 ) -> float:
-    free = frame.y.size - len(frame.forced) - len(large)
+    free = rows - len(large)
     if free <= 0 or rss_large <= 0.0:
         return float("inf") if rss_small > rss_large else 0.0
     return ((rss_small - rss_large) / (len(large) - len(small))) / (rss_large / free)

@@ -62,6 +62,14 @@ def test_a_smooth_moment_outside_the_list_is_something_else(seed: int) -> None:
     assert found.p_value < 1e-6
 
 
+@pytest.mark.parametrize(("level", "louder"), [(1.0, False), (1.1, False), (2.0, True)])
+def test_rates_that_are_louder_than_their_noise_hold_something_else(level: float, louder: bool) -> None:
+    """Smooth or not; but the level of the noise itself is not known to the last tenth."""
+    noise = level * np.random.default_rng(3).standard_normal(problem().rows.size)
+    fit = replace(fitted("none"), residual=noise)
+    assert (misfit(replace(problem(), efficiency=1.0), fit, fit).gain > 0.0) == louder
+
+
 def test_the_larger_the_moment_the_larger_the_gain() -> None:
     gains = [left_by(0, amplitude).gain for amplitude in (10.0, 20.0, 40.0, 80.0)]
     assert gains == sorted(gains)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.disagreement import _efroymson, criteria_disagree, stepwise_differences
+from brv_hypo.ranking.disagreement import criteria_disagree, stepwise_differences
 from brv_hypo.ranking.result import StepwiseDifference
 from brv_hypo.regression import search
 from brv_hypo.report import rows
-from brv_hypo.subset import best_subsets, stepwise
+from brv_hypo.subset import best_columns, stepwise, stepwise_columns
 
 
 def row(mechanism, f_ratio, cp, error):
@@ -43,12 +43,12 @@ def test_stepwise_on_a_triangle_counts_the_samples_that_it_stands_for():
     y = X @ np.array([1.0, 0.5, 0.0, -0.4, 0.0, 0.3, 0.0, 0.0, 0.2]) + rng.standard_normal(300)
     triangle = np.linalg.qr(np.column_stack([X, y]), mode="r")
     whole = stepwise(X, y, max_terms=6)
-    small = _efroymson(300, triangle[:, :-1], triangle[:, -1], max_terms=6)
-    assert [s.columns for s in small.subsets] == [s.columns for s in whole.subsets]
-    assert small.subsets[-1].rss == pytest.approx(whole.subsets[-1].rss)
+    small = stepwise_columns(triangle[:, :-1], triangle[:, -1], max_terms=6, samples=300)
+    assert [columns for _, columns in small] == [s.columns for s in whole.subsets]
+    assert small[-1][0] == pytest.approx(whole.subsets[-1].rss)
 
 
-def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken(monkeypatch):
+def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
     """Two columns that explain all together and little alone, beside one that explains most alone."""
     rng = np.random.default_rng(0)
     n = 200
@@ -58,15 +58,15 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken(monkeypatch):
     )
     y = hidden + 0.01 * rng.standard_normal(n)
 
-    def on_grid(problem, mechanisms, n_best, method=best_subsets):
-        found = method(X, y, max_terms=2).subsets
+    def best(n_best, method=best_columns):
         course = SimpleNamespace(kind="jump", start=1.5)
         labels = [SimpleNamespace(label=f"c{j}", course=course, theta=(("delay", 0.1),)) for j in range(4)]
-        return SimpleNamespace(best={s.size: ((s.rss, [labels[j] for j in s.columns]),) for s in found})
+        found = method(X, y, max_terms=2)
+        return {len(columns): ((rss, [labels[j] for j in columns]),) for rss, columns in found}
 
-    monkeypatch.setattr("brv_hypo.ranking.disagreement.on_grid", on_grid)
-    problem = SimpleNamespace(samples=n, efficiency=1.0)
-    null, fit = SimpleNamespace(mechanisms=()), SimpleNamespace(name="lag", mechanisms=("lag",), information=0.0)
+    problem, grid = SimpleNamespace(samples=n, efficiency=1.0), SimpleNamespace(best=best)
+    null = SimpleNamespace(mechanisms=())
+    fit = SimpleNamespace(name="lag", mechanisms=("lag",), information=0.0, grid=grid)
     found = {each.size: each for each in stepwise_differences(problem, [null, fit])}
     assert found[2].best == ("c1 at 1.50 s (delay 0.1)", "c2 at 1.50 s (delay 0.1)")
     assert "c3 at 1.50 s (delay 0.1)" in found[2].stepwise
@@ -82,5 +82,5 @@ def test_a_difference_reads_as_a_sentence():
 
 
 def test_the_exact_search_stays_the_default():
-    assert search.on_grid.__defaults__ == (2, best_subsets)
+    assert search.GridFactors.best.__defaults__ == (best_columns,)
     assert CompareConfig().exact_terms >= 1

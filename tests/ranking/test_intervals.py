@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
+from brv_hypo_mechanisms.bodyfixed import BodyFixed
 
-from brv_hypo.ranking.intervals import Interval, intervals, out_of_bounds
+from brv_hypo.ranking.constants import SECOND_ORDER
+from brv_hypo.ranking.intervals import Interval, intervals, out_of_bounds, within_bounds
 from tests.ranking.pulse import fitted, pulse
 
 INSIDE = 3.0
@@ -67,3 +71,23 @@ def test_nothing_is_left_where_the_pulse_has_ended() -> None:
 def test_the_null_has_no_intervals() -> None:
     assert intervals(fitted("none")) == ()
     assert out_of_bounds(fitted("none")) is None
+
+
+def test_values_that_no_body_has_cost_what_their_bounds_take() -> None:
+    """2 ln L falls by the square of the excess in standard errors; within the bounds by nothing."""
+    fit = fitted("bodyfixed")
+    largest = max((net for each in intervals(fit) for net in each.values), key=lambda net: abs(net.value))
+
+    class Bounded(BodyFixed):
+        bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
+            largest.term: (-0.5 * abs(largest.value), 0.5 * abs(largest.value))
+        }
+
+    held = replace(fit, mechanisms=(Bounded(),))
+    excess = out_of_bounds(held)
+    assert excess is not None
+    assert largest.term in excess.words
+    error = np.hypot(largest.std_error, np.sqrt(SECOND_ORDER) * largest.value)
+    assert excess.sigmas == pytest.approx(0.5 * abs(largest.value) / error)
+    assert within_bounds(held).information == pytest.approx(fit.information + excess.sigmas**2)
+    assert within_bounds(fit) is fit

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.regression.frame import whiten
-from brv_hypo.regression.whitening import effective_samples, fit_noise, white
+from brv_hypo.regression.whitening import effective_samples, fit_noise, lasting_autocovariance, white
 
 
 def coloured(rng: np.random.Generator, n: int, feedback: float) -> ComplexArray:
@@ -59,3 +59,32 @@ def test_an_autoregression_counts_for_fewer_samples() -> None:
 def test_white_filter_changes_nothing() -> None:
     rows = np.arange(10, dtype=complex)[:, None]
     np.testing.assert_array_equal(white().whiten(rows), rows)
+
+
+@pytest.mark.parametrize("frequency", [0.02, 0.07, -0.2])
+def test_what_acts_for_some_of_the_time_is_no_colour(frequency: float) -> None:
+    """A moment of many cycles, over a third of the record, would pose as noise of its own frequency."""
+    rng = np.random.default_rng(8)
+    plain = coloured(rng, 1500, 0.0)
+    tone = 5.0 * np.exp(2j * np.pi * frequency * np.arange(1500))
+    acting = np.arange(1500) // 500 == 1
+    noise = fit_noise([plain + acting * tone])
+    assert noise.sigma == pytest.approx(fit_noise([plain]).sigma, rel=0.15)
+    left = noise.whiten((plain + acting * tone)[:, None])[:, 0]
+    assert np.mean(np.abs(left[acting]) ** 2) > 4.0 * np.mean(np.abs(left[~acting]) ** 2)
+
+
+@pytest.mark.parametrize("feedback", [0.0, 0.6])
+def test_what_lasts_is_estimated_without_bias(feedback: float) -> None:
+    rng = np.random.default_rng(9)
+    found = np.mean(
+        [lasting_autocovariance([coloured(rng, 1000, feedback)], 3) for _ in range(100)], axis=0
+    )
+    expected = feedback ** np.arange(4) / (1.0 - feedback**2)
+    np.testing.assert_allclose(found, expected, atol=0.03 * expected[0])
+
+
+def test_pieces_shorter_than_a_stretch_are_used_as_they_are() -> None:
+    rng = np.random.default_rng(10)
+    noise = fit_noise([coloured(rng, 20, 0.0) for _ in range(40)])
+    assert 0.5 < noise.sigma < 1.2

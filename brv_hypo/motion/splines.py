@@ -1,0 +1,115 @@
+"""Cubic splines through samples, and their integrals: one factorisation for all that is sampled at the same times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg.lapack import dgttrf, dgttrs
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
+
+# Samples from which splines have no knot at the second and the last but one.
+_FEWEST = 4
+
+
+@dataclass(frozen=True)
+class SplineGrid:
+    """Cubic splines without a knot at the second and the last but one sample, on the samples `time` (m,), m > 3.
+
+    The equations of the slopes are factorised once (de Boor, A Practical Guide to Splines, Chapter IV).
+    """
+
+    time: FloatArray
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """Distance of neighbouring samples (m - 1, 1), s."""
+        return np.diff(self.time)[:, np.newaxis]
+
+    @cached_property
+    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+        h = self.steps[:, 0]
+        lower = np.append(h[1:], h[-1] + h[-2])
+        diagonal = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
+        upper = np.append(h[0] + h[1], h[:-1])
+        dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
+        return dl, d, du, du2, pivots
+
+    def slopes(self, values: Values) -> Values:
+        """Slopes at the samples of the splines through `values` (m, columns), real or complex."""
+        h = self.steps
+        chords = np.diff(values, axis=0) / h
+        right = np.empty(values.shape, dtype=chords.dtype)
+        right[1:-1] = 3.0 * (h[1:] * chords[:-1] + h[:-1] * chords[1:])
+        first, last = h[0] + h[1], h[-1] + h[-2]
+        right[0] = ((h[0] + 2.0 * first) * h[1] * chords[0] + h[0] ** 2 * chords[1]) / first
+        right[-1] = (h[-1] ** 2 * chords[-2] + (2.0 * last + h[-1]) * h[-2] * chords[-1]) / last
+        found, _ = dgttrs(*self._factors, right.view(float))
+        return np.ascontiguousarray(found).view(right.dtype)
+
+    def integrals(self, values: Values, slopes: Values) -> Values:
+        """Integrals (m, columns) from the first sample to each of the splines with these values and slopes."""
+        h = self.steps
+        out = np.zeros_like(slopes)
+        np.cumsum(
+            h / 2.0 * (values[:-1] + values[1:]) + h**2 / 12.0 * (slopes[:-1] - slopes[1:]), axis=0, out=out[1:]
+        )
+        return out
+
+
+class Spline:
+    """Cubic spline through `values` (m, ...), made when it is first asked for."""
+
+    def __init__(self, time: FloatArray, values: FloatArray) -> None:
+        self._samples: tuple[FloatArray, FloatArray] | None = (time, values)
+        self._powers: tuple[FloatArray, ...] = ()
+
+    def __call__(self, places: Places) -> FloatArray:
+        """Values (n, ...) at these places."""
+        if self._samples is not None:
+            self._powers, self._samples = _powers(*self._samples), None
+        i, u = places.interval, places.since
+        c0, c1, c2, c3 = (each[..., i] for each in self._powers)
+        return np.asarray((c0 + u * (c1 + u * (c2 + u * c3))).T, dtype=float)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Times (n,) s by the interval of samples that holds each, and the time since its first sample."""
+
+    interval: IntArray
+    since: FloatArray
+
+    @classmethod
+    def among(cls, samples: FloatArray, time: FloatArray) -> Places:
+        """Where `time` (n,) lies among the samples; outside of them the outermost interval counts."""
+        interval = samples[1:-1].searchsorted(time, side="right")
+        return cls(interval, time - samples[interval])
+
+
+def _powers(time: FloatArray, values: FloatArray) -> tuple[FloatArray, ...]:
+    """Coefficients (..., m - 1) of the powers of the time since each sample, the constant first."""
+    if time.size < _FEWEST:
+        return tuple(np.moveaxis(c, 0, -1).copy() for c in CubicSpline(time, values).c[::-1])
+    flat = np.ascontiguousarray(values).reshape(time.size, -1)
+    grid = SplineGrid(time)
+    slopes, h = grid.slopes(flat), grid.steps
+    chord = np.diff(flat, axis=0) / h
+    bend = (slopes[:-1] + slopes[1:] - 2.0 * chord) / h
+    found = (flat[:-1], slopes[:-1], (chord - slopes[:-1]) / h - bend, bend / h)
+    return tuple(np.ascontiguousarray(c.T).reshape(*values.shape[1:], time.size - 1) for c in found)
+
+
+def running_integral(time: FloatArray, values: Values) -> Values:
+    """Integral of `values` (n, ...), real or complex, from the first sample to each; fourth order."""
+    if time.size < _FEWEST:
+        return np.asarray(CubicSpline(time, values).antiderivative()(time))
+    flat = np.ascontiguousarray(values).reshape(time.size, -1)
+    grid = SplineGrid(time)
+    return grid.integrals(flat, grid.slopes(flat)).reshape(values.shape)

@@ -1,0 +1,103 @@
+"""Speed of `compare`: `python -m brv_hypo.ranking.benchmark`.
+
+Processor seconds of each stage of a comparison of the five mechanisms, on simulated flights of 1,081 samples or on
+the records that are named; the least of several runs, after a first one that loads and compiles nothing more.
+`--memory`: the most that a comparison holds at once, in kB a sample, instead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import tracemalloc
+from collections.abc import Mapping, Sequence
+
+from brv_hypo.flight import load_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.ranking.compare import compare
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.simulation import load_config, simulate
+
+MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
+PLANTED = ("none", "damping", "bodyfixed", "sticking")
+SAMPLES = 1081
+# First words of what `compare` says as a stage begins, and the stage; what it says within one counts to that.
+STAGES = {
+    "trying": "trial",
+    "reconstructing": "reconstruct",
+    "linearising what": "prepare",
+    "searching": "search",
+    "linearising about": "relinearise",
+    "predicting": "judge",
+    "maximum likelihood": "likelihood",
+}
+COLUMNS = ("trial", "reconstruct", "prepare", "search", "relinearise", "judge", "likelihood", "whole")
+
+
+class _Stages:
+    """Processor seconds by stage; to be told what `compare` says."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(COLUMNS, 0.0)
+        self._began = self._since = time.process_time()
+        self._stage = COLUMNS[0]
+
+    def __call__(self, message: str) -> None:
+        now = time.process_time()
+        self.seconds[self._stage] += now - self._since
+        self.seconds["whole"] = now - self._began
+        self._since = now
+        self._stage = next((stage for words, stage in STAGES.items() if message.startswith(words)), self._stage)
+
+
+def stages(flight: Flight, config: CompareConfig, repeats: int) -> dict[str, float]:
+    """Processor seconds of each stage: those of the quickest of `repeats` runs, after one that is not counted."""
+    runs = []
+    for _ in range(repeats + 1):
+        told = _Stages()
+        compare([flight], config, progress=told)
+        told("")
+        runs.append(told.seconds)
+    return min(runs[1:], key=lambda seconds: seconds["whole"])
+
+
+def memory(flight: Flight, config: CompareConfig) -> float:
+    """The most that a comparison holds at once, kB a sample."""
+    tracemalloc.start()
+    compare([flight], config)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return peak / 1e3 / flight.samples
+
+
+def flights(paths: Sequence[str]) -> Mapping[str, Flight]:
+    """The records that are named, or simulated ones of the research cone, by name."""
+    if paths:
+        return {path: load_flight(path) for path in paths}
+    usual = load_config("research_cone")
+    config = usual.model_copy(update={"sample_rate": (SAMPLES - 1) / usual.duration})
+    return {
+        name: simulate(config, seed=1, plant=() if name == "none" else (name,)).flight for name in PLANTED
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m brv_hypo.ranking.benchmark", description=__doc__)
+    parser.add_argument("flights", nargs="*", help="records to compare instead of simulated ones")
+    parser.add_argument("--repeats", type=int, default=3, help="comparisons of each flight")
+    parser.add_argument("--likelihood", choices=("none", "quick", "full"), default="none")
+    parser.add_argument("--memory", action="store_true", help="memory instead of time")
+    given = parser.parse_args(arguments)
+    config = CompareConfig(mechanisms=MECHANISMS, maximum_likelihood=given.likelihood)
+    print(f"{'flight':24}{'samples':>8}" + ("   kB a sample" if given.memory else "".join(f"{c:>13}" for c in COLUMNS)))
+    for name, flight in flights(given.flights).items():
+        if given.memory:
+            print(f"{name[-24:]:24}{flight.samples:8}{memory(flight, config):14.1f}")
+            continue
+        seconds = stages(flight, config, given.repeats)
+        print(f"{name[-24:]:24}{flight.samples:8}" + "".join(f"{seconds[column]:13.3f}" for column in COLUMNS))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,40 @@
+"""What the reconstruction makes of flights of the independent program whose tolerances are wide."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from brv_hypo import Reconstruction, reconstruct
+from tests.independent.flights import Made, make_flight
+
+
+@cache
+def flown(truth: str, factor: float) -> tuple[Made, Reconstruction]:
+    made = make_flight("biconic", truth, 0.7, seed=35004, grade="industrial", factor=factor)
+    return made, reconstruct(made.flight)
+
+
+@pytest.mark.parametrize("instrument", ["gyros", "accelerometers"])
+def test_a_unit_that_is_late_as_a_whole_is_not_told(instrument: str) -> None:
+    """Gyros and accelerometers late by the same time are a motion that much later: only the tolerance bounds it."""
+    _, found = flown("none", 0.0)
+    late = next(e for e in found.effects if (e.effect, e.component) == ("time_skew", instrument))
+    assert late.std_error > 0.5 * late.size
+    assert abs(late.value) < 2.0 * late.size
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0])
+def test_a_large_mechanism_is_not_taken_for_errors_of_the_record(factor: float) -> None:
+    made, found = flown("lag", factor)
+    asked = sum((each.value / each.size) ** 2 for each in found.effects)
+    assert asked < 3.0 * len(found.effects)
+    assert np.sqrt(np.mean((found.motion.alpha - made.true.alpha) ** 2)) < np.radians(0.2)
+
+
+def test_a_scale_of_the_pressure_is_the_slope_of_the_normal_force() -> None:
+    _, found = flown("lag", 1.0)
+    scale = next(each for each in found.effects if each.effect == "dynamic_pressure_scale")
+    assert scale.std_error == pytest.approx(scale.size, rel=0.02)

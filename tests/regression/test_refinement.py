@@ -1,0 +1,36 @@
+"""Knots as continuous parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from brv_hypo.mechanisms import find
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
+from tests.ranking.pulse import fitted, problem
+
+
+def astray(fit: HypothesisFit, shift: float) -> HypothesisFit:
+    """The fit with its first knot moved (s) and settled there again, which may be in a neighbouring minimum."""
+    start = min(column.course.start for column in fit.selected)
+    moved = tuple(
+        replace(column, course=TimeFunction(column.course.kind, start + shift, column.course.stop))
+        if column.course.start == start
+        else column
+        for column in fit.columns
+    )
+    return refit(problem(), replace(fit, columns=moved))
+
+
+@pytest.mark.parametrize("shift", [-0.35, 0.3])
+def test_a_fine_scan_leads_out_of_a_neighbouring_minimum(shift: float) -> None:
+    best = fitted("bodyfixed")
+    found = scanned_finely(problem(), astray(best, shift))
+    assert found.information < best.information + 1.0
+
+
+def test_a_fit_that_is_searched_gains_nothing_by_another_scan() -> None:
+    best = fit_hypothesis(problem(), "bodyfixed", (find("bodyfixed"),))
+    assert scanned_finely(problem(), best).information == pytest.approx(best.information, abs=0.5)
