@@ -1,16 +1,21 @@
-"""What every result can do for a reader: a short repr, an HTML view, a data frame. JSON is in `json_result`."""
+"""What every result can do for a reader: a short repr, an HTML view, a data frame, charts."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from brv_hypo.errors import UsageError
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
+    from matplotlib.figure import Figure
 
 MOST_ROWS = 60
 """Rows of an HTML view; a data frame has them all."""
@@ -25,6 +30,10 @@ class Tabular:
     def headline(self) -> str:
         """The result in a few words."""
 
+    def conclusion(self) -> str:
+        """What follows from it, in a sentence or two; empty where it speaks for itself."""
+        return ""
+
     @abstractmethod
     def rows(self) -> Sequence[Row]:
         """The result as rows, each a mapping of column to value, all with the same columns."""
@@ -37,20 +46,22 @@ class Tabular:
         frame: pandas.DataFrame = _pandas().DataFrame.from_records(list(self.rows()))
         return frame
 
+    def to_xarray(self) -> xarray.Dataset:
+        """The rows as a labelled data set over the dimension "row".
+
+        Raises UsageError with the remedy where xarray is not installed.
+        """
+        rows = list(self.rows())
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        return _dataset(columns, "row", {}, self.headline())
+
     def __repr__(self) -> str:
         """Short, whatever the result holds."""
         return f"<{type(self).__name__}: {self.headline()}>"
 
     def _repr_html_(self) -> str:
-        """For notebooks: headline and table."""
-        rows = list(self.rows())
-        head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
-        body = "".join(
-            "<tr>" + "".join(f"<td>{escape(_told(value))}</td>" for value in row.values()) + "</tr>"
-            for row in rows[:MOST_ROWS]
-        )
-        more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
-        return f"<p><b>{escape(self.headline())}</b></p><table><tr>{head}</tr>{body}</table>{more}"
+        """For notebooks: headline, conclusion and table."""
+        return _html(self.headline(), list(self.rows()), self.conclusion())
 
 
 class Histories(Tabular):
@@ -66,7 +77,7 @@ class Histories(Tabular):
         return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The columns as a pandas data frame whose index is the axis; `.to_xarray()` of it is a labelled data set.
+        """The columns as a pandas data frame whose index is the axis.
 
         Raises UsageError with the remedy where pandas is not installed.
         """
@@ -74,16 +85,80 @@ class Histories(Tabular):
         frame: pandas.DataFrame = _pandas().DataFrame(columns).set_index(next(iter(columns)))
         return frame
 
+    def units(self) -> Mapping[str, str]:
+        """Units of the columns that have any, SI."""
+        return {}
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The columns as a labelled data set over the axis, with their units.
+
+        Raises UsageError with the remedy where xarray is not installed.
+        """
+        columns = dict(self.columns())
+        return _dataset(columns, next(iter(columns)), self.units(), self.headline())
+
     def _repr_html_(self) -> str:
-        """For notebooks: the headline, and which columns there are."""
-        names = ", ".join(self.columns())
-        return f"<p><b>{escape(self.headline())}</b></p><p>to_dataframe(): {escape(names)}</p>"
+        """For notebooks: the headline, and the columns with their units and ranges."""
+        units = self.units()
+        lines = [
+            {"column": name, "unit": units.get(name), "least": np.nanmin(values), "greatest": np.nanmax(values)}
+            for name, values in self.columns().items()
+        ]
+        return _html(self.headline(), lines)
+
+
+class Pictured:
+    """A result with charts: those of its page and of `--figures`."""
+
+    def plot(self, chart: str = "") -> Figure:
+        """One chart as a matplotlib figure, by the name that its picture file has; "" for the principal one.
+
+        Raises UsageError where the result has no such chart (naming those that it has), or matplotlib is missing.
+        """
+        # The report stands above all results in the order of imports: it is found by name, when it is asked for.
+        figure: Figure = import_module("brv_hypo.report.write").plot(self, chart)
+        return figure
+
+
+def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
+    head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(_told(value))}</td>" for value in row.values()) + "</tr>"
+        for row in rows[:MOST_ROWS]
+    )
+    more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
+    said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
+    return f"<p><b>{escape(headline)}</b></p>{said}<table><tr>{head}</tr>{body}</table>{more}"
 
 
 def _told(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return "" if value is None else str(value)
+
+
+def _dataset(
+    columns: Mapping[str, Any], axis: str, units: Mapping[str, str], title: str
+) -> xarray.Dataset:
+    try:
+        import xarray
+    except ImportError:
+        message = "to_xarray() needs xarray, which is not installed: pip install 'brv-hypo[xarray]'."
+        raise UsageError(message) from None
+    variables = {
+        name: (axis, _one_each(values), {"units": units[name]} if name in units else {})
+        for name, values in columns.items()
+    }
+    return xarray.Dataset(variables, attrs={"title": title}).set_coords([axis] if axis in columns else [])
+
+
+def _one_each(values: Any) -> Any:
+    """Values as an array (n,), tuples as objects of it."""
+    if not any(isinstance(value, tuple | list) for value in values):
+        return np.asarray(values)
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = values
+    return objects
 
 
 def _pandas() -> Any:

@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import pickle
+from html import escape
 
 import numpy as np
 import pytest
@@ -100,6 +101,7 @@ class TestEveryResult:
         frame = result.to_dataframe()
         assert len(frame) > 0
         html = result._repr_html_()
+        assert escape(result.conclusion()) in html
         assert len(html) < 20_000
         assert all(str(column) in html for column in frame.columns)
 
@@ -176,6 +178,71 @@ def test_a_result_is_written_as_a_page(name, request, tmp_path) -> None:
 def test_the_figures_of_a_result_are_written(traced, tmp_path) -> None:
     names = {path.name for path in write_figures(traced, tmp_path / "figures")}
     assert {"residuals.png", "residuals.svg", "spectrum.svg"} <= names
+
+
+class TestPlot:
+    """The charts of a result as figures, by the names of its picture files."""
+
+    @pytest.mark.parametrize(
+        ("name", "panels"), [("compared", 2), ("traced", 2), ("reconstructed", 2)]
+    )
+    def test_the_principal_chart_is_drawn_where_none_is_named(self, name, panels, request) -> None:
+        figure = request.getfixturevalue(name).plot()
+        assert len(figure.axes) == panels
+        assert figure._repr_png_().startswith(b"\x89PNG")
+
+    def test_every_chart_of_the_page_is_there_by_name(self, compared) -> None:
+        for chart in document_of(compared).charts:
+            assert len(compared.plot(chart.name).axes) == len(chart.panels)
+
+    def test_the_winner_lies_on_top(self, compared) -> None:
+        labels = [line.get_label() for line in compared.plot("moments").axes[0].get_lines()]
+        assert [label for label in labels if label in ("none", "sticking")] == ["none", "sticking"]
+
+    def test_an_unknown_chart_is_refused_with_those_there_are(self, compared) -> None:
+        with pytest.raises(UsageError, match=r"got chart 'momenst', expected one .* moments, residuals"):
+            compared.plot("momenst")
+
+    def test_a_result_from_json_has_no_histories_to_draw(self, traced) -> None:
+        with pytest.raises(UsageError, match="no part of its JSON"):
+            Trace.from_json(traced.to_json()).plot()
+
+    def test_without_matplotlib_it_says_how_to_install_it(self, compared, monkeypatch) -> None:
+        from brv_hypo.report import drawing
+
+        monkeypatch.setattr(drawing, "find_spec", lambda name: None)
+        with pytest.raises(UsageError, match=r"plot\(\) needs matplotlib.*'brv-hypo\[figures\]'"):
+            compared.plot()
+
+
+class TestXarray:
+    @pytest.mark.parametrize("name", RESULTS)
+    def test_a_data_set_holds_what_the_data_frame_holds(self, name, request) -> None:
+        pytest.importorskip("xarray")
+        result = request.getfixturevalue(name)
+        data, frame = result.to_xarray(), result.to_dataframe()
+        assert set(frame.columns) <= set(data.variables)
+        assert data.attrs["title"] == result.headline()
+        assert set(data.sizes.values()) == {len(frame)}
+
+    def test_histories_lie_over_time_with_their_units(self, reconstructed, flown) -> None:
+        pytest.importorskip("xarray")
+        data = reconstructed.to_xarray()
+        assert data["alpha"].dims == ("time",)
+        assert {name: data[name].attrs["units"] for name in ("time", "alpha", "C_N_prime")} == {
+            "time": "s",
+            "alpha": "rad",
+            "C_N_prime": "1",
+        }
+        assert flown.to_xarray()["velocity"].attrs["units"] == "m/s"
+        np.testing.assert_array_equal(data["time"], reconstructed.motion.time)
+
+    def test_without_xarray_it_says_how_to_install_it(self, compared, monkeypatch) -> None:
+        import sys
+
+        monkeypatch.setitem(sys.modules, "xarray", None)
+        with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[xarray\]'"):
+            compared.to_xarray()
 
 
 def test_what_has_no_report_is_refused(tmp_path) -> None:

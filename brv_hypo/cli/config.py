@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
-VEHICLE, STUDY = "research_cone", "study_planted"
-"""What new simulations and studies start from: files that come along, comments included."""
+VEHICLE, STUDY, MAP = "research_cone", "study_planted", "launch12"
+"""What new simulations, studies and maps start from: files that come along, comments included."""
 
 
 class Kind(StrEnum):
@@ -31,6 +31,7 @@ class Kind(StrEnum):
     RECONSTRUCT = "reconstruct"
     SIMULATE = "simulate"
     STUDY = "study"
+    IMPORT = "import"
 
 
 class Schema(StrEnum):
@@ -41,6 +42,7 @@ class Schema(StrEnum):
     RECONSTRUCT = "reconstruct"
     SIMULATE = "simulate"
     STUDY = "study"
+    IMPORT = "import"
     COMPARE_RESULT = "compare-result"
     TRACE_RESULT = "trace-result"
     PREDICT_RESULT = "predict-result"
@@ -65,7 +67,11 @@ def new(
     path = Path(f"{kind.value}.yaml") if output is None else output
     session.claim(path)
     write_whole(path, _text(kind), overwrite=session.force)
-    use = {"simulate": f"brv-hypo simulate {path} -o flight.h5", "study": f"brv-hypo study {path} -o results"}
+    use = {
+        "simulate": f"brv-hypo simulate {path} -o flight.h5",
+        "study": f"brv-hypo study {path} -o results",
+        "import": f"brv-hypo import log.csv --map {path} -o flight.h5",
+    }
     session.show(f"Wrote {path}. Use it with:\n  {use.get(kind, f'brv-hypo {kind.value} flight.h5 --config {path}')}")
 
 
@@ -89,10 +95,13 @@ def _text(kind: Kind) -> str:
         return config_path(VEHICLE).read_text(encoding="utf-8")
     if kind is Kind.STUDY:
         return config_path(STUDY, "studies").read_text(encoding="utf-8")
+    if kind is Kind.IMPORT:
+        return config_path(MAP, "maps").read_text(encoding="utf-8")
     return commented(_model(kind.value), f"Settings of `brv-hypo {kind.value}`")
 
 
 def _model(kind: str) -> type[BaseModel]:
+    from brv_hypo.flight.record_map import RecordMap
     from brv_hypo.motion import ReconstructionConfig
     from brv_hypo.ranking import CompareConfig, Comparison
     from brv_hypo.residuals import Prediction, Trace, TraceConfig
@@ -105,6 +114,7 @@ def _model(kind: str) -> type[BaseModel]:
         "reconstruct": ReconstructionConfig,
         "simulate": SimulationConfig,
         "study": StudyConfig,
+        "import": RecordMap,
         "compare-result": Comparison,
         "trace-result": Trace,
         "predict-result": Prediction,

@@ -17,6 +17,9 @@ NAME = "brv-hypo-manual.html"
 def docs(
     session: Session,
     topic: Annotated[str | None, typer.Argument(metavar="TOPIC", help="What to read about.")] = None,
+    notebooks: Annotated[
+        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the two notebooks that come along.")
+    ] = None,
     show: Annotated[bool, typer.Option("--open", help="Open the manual as a page in the browser.")] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="Write the manual as an offline page.")
@@ -26,6 +29,9 @@ def docs(
     session.claim(output)
     from brv_hypo.docs import text
 
+    if notebooks is not None:
+        _write_notebooks(session, notebooks)
+        return
     if topic is not None:
         text(topic)  # an unknown topic is refused whatever is to be done with it
     if show or output is not None:
@@ -52,6 +58,19 @@ def _topics() -> str:
             "`brv-hypo docs --open` opens all of it as a page.",
         ]
     )
+
+
+def _write_notebooks(session: Session, folder: Path) -> None:
+    from brv_hypo.docs import notebooks
+    from brv_hypo.files.whole import check_target, make_folder, write_whole
+
+    targets = {folder / name: content for name, content in notebooks().items()}
+    for path in targets:
+        check_target(path, overwrite=session.force)
+    make_folder(folder)
+    for path, content in targets.items():
+        write_whole(path, content, overwrite=session.force)
+    session.show(f"Wrote {', '.join(map(str, targets))}.")
 
 
 def _as_page(session: Session, topic: str | None, output: Path | None, show: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -30,14 +31,19 @@ def inspect(
     loaded = load_flight(flight, start=start, stop=stop)
     inspection = inspect_flight(loaded if windowed else flight)
     trial = try_record(loaded)[1]
-    session.tell(inspection_view(inspection, trial), conclusion=inspection_line(inspection))
+    session.tell(inspection_view(inspection, trial, verbose=session.verbose), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
 
 @in_session("force")
 def import_(
     session: Session,
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="Foreign record: csv, parquet or mat.")],
+    data: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DATA", help="Foreign record: csv, parquet or mat. With --guess, other recorders' files after it."
+        ),
+    ],
     mapping: Annotated[
         Path | None,
         typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units."),
@@ -56,24 +62,29 @@ def import_(
             "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."
         )
     if guess:
-        _write_guess(session, data, output or Path(f"{data.stem}.map.yaml"))
+        _write_guess(session, data, output or Path(f"{data[0].stem}.map.yaml"))
+    elif len(data) > 1:
+        raise UsageError(
+            f"import --map brings in one file, got {len(data)}: the map names the others under recorders and vehicle. "
+            "Only --guess takes several."
+        )
     elif mapping is None or output is None:
         raise UsageError("import --map needs the record to write: -o flight.h5.")
     else:
-        _bring_in(session, data, mapping, output)
+        _bring_in(session, data[0], mapping, output)
 
 
-def _write_guess(session: Session, data: Path, output: Path) -> None:
+def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
     session.claim(output)
     from brv_hypo.files.whole import write_whole
     from brv_hypo.flight.guess import guess_map
     from brv_hypo.report.style import bullets
 
-    found = guess_map(data)
+    found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
     session.show(bullets(found.unsure, "Missing or unsure", "yellow"))
     session.show(
-        f"Wrote {output}. Read it, fill in the vehicle, then: brv-hypo import {data} --map {output} -o flight.h5"
+        f"Wrote {output}. Read it, fill in the vehicle, then: brv-hypo import {data[0]} --map {output} -o flight.h5"
     )
 
 

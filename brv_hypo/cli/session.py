@@ -72,6 +72,9 @@ class Session:
     def _claim_figures(folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
+        standing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
+        if not standing.is_dir() or not os.access(standing, os.W_OK):
+            raise UsageError(f"--figures {folder} cannot be made: no permission in {standing}. Choose another place.")
         from brv_hypo.report.drawing import require_matplotlib
 
         require_matplotlib()
@@ -139,7 +142,11 @@ class Session:
             from brv_hypo.report.drawing import draw_into
 
             written = draw_into(self.figures, document.charts, overwrite=self.force)
-            self.show(f"Wrote {len(written)} files to {self.figures}.")
+            self.show(
+                f"Wrote {len(written)} files to {self.figures}."
+                if written
+                else "The result has no charts: no picture files were written."
+            )
 
     @staticmethod
     def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> Provenance:

@@ -20,6 +20,12 @@ def topics() -> dict[str, str]:
     return {name: text(name).splitlines()[0].removeprefix("# ") for name in order}
 
 
+def notebooks() -> dict[str, str]:
+    """Every notebook by the name of its file, with its content."""
+    found = (entry for entry in (files(__name__) / "notebooks").iterdir() if entry.name.endswith(".ipynb"))
+    return {entry.name: entry.read_text(encoding="utf-8") for entry in sorted(found, key=lambda entry: entry.name)}
+
+
 def text(topic: str) -> str:
     """The Markdown of a topic; UsageError with the topics there are where there is no such one."""
     page = files(__name__) / f"{topic}.md"

@@ -28,6 +28,8 @@ _REMEDIES = {
     errno.EACCES: "There is no permission. Choose another place.",
     errno.EPERM: "There is no permission. Choose another place.",
     errno.EFBIG: "The file would be too large here. Choose another place.",
+    errno.ENOTDIR: "A file stands where a folder is needed. Choose another place.",
+    errno.EEXIST: "A file stands where a folder is needed. Choose another place.",
     errno.ENOENT: "The directory does not exist. Create it, or choose another place.",
     errno.ENAMETOOLONG: "The name is too long. Choose a shorter one.",
 }
@@ -61,6 +63,14 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Tru
             os.fsync(stream.fileno())
         os.replace(partial, target)
         _sync_folder(target.parent)
+
+
+def make_folder(path: str | Path) -> Path:
+    """The folder at `path`, made with those above it where it is missing. Raises UsageError where it cannot be."""
+    folder = Path(path)
+    with writable(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 @contextmanager

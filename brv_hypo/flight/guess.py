@@ -1,87 +1,49 @@
 """`guess_map`: a commented map for a foreign record, from the names of its columns and from physics.
 
 Every entry says what it rests on; what is unsure is said in the map and listed beside it. Nothing is hidden: columns
-that were not used stand at the end, with their ranges.
+that were not used stand at the end, with their ranges. Other files may go with the first: recorders with clocks of
+their own, and tables of the vehicle (guess_others.py). The map's text is made in guess_text.py.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import BrvHypoError, UsageError
+from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import one_line
 from brv_hypo.flight import guess_physics as physics
-from brv_hypo.flight.decimate import LEAST_GAIN, SAMPLES_PER_CYCLE
 from brv_hypo.flight.guess_names import MAGNETOMETER, by_name
-from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, VEHICLE_DIMENSIONS
-from brv_hypo.flight.tables import column_names, read_columns
+from brv_hypo.flight.guess_others import with_others
+from brv_hypo.flight.guess_table import Entry, Table, numeric_table
+from brv_hypo.flight.guess_text import Guess, written
+from brv_hypo.flight.schema import CHANNEL_DIMENSIONS
 from brv_hypo.flight.units import SI
 
 GYROS, FORCES = ("p", "q", "r"), ("ax", "ay", "az")
-DELIMITERS = (",", ";", "\t")
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
-SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
+NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One channel of the map; `why` it is what it is, and what is `unsure` about it."""
+def guess_map(data: str | Path, *others: str | Path) -> Guess:
+    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
 
-    column: str
-    units: str
-    why: str
-    unsure: tuple[str, ...] = ()
-    scale: float = 1.0
-
-
-@dataclass(frozen=True)
-class Guess:
-    """The map as YAML text, and what it is unsure of."""
-
-    text: str
-    unsure: tuple[str, ...]
-
-
-@dataclass
-class _Table:
-    """The numeric columns, what is known of them so far, and the pad, if there is one."""
-
-    columns: dict[str, FloatArray]
-    entries: dict[str, Entry] = field(default_factory=dict)
-    unsure: list[str] = field(default_factory=list)
-    rest_s: tuple[float, float] | None = None
-
-    def values(self, channel: str) -> FloatArray:
-        return self.columns[self.entries[channel].column]
-
-    def change(self, channel: str, why: str, *unsure: str, **changes: object) -> None:
-        entry = self.entries[channel]
-        told = f"{entry.why}; {why}"
-        self.entries[channel] = replace(entry, why=told, unsure=(*entry.unsure, *unsure), **changes)  # type: ignore[arg-type]
-
-    def sure(self, channel: str, units: str, why: str) -> None:
-        """Units by physics, which stand above those of a name."""
-        before = self.entries[channel]
-        named = () if before.units == units or before.unsure else (f"its name says {before.units}, {why}",)
-        self.entries[channel] = replace(before, units=units, why=f"{before.why}; {why}", unsure=named)
-
-
-def guess_map(data: str | Path) -> Guess:
-    """A map for the csv, parquet or mat file `data`.
-
-    Raises UsageError where the file holds no column that could be time, FlightRecordError where it is unreadable.
+    Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
     """
-    path = Path(data)
-    delimiter, columns = _numeric_columns(path)
-    table = _Table(columns)
+    table = _examined(Path(data))
+    found = with_others(table, [_examined(Path(other)) for other in others])
+    return written(found)
+
+
+def _examined(path: Path) -> Table:
+    """The channels of a file, by name and by physics."""
+    table = numeric_table(path)
     others = _by_name(table)
-    _find_time(table, path)
-    time = _seconds(table)
+    _find_time(table)
+    time = table.seconds
     _find_unnamed(table)
     _stand_upright(table, time)
     _units_of_gyros(table, time)
@@ -89,27 +51,10 @@ def guess_map(data: str | Path) -> Guess:
     for channel, names in others.items():
         if names and channel in table.entries:
             table.change(channel, "the likeliest name", f"{', '.join(names)} may be {channel} as well")
-    return _written(table, path, delimiter, time)
+    return table
 
 
-def _numeric_columns(path: Path) -> tuple[str, dict[str, FloatArray]]:
-    """The delimiter (of a text table) and every column of numbers."""
-    tried = DELIMITERS if path.suffix.lower() == ".csv" else DELIMITERS[:1]
-    delimiter = max(tried, key=lambda each: len(column_names(path, each)))
-    names = column_names(path, delimiter)
-    try:
-        return delimiter, dict(read_columns(path, tuple(dict.fromkeys(names)), delimiter))
-    except BrvHypoError:
-        found: dict[str, FloatArray] = {}
-        for name in dict.fromkeys(names):
-            try:
-                found |= read_columns(path, (name,), delimiter)
-            except BrvHypoError:  # text: it is no channel
-                continue
-        return delimiter, found
-
-
-def _by_name(table: _Table) -> dict[str, list[str]]:
+def _by_name(table: Table) -> dict[str, list[str]]:
     chosen, others = by_name(list(table.columns))
     for channel, named in chosen.items():
         if channel in MAGNETOMETER:
@@ -122,14 +67,14 @@ def _by_name(table: _Table) -> dict[str, list[str]]:
     return others
 
 
-def _find_time(table: _Table, path: Path) -> None:
+def _find_time(table: Table) -> None:
     """The column of time, and its units by the rate that they make."""
     rising = [name for name, values in table.columns.items() if physics.increasing(values)]
     entry = table.entries.get("time")
     if entry is None or entry.column not in rising:
         if not rising:
             raise UsageError(
-                f"{path}: no column rises strictly from sample to sample, as time does (there are "
+                f"{table.path}: no column rises strictly from sample to sample, as time does (there are "
                 f"{', '.join(map(one_line, table.columns)) or 'none'}). Likely cause: repeated stamps, or a table "
                 "without time. Remedy: keep one row of each stamp, or add a column of sample times."
             )
@@ -155,17 +100,13 @@ def _find_time(table: _Table, path: Path) -> None:
         )
 
 
-def _seconds(table: _Table) -> FloatArray:
-    return table.values("time") * physics.TIMES.get(table.entries["time"].units, 60.0)
-
-
-def _find_unnamed(table: _Table) -> None:
+def _find_unnamed(table: Table) -> None:
     """Triads whose names say nothing: one that reads gravity at rest, and its neighbours in the table."""
     if "ax" in table.entries:
         return
     taken = {entry.column for entry in table.entries.values()}
     free = [name for name in table.columns if name not in taken]
-    rest = physics.find_rest(_seconds(table), [table.columns[name] for name in free])
+    rest = physics.find_rest(table.seconds, [table.columns[name] for name in free])
     if rest is None:
         return
     reads = {name: float(np.mean(table.columns[name][rest.start : rest.stop])) for name in free}
@@ -186,7 +127,7 @@ def _find_unnamed(table: _Table) -> None:
                 table.entries[channel] = Entry(name, si, f"beside {up}, which reads gravity at rest", doubt)
 
 
-def _stand_upright(table: _Table, time: FloatArray) -> None:
+def _stand_upright(table: Table, time: FloatArray) -> None:
     """Units of the accelerometers, and the axis that is up, from gravity at rest."""
     if not set(FORCES) <= set(table.entries):
         return
@@ -210,7 +151,7 @@ def _stand_upright(table: _Table, time: FloatArray) -> None:
     _turn_nose_up(table, reads / norm)
 
 
-def _turn_nose_up(table: _Table, up: FloatArray) -> None:
+def _turn_nose_up(table: Table, up: FloatArray) -> None:
     """Axes turned, right-handed, so that the one that stands up is x."""
     axis = int(np.argmax(np.abs(up)))
     if axis == 0 and up[0] > 0.0:
@@ -235,7 +176,7 @@ def _turn_nose_up(table: _Table, up: FloatArray) -> None:
             )
 
 
-def _units_of_gyros(table: _Table, time: FloatArray) -> None:
+def _units_of_gyros(table: Table, time: FloatArray) -> None:
     """Units and sign of the roll rate from a magnetometer, else units by range."""
     if not set(GYROS) <= set(table.entries):
         return
@@ -257,7 +198,7 @@ def _units_of_gyros(table: _Table, time: FloatArray) -> None:
             table.change(name, f"{units} by range (up to {most:.3g})", units=units)
 
 
-def _units_of_air(table: _Table, time: FloatArray) -> None:
+def _units_of_air(table: Table, time: FloatArray) -> None:
     """Units of speed, altitude and pressure against each other and the accelerometer."""
     have = set(table.entries)
     if {"velocity", "ax"} <= have:
@@ -267,9 +208,21 @@ def _units_of_air(table: _Table, time: FloatArray) -> None:
         units = physics.pressure_units(table.values("dynamic_pressure"), table.values("density"), speed)
         if units is not None:
             table.sure("dynamic_pressure", units, f"in {units} it is half of density times speed squared")
+    if {"density", "altitude"} <= have:
+        _density_like_earths(table)
 
 
-def _speed_like_push(table: _Table, time: FloatArray) -> None:
+def _density_like_earths(table: Table) -> None:
+    """A doubt about the planet, where the density at the record's altitudes is none of the Earth's."""
+    units = (table.entries["altitude"].units, table.entries["density"].units)
+    if units[0] not in physics.LENGTHS or units[1] != "kg/m^3":
+        return
+    share = physics.density_share(physics.LENGTHS[units[0]] * table.values("altitude"), table.values("density"))
+    if share is not None and not 1.0 / NOT_EARTHS < share < NOT_EARTHS:
+        table.unsure.append(f"the planet: the density is {share:.2g} of the Earth's at its altitudes")
+
+
+def _speed_like_push(table: Table, time: FloatArray) -> None:
     """Speed and axial accelerometer in units that agree: as named, else with those that gravity told, else any."""
     pairs = physics.speed_units(time, table.values("velocity"), table.values("ax"))
     named = (table.entries["velocity"].units, table.entries["ax"].units)
@@ -283,95 +236,10 @@ def _speed_like_push(table: _Table, time: FloatArray) -> None:
     _altitude_like_speed(table, time)
 
 
-def _altitude_like_speed(table: _Table, time: FloatArray) -> None:
+def _altitude_like_speed(table: Table, time: FloatArray) -> None:
     """An altitude that rises by the path of the speed, or nearly, is in the same units of length."""
     length = table.entries["velocity"].units.split("/")[0]
     if "altitude" in table.entries and length in ("m", "ft", "km"):
         factor = physics.climb_factor(time, table.values("altitude"), table.values("velocity"))
         if 0.8 < factor < 1.1:
             table.sure("altitude", length, f"it rises by the path of the speed, in {length}")
-
-
-def _written(table: _Table, path: Path, delimiter: str, time: FloatArray) -> Guess:
-    """The map as text, with a comment for every line that rests on a guess."""
-    unsure = list(table.unsure)
-    lines = [
-        f"# A guess from {one_line(path.name)}. Read every line: what is unsure is marked.",
-        'title: ""',
-        "planet: earth",
-    ]
-    lines += [f"delimiter: {_quoted(delimiter)}"] if delimiter != "," else []
-    lines.append("channels:")
-    for name in CHANNEL_DIMENSIONS:
-        entry = table.entries.get(name)
-        if entry is None:
-            continue
-        scale = f", scale: {entry.scale:g}" if entry.scale != 1.0 else ""
-        lines += [f"  # UNSURE: {one_line(doubt)}" for doubt in entry.unsure]
-        lines.append(
-            f"  {name}: {{column: {_quoted(entry.column)}, units: {entry.units}{scale}}}   # {one_line(entry.why)}"
-        )
-        unsure += [f"{name}: {doubt}" for doubt in entry.unsure]
-    missing, asked = _missing(table)
-    lines += [f"  # MISSING: {each}" for each in missing]
-    lines += _vehicle_lines()
-    lines += [
-        "instruments: {grade: industrial}   # laboratory, tactical or industrial, and any tolerance that is known"
-    ]
-    lines += _offers(table, time, asked)
-    lines += _unused(table)
-    return Guess("\n".join(lines) + "\n", (*missing, *unsure))
-
-
-def _missing(table: _Table) -> tuple[list[str], list[str]]:
-    """What format 1 needs and no column was found for, and lines that may stand in."""
-    have = set(table.entries)
-    lacking = [f"no column was found for {name}" for name in (*GYROS, *FORCES) if name not in have]
-    offers = []
-    if "velocity" not in have:
-        if {"altitude", "ax"} <= have:
-            offers.append("derive: {velocity: ascent}   # speed from ax and altitude: for a steep climb only")
-        else:
-            lacking.append(
-                "no column was found for velocity, and none for altitude, from which a climb would tell it"
-            )
-    if not have & {"dynamic_pressure", "density", "altitude"}:
-        lacking.append("no column was found for dynamic_pressure, density or altitude: one of them is needed")
-    return lacking, offers
-
-
-def _vehicle_lines() -> list[str]:
-    lines = ["vehicle:   # no table of samples tells these: fill them in"]
-    for name, dimension in VEHICLE_DIMENSIONS.items():
-        value = "[0.0, 0.0, 0.0]" if name == "accelerometer_position" else "null"
-        lines.append(f"  {name}: {{value: {value}, units: {SI[dimension]}}}")
-    return lines
-
-
-def _offers(table: _Table, time: FloatArray, asked: list[str]) -> list[str]:
-    lines = list(asked)
-    if table.rest_s is not None:
-        start, stop = table.rest_s
-        lines.append(f"pad: [{start:.3f}, {stop:.3f}]   # at rest: biases are taken out")
-        lines.append("window: coast   # leaves out pad, burn and parachute; or [start, stop]")
-    rate = 1.0 / float(np.median(np.diff(time)))
-    if rate > SLOWEST_FAST:
-        told = f"{SAMPLES_PER_CYCLE:g} samples a cycle of the motion, where the log has over {LEAST_GAIN:g} times that"
-        lines.append(f"rate: auto   # {rate:.4g} Hz brought, behind a low-pass, to {told}")
-    return lines
-
-
-def _unused(table: _Table) -> list[str]:
-    used = {entry.column for channel, entry in table.entries.items() if channel not in MAGNETOMETER}
-    lines = []
-    for name, values in table.columns.items():
-        if name not in used:
-            known = values[np.isfinite(values)]
-            span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "empty"
-            lines.append(f"# not used: {one_line(name)} ({span})")
-    return lines
-
-
-def _quoted(text: str) -> str:
-    """A scalar as YAML writes it in one line."""
-    return yaml.safe_dump(text, default_style='"', width=10**6).strip()

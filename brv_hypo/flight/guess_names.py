@@ -58,6 +58,18 @@ _UNITS: Mapping[Dimension, Mapping[str, str]] = {
     "pressure": {"pa": "Pa", "hpa": "hPa", "kpa": "kPa", "psf": "psf", "psi": "psi", "mbar": "mbar"},
     "density": {"kgm3": "kg/m^3", "kg m3": "kg/m^3", "slugft3": "slug/ft^3"},
 }  # fmt: skip
+_VEHICLE: Mapping[str, Sequence[tuple[str, ...]]] = {
+    "mass": (("mass",), ("weight",)),
+    "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
+    "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
+}
+_VEHICLE_UNITS: Mapping[Dimension, Mapping[str, str]] = {
+    "mass": {"kg": "kg", "g": "g", "lb": "lb", "lbm": "lb", "slug": "slug"},
+    "moment of inertia": {
+        **dict.fromkeys(("kgm2", "kg m2", "kg m 2"), "kg*m^2"),
+        **dict.fromkeys(("slugft2", "slug ft2", "slug ft 2"), "slug*ft^2"),
+    },
+}
 
 
 @dataclass(frozen=True)
@@ -90,8 +102,21 @@ def units_in(column: str, channel: str) -> str | None:
     dimension = CHANNEL_DIMENSIONS.get(channel)
     if dimension == "dimensionless":
         return "dimensionless"
-    known = _UNITS.get(dimension, {}) if dimension else {}
-    words = _words(column)
+    return _at_end(_words(column), _UNITS.get(dimension, {}) if dimension else {})
+
+
+def vehicle_property(column: str) -> str | None:
+    """The property of the vehicle, of those that change in flight, that a name stands for; None for none."""
+    held = set(_words(column))
+    return next((name for name, names in _VEHICLE.items() if any(held.issuperset(each) for each in names)), None)
+
+
+def vehicle_units(column: str, dimension: Dimension) -> str | None:
+    """The units at the end of the name of a vehicle's property; None where none stand there."""
+    return _at_end(_words(column), _VEHICLE_UNITS.get(dimension, {}))
+
+
+def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
     for count in (3, 2, 1):
         text = " ".join(words[-count:])
         if len(words) > count and text in known:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.derive import standard_density
 from brv_hypo.flight.phases import GRAVITY
 
 REST_SECONDS = 0.5
@@ -22,6 +23,7 @@ ACCELERATIONS = {"m/s^2": 1.0, "g": GRAVITY, "ft/s^2": FOOT, "mg": 1e-3 * GRAVIT
 ANGULAR_RATES = {"rad/s": 1.0, "deg/s": DEGREE, "revolution/s": 2.0 * np.pi, "rpm": np.pi / 30.0}
 SPEEDS = {"m/s": 1.0, "ft/s": FOOT, "km/s": 1e3, "km/hour": 1.0 / 3.6, "knot": 0.514444}
 PRESSURES = {"Pa": 1.0, "psf": 47.880259, "kPa": 1e3, "hPa": 1e2, "psi": 6894.757}
+LENGTHS = {"m": 1.0, "ft": FOOT, "km": 1e3, "kft": 1e3 * FOOT}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
 
@@ -126,6 +128,13 @@ def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray)
         if np.any(usable)
         else None
     )
+
+
+def density_share(altitude: FloatArray, density: FloatArray) -> float | None:
+    """Median ratio of a density (n,) kg/m^3 to the Earth's at `altitude` (n,) m; None where no model reaches."""
+    share = density / standard_density(altitude)
+    known = np.isfinite(share)
+    return float(np.median(share[known])) if np.any(known) else None
 
 
 def _slope(x: FloatArray, y: FloatArray) -> float:

@@ -103,6 +103,13 @@ class Flight(Histories):
         known = {name: getattr(self, name) for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)}
         return {name: values for name, values in known.items() if values is not None}
 
+    def units(self) -> Mapping[str, str]:
+        """SI units of the columns."""
+        from brv_hypo.flight.schema import CHANNEL_DIMENSIONS
+        from brv_hypo.flight.units import SI
+
+        return {name: SI[CHANNEL_DIMENSIONS[name]] for name in self.columns()}
+
     @property
     def samples(self) -> int:
         """Number of samples."""

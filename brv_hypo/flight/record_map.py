@@ -32,7 +32,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.csv_table import nearest
@@ -96,6 +96,17 @@ class VehicleColumn(_Entry):
     time: ColumnMap
 
 
+def _kind_of(entry: Any) -> str:
+    """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
+    named = entry if isinstance(entry, dict) else getattr(entry, "__dict__", {})
+    return "column" if "file" in named or "column" in named else "value"
+
+
+VehicleEntry = Annotated[
+    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
+]
+
+
 class Derived(_Entry):
     """Channels that no instrument gave. `ascent`: speed from the axial accelerometer and the altitude."""
 
@@ -106,7 +117,7 @@ class RecordMap(_Entry):
     """MAP.yaml."""
 
     channels: dict[str, ColumnMap]
-    vehicle: dict[str, VehicleValue | VehicleColumn]
+    vehicle: dict[str, VehicleEntry]
     recorders: dict[str, Recorder] = {}
     instruments: dict[str, Any] = {}
     pad: Span | None = None
@@ -125,6 +136,7 @@ def read_map(path: str | Path) -> RecordMap:
 
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
+    _check_filled_in(content, file)
     try:
         mapping = RecordMap.model_validate(content)
     except ValidationError as error:
@@ -140,6 +152,18 @@ def read_map(path: str | Path) -> RecordMap:
                 f"not describe{nearest(entry.recorder, mapping.recorders)}. Give its file and its time."
             )
     return mapping
+
+
+def _check_filled_in(content: dict[str, Any], file: Path) -> None:
+    """A guessed map has null for what no table tells."""
+    vehicle = content.get("vehicle")
+    entries = vehicle.items() if isinstance(vehicle, dict) else ()
+    empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
+    if empty:
+        raise UsageError(
+            f"the map {file} has no value yet for vehicle/{', vehicle/'.join(empty)}: fill in what is null. The shape "
+            "of the moments needs the ratio of the inertias alone; their size needs all of them."
+        )
 
 
 def _check_names(names: Iterable[str], known: Iterable[str], group: str, file: Path) -> None:

@@ -92,7 +92,8 @@ def corrected(flight: Flight, fit: EffectFit) -> Flight:
         f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({told}): no motion "
         "can be told from them. Likely cause: gusts or controls that move the vehicle more than its own motion, or "
         "axes and signs that are not as the map says. Remedy: check the map, take another window (--start, --stop), or "
-        "state wider tolerances (--instruments)."
+        "state wider tolerances (--instruments). What the gyros alone tell, and how well: `brv-hypo reconstruct "
+        "--method rates`."
     )
 
 

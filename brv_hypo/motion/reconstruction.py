@@ -13,7 +13,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.smoothing import InputError
-from brv_hypo.tabular import Histories
+from brv_hypo.tabular import Histories, Pictured
 
 Method = Literal["joint", "velocity", "rates", "polar"]
 
@@ -60,7 +60,7 @@ class EffectEstimate:
 
 
 @dataclass(frozen=True)
-class Reconstruction(Histories):
+class Reconstruction(Pictured, Histories):
     """Wind-relative motion and moments of one flight.
 
     Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
@@ -110,6 +110,10 @@ class Reconstruction(Histories):
             "C_Z_prime": np.where(usable, plane.imag, np.nan),
             "C_sigma": np.where(usable, self.moments.sigma, np.nan),
         }
+
+    def units(self) -> Mapping[str, str]:
+        """Units of the columns."""
+        return {name: "s" if name == "time" else "1" if name.startswith("C_") else "rad" for name in self.columns()}
 
     @property
     def plane_moments(self) -> ComplexArray:

@@ -30,6 +30,7 @@ from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.preparation import about, prepare
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
+from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
@@ -103,7 +104,8 @@ def _compare(
         total=finished - begun,
     )
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
-    return comparison.model_copy(update={"coefficients": coefficient_series(fits, likelihoods.found)})
+    histories = {"coefficients": coefficient_series(fits, likelihoods.found), "sizes": size_series(problem, fits)}
+    return comparison.model_copy(update=histories)
 
 
 def _judged(

@@ -55,6 +55,15 @@ def _by_likelihood(name: str, found: Identification) -> list[CoefficientSeries]:
     ]
 
 
+def in_plane_parts(fit: HypothesisFit) -> tuple[FloatArray, FloatArray]:
+    """C_N' at no angle of attack, as if it were linear in it, and its slope by alpha (1/rad): (rows,) each."""
+    low, high = (_scaled(fit, scale) for scale in (1.0 - _STEP, 1.0 + _STEP))
+    rise = _alpha(high) - _alpha(low)
+    slope = (((_planes(fit, high) - _planes(fit, low)) @ fit.values) / rise).real
+    whole = (_planes(fit, fit.frame) @ fit.values).real
+    return np.asarray(whole - slope * _alpha(fit.frame)), np.asarray(slope)
+
+
 def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
     planes = _planes(fit, fit.frame)
     low, high = (_scaled(fit, scale) for scale in (1.0 - _STEP, 1.0 + _STEP))

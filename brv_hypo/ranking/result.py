@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
-from brv_hypo.tabular import Row
+from brv_hypo.tabular import Pictured, Row
 
 Interval = tuple[float, float]
 
@@ -207,6 +207,22 @@ class CoefficientSeries(NullIsNaN):
     std_error: tuple[float, ...]
 
 
+class SizeSeries(NullIsNaN):
+    """The in-plane moment of the leader with `n_terms` terms over time, of one flight: not part of the JSON.
+
+    `at_zero` is C_N' at no angle of attack, `slope` its derivative by alpha in 1/rad; the model that was `chosen` has
+    its knots and delays refined, the others are the best subsets on the grid.
+    """
+
+    mechanism: str
+    n_terms: int
+    chosen: bool
+    flight: int
+    time_s: tuple[float, ...]
+    at_zero: tuple[float, ...]
+    slope: tuple[float, ...]
+
+
 class StepwiseDifference(NullIsNaN):
     """A number of terms at which Efroymson's stepwise search misses the `best` subset on the grid, by `rss_ratio`."""
 
@@ -217,7 +233,7 @@ class StepwiseDifference(NullIsNaN):
     rss_ratio: float
 
 
-class Comparison(Result):
+class Comparison(Pictured, Result):
     """The ranking of the hypotheses with its verdict.
 
     `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
@@ -237,6 +253,7 @@ class Comparison(Result):
     stepwise: tuple[StepwiseDifference, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
+    sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
@@ -245,6 +262,10 @@ class Comparison(Result):
         told = verdict.outcome + (f" {verdict.winner}" if verdict.winner else f" ({names})" if names else "")
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {told}"
+
+    def conclusion(self) -> str:
+        """The reason of the verdict."""
+        return self.verdict.reason
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

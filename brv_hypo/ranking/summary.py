@@ -127,8 +127,8 @@ def refused(flights: Sequence[Flight], record: RecordSummary, method: str) -> Co
             outcome="record fault",
             equivalent=(),
             probability={},
-            reason=f"The record contradicts itself: {worst.channel}, {worst.fault}, from {worst.start_s:.2f} to "
-            f"{worst.stop_s:.2f} s. {worst.action}.",
+            reason=f"The record contradicts itself ({worst.fault}: {worst.channel}; {worst.start_s:.2f} to "
+            f"{worst.stop_s:.2f} s): {worst.action}.",
         ),
         seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
     )

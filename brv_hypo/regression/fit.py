@@ -129,7 +129,7 @@ def fit_hypothesis(
     known already.
     """
     if not mechanisms:
-        return _solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
+        return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
     grid = on_grid(problem, mechanisms) if grid is None else grid
     searched, offered = grid.offered.count, grid.offered
     start = Reduced(problem, grid.frame)
@@ -217,10 +217,10 @@ def _settled(
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem
     if any(mechanism.parameters() for mechanism in mechanisms):
-        values = _solved(reduced, name, mechanisms, columns, searched).values
+        values = solved(reduced, name, mechanisms, columns, searched).values
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
-        return _solved(reduced, name, mechanisms, columns, searched)
+        return solved(reduced, name, mechanisms, columns, searched)
     size, frame = len(problem.baseline), reduced.frame
     parameters = nonlinear_parameters(columns, size, frame.mechanisms, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
@@ -240,13 +240,14 @@ def _settled(
     )
 
 
-def _solved(
+def solved(
     reduced: Reduced,
     name: str,
     mechanisms: tuple[Mechanism, ...],
     columns: tuple[Column, ...],
     searched: int,
 ) -> HypothesisFit:
+    """The hypothesis with just these columns, the baseline's first, least squares alone."""
     problem = reduced.problem
     size = len(problem.baseline)
     batch = reduced.batch(columns[size:])

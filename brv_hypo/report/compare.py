@@ -27,12 +27,12 @@ def comparison_document(comparison: Comparison) -> Document:
         blocks=(
             ranking,
             Texts(comparison.disagreements, "Disagreements"),
-            Texts(rows.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),
             Texts(rows.warning_texts(comparison), "Warnings", warning=True),
             *(Picture(chart) for chart in comparison_charts(comparison)),
             _terms("baseline, fitted along with every hypothesis", comparison.baseline.terms),
             *terms,
             Table(headings, rows.criteria_rows(comparison), "criteria in whitened rates", shown="verbose"),
+            Texts(rows.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),
             Texts(rows.note_texts(comparison), "Notes", shown="verbose"),
             Texts((_seconds(comparison),), bullets=False, shown="verbose"),
         ),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import IntArray
-from brv_hypo.ranking.result import CoefficientSeries, Comparison, RankedHypothesis, Series
+from brv_hypo.ranking.result import CoefficientSeries, Comparison, Series, SizeSeries
 from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
 from brv_hypo.report.motion_charts import (
     MILLI,
@@ -15,6 +15,7 @@ from brv_hypo.report.motion_charts import (
     Moments,
     Setting,
     attitude_chart,
+    knots_of,
     masked,
     moment_by_alpha_chart,
     moment_chart,
@@ -88,7 +89,6 @@ def _sizes(comparison: Comparison) -> Chart:
         [row.n_terms for row in rows],
         spread,
         "first",
-        "hypotheses",
         dots=True,
         large=True,
         labels=[row.mechanism for row in rows],
@@ -108,7 +108,7 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     leader = next((row for row in comparison.ranking if row.mechanism != "none"), None)
     setting = Setting(
         (flight.start_s, flight.stop_s),
-        knots_of(leader, flight.start_s, flight.stop_s),
+        knots_of(leader.terms if leader else (), flight.start_s, flight.stop_s),
         masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
         f": {flight.title or flight.path}" if several else "",
@@ -128,10 +128,12 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
             series.windward_meridian_sigma_rad,
         ),
         moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
+        *_excess(setting, series, models),
     ]
     if series.roll_rate_rad_s:
         angles = (series.alpha_rad, series.windward_meridian_rad)
         charts.append(attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
+    charts += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
     histories: dict[str, tuple[Moments, Role]] = {"measured": (measured, "measured")}
     histories |= {f"less {m.name}": (m.moments, m.role) for m in left}
     rates = turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
@@ -142,12 +144,37 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     return charts
 
 
-def knots_of(leader: RankedHypothesis | None, start: float, stop: float) -> list[float]:
-    """Times inside the record at which a hypothesis's coefficients begin, change or end."""
-    if leader is None:
+def _excess(setting: Setting, series: Series, models: Sequence[Drawn]) -> list[Chart]:
+    """What the baseline leaves over the angle of attack, with what the leader makes of it (Figure 5.18)."""
+    static = series.fitted.get("none")
+    if static is None or models[-1].name == "none":
         return []
-    edges = {edge for term in leader.terms if term.region_s is not None for edge in term.region_s}
-    return sorted(edge for edge in edges if start < edge < stop)
+    leader = models[-1]
+    beyond = Drawn(leader.name, _difference(leader.moments, static), leader.role)
+    left = _difference(series.measured, static)
+    return [
+        moment_by_alpha_chart(
+            setting, series.alpha_rad, left, [beyond], "excess-by-alpha", "Moments less the baseline"
+        )
+    ]
+
+
+def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
+    """The in-plane moment at no angle of attack and its slope, by the number of terms (Figures 5.12 to 5.15)."""
+    if len(series) < 2:
+        return []
+    roles: tuple[Role, ...] = ("none", "third", "second")  # the fewest terms below
+    at_zero: list[Layer] = []
+    slopes: list[Layer] = []
+    for each, role in zip(series, (*roles, "first"), strict=False):
+        name = f"{each.n_terms} term{'' if each.n_terms == 1 else 's'}" + (", chosen" if each.chosen else "")
+        shown: Role = "first" if each.chosen else role
+        at_zero.append(Line(each.time_s, MILLI * np.asarray(each.at_zero), shown, name))
+        slopes.append(Line(each.time_s, each.slope, shown, name))
+    panels = [Panel("C<sub>N0</sub> · 10³", at_zero), Panel(COEFFICIENTS["C_N' by alpha"][0], slopes)]
+    heading = f"In-plane moment of {series[-1].mechanism} by its terms"
+    caption = "Above: at no angle of attack. Where two sizes differ by much, the smaller is not to be believed."
+    return [setting.chart("coefficients-by-size", heading, panels, caption)]
 
 
 def _difference(measured: Moments, fitted: Moments) -> Moments:

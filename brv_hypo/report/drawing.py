@@ -7,46 +7,20 @@ import re
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files.whole import check_target, write_whole
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel
+from brv_hypo.files.whole import check_target, make_folder, write_whole
+from brv_hypo.report.chart import Chart
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-WIDTH = 6.5
-"""Inches: the text of a page."""
-PANEL, BAR, FRAME = 1.9, 0.24, 0.9
 RESOLUTION = 200
 """Dots per inch of PNG files."""
-COLOURS = {
-    "measured": "#1a1a1a",
-    "first": "#0072b2",
-    "second": "#d55e00",
-    "third": "#009e73",
-    "none": "#999999",
-    "guide": "#999999",
-}
-"""By role; Okabe and Ito (2008), told apart by colour-blind readers."""
-_STYLE: Any = {
-    "font.size": 9.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "brv-hypo",
-}
 
 
-def require_matplotlib() -> None:
-    """Raise UsageError with the remedy where matplotlib is not installed."""
+def require_matplotlib(what: str = "--figures") -> None:
+    """Raise UsageError with the remedy where matplotlib, which `what` needs, is not installed."""
     if find_spec("matplotlib") is None:
-        raise UsageError("--figures needs matplotlib, which is not installed: pip install 'brv-hypo[figures]'.")
+        raise UsageError(f"{what} needs matplotlib, which is not installed: pip install 'brv-hypo[figures]'.")
 
 
 def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = False) -> tuple[Path, ...]:
@@ -56,10 +30,11 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     """
     require_matplotlib()
     target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
     wanted = [(chart, target / f"{file_stem(chart)}.{kind}") for chart in charts for kind in ("png", "svg")]
     for _, path in wanted:
         check_target(path, overwrite=overwrite)
+    if wanted:
+        make_folder(target)
     for chart, path in wanted:
         write_whole(path, drawn(chart, path.suffix[1:]))
     return tuple(path for _, path in wanted)
@@ -73,94 +48,11 @@ def file_stem(chart: Chart) -> str:
 def drawn(chart: Chart, kind: str) -> bytes:
     """The chart as the content of a file of that kind, "png" or "svg"; the same chart gives the same bytes."""
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH, _height(chart)), layout="constrained")
-        FigureCanvasAgg(figure)
-        _fill(figure, chart)
-        content = io.BytesIO()
-        metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
-        figure.savefig(content, format=kind, dpi=RESOLUTION, metadata=metadata)
+    from brv_hypo.report.figure import STYLE, chart_figure
+
+    content = io.BytesIO()
+    metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
+    with mpl.rc_context(STYLE):
+        chart_figure(chart).savefig(content, format=kind, dpi=RESOLUTION, metadata=metadata)
     return content.getvalue()
-
-
-def _height(chart: Chart) -> float:
-    if chart.square:
-        return WIDTH
-    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
-    lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
-    return FRAME + (BAR * lines if lines else PANEL * max(len(chart.panels), 1.4))
-
-
-def _fill(figure: Figure, chart: Chart) -> None:
-    rows = figure.subplots(len(chart.panels), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, panel in zip(rows, chart.panels, strict=True):
-        _draw(axes, panel)
-        for mark in chart.marks:
-            axes.axvline(mark.at, color="#cc79a7", linewidth=0.8, linestyle="--")
-        for span in chart.spans:
-            axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
-    top, bottom = rows[0], rows[-1]
-    for mark in chart.marks:
-        top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="center", fontsize=7)
-    bottom.set_xlabel(_plain(chart.x))
-    if chart.log:
-        bottom.set_xscale("log")
-    if chart.range:
-        bottom.set_xlim(*chart.range)
-    if chart.square:
-        bottom.set_aspect("equal", adjustable="datalim")
-    if any(axes.get_legend_handles_labels()[0] for axes in rows):
-        handles = {
-            label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
-
-
-def _draw(axes: Axes, panel: Panel) -> None:
-    for layer in panel.layers:
-        colour = COLOURS[layer.role]
-        if isinstance(layer, Bars):
-            _bars(axes, layer, colour)
-        elif isinstance(layer, Band):
-            axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=0.2, linewidth=0, label=layer.name)
-        else:
-            _line(axes, layer, colour)
-    axes.set_ylabel(_plain(panel.title))
-    if panel.log:
-        axes.set_yscale("log")
-    if panel.range:
-        axes.set_ylim(*panel.range)
-    if panel.categories:
-        axes.set_yticks(range(len(panel.categories)), panel.categories)
-        axes.set_ylim(len(panel.categories) - 0.5, -0.5)
-
-
-def _line(axes: Axes, layer: Line, colour: str) -> None:
-    name = layer.name or None
-    if not layer.dots:
-        axes.plot(layer.x, layer.y, ":" if layer.dashed else "-", color=colour, linewidth=1.0, label=name)
-        return
-    size = 5.0 if layer.large else 1.2
-    axes.plot(layer.x, layer.y, "o", color=colour, markersize=size, markeredgewidth=0.0, label=name)
-    if layer.error is not None:
-        spread = np.asarray(layer.error, dtype=float)
-        axes.errorbar(layer.x, layer.y, yerr=spread, fmt="none", ecolor=colour, linewidth=1.0)
-    for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
-        axes.annotate(label, (x, y), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=8)
-
-
-def _bars(axes: Axes, layer: Bars, colour: str) -> None:
-    places = np.arange(len(layer.names))
-    axes.barh(places, np.asarray(layer.values, dtype=float), color=colour)
-    axes.set_yticks(places, layer.names)
-    axes.invert_yaxis()
-    for place, value, text in zip(places, layer.values, layer.texts, strict=False):
-        axes.annotate(text, (value, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
-
-
-def _plain(title: str) -> str:
-    """A title as matplotlib writes it: subscripts as mathematics."""
-    return re.sub(r"(\w)<sub>(.*?)</sub>", r"$\1_{\2}$", title)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -14,9 +15,12 @@ from brv_hypo.flight.phases import Phase
 from brv_hypo.flight.quality import ChannelQuality, Inspection, Noise
 from brv_hypo.report.style import bullets, number, plain_table, warning_list
 
+NOTES = 6
+"""Notes on how the record was made that the terminal shows; all of them with -v."""
 
-def inspection_view(inspection: Inspection, trial: RecordTrial) -> RenderableType:
-    """All that is known of the record before anything is done with it."""
+
+def inspection_view(inspection: Inspection, trial: RecordTrial, *, verbose: bool = False) -> RenderableType:
+    """All that is known of the record before anything is done with it; of many notes the first unless `verbose`."""
     return Group(
         Text(inspection.title or inspection.path, "bold"),
         Text(inspection_line(inspection)),
@@ -27,9 +31,16 @@ def inspection_view(inspection: Inspection, trial: RecordTrial) -> RenderableTyp
         vehicle_line(inspection),
         *fault_lines(trial),
         bullets(phase_texts(inspection.phases), "Phases"),
-        bullets(inspection.notes, "Notes"),
+        bullets(_shown_notes(inspection.notes, verbose), "Notes"),
         warning_list(inspection.warnings),
     )
+
+
+def _shown_notes(notes: Sequence[str], verbose: bool) -> list[str]:
+    kept = list(dict.fromkeys(notes))
+    if verbose or len(kept) <= NOTES:
+        return kept
+    return [*kept[: NOTES - 1], f"and {len(kept) - NOTES + 1} more on how the record was made: -v"]
 
 
 def fault_lines(trial: RecordTrial) -> list[RenderableType]:

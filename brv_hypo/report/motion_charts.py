@@ -10,7 +10,7 @@ from scipy.signal import welch
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.faults import RecordFault
-from brv_hypo.ranking.result import RecordFaultSummary
+from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.chart import Band, Chart, Layer, Line, Mark, Panel, Role, Span, Values, wrapped_degrees
 
 MILLI = 1e3
@@ -102,7 +102,7 @@ def residual_chart(
         )
         for k, title in enumerate(titles)
     ]
-    return setting.chart("residuals", heading, panels)
+    return setting.chart("residuals", heading, panels, "Dashed lines: knots." if setting.knots else "")
 
 
 def motion_chart(
@@ -157,7 +157,14 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     )
 
 
-def moment_by_alpha_chart(setting: Setting, alpha: Values, measured: Moments, models: Sequence[Drawn]) -> Chart:
+def moment_by_alpha_chart(
+    setting: Setting,
+    alpha: Values,
+    measured: Moments,
+    models: Sequence[Drawn],
+    name: str = "moment-by-alpha",
+    heading: str = "Moments",
+) -> Chart:
     """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
     degrees = np.degrees(np.asarray(alpha))
     panels = [
@@ -170,8 +177,8 @@ def moment_by_alpha_chart(setting: Setting, alpha: Values, measured: Moments, mo
         )
         for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
     ]
-    heading = f"Moments against angle of attack{setting.which}"
-    return Chart(f"moment-by-alpha{setting.suffix}", heading, "angle of attack, deg", panels)
+    title = f"{heading} against angle of attack{setting.which}"
+    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels)
 
 
 def spectrum_chart(
@@ -182,11 +189,13 @@ def spectrum_chart(
     sample_rate = 1.0 / float(np.median(np.diff(t)))
     layers: list[Layer] = []
     highest = 0.0
-    for name, (moments, role) in histories.items():
-        frequency, power = _spectrum(moments, sample_rate)
-        layers.append(Line(frequency, power, role, name))
+    spectra = {name: _spectrum(moments, sample_rate) for name, (moments, _) in histories.items()}
+    for frequency, power in spectra.values():
         highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
     highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
+    for name, (frequency, power) in spectra.items():
+        shown = frequency <= highest
+        layers.append(Line(frequency[shown], power[shown], histories[name][1], name))
     return Chart(
         f"spectrum{setting.suffix}",
         f"Spectrum{setting.which}",
@@ -216,6 +225,12 @@ def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) ->
         else:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
     return sorted(found)
+
+
+def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[float]:
+    """Times inside the record at which a model's coefficients begin, change or end."""
+    edges = {edge for term in terms if term.region_s is not None for edge in term.region_s}
+    return sorted(edge for edge in edges if start < edge < stop)
 
 
 def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:

@@ -44,18 +44,35 @@ def resource(name: str) -> bytes:
 
 
 def _sections(blocks: Sequence[Block]) -> str:
-    return "\n".join(_section(block) for block in blocks if not block.empty)
+    return "\n".join(_section(group) for group in _groups(blocks))
 
 
-def _section(block: Block) -> str:
-    if isinstance(block, Table):
-        kind, content = "whole" if len(block.headings) > _WHOLE else "", _table(block)
-    elif isinstance(block, Picture):
-        kind, content = "", _figure(block.chart)
-    else:
-        kind, content = "warning" if block.warning else "", _texts(block)
+def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
+    """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
+    groups: list[list[Block]] = []
+    for block in blocks:
+        if block.empty:
+            continue
+        alone = block.heading or isinstance(block, Picture)
+        if alone or not groups or isinstance(groups[-1][-1], Picture):
+            groups.append([block])
+        else:
+            groups[-1].append(block)
+    return groups
+
+
+def _section(group: Sequence[Block]) -> str:
+    wide = any(isinstance(block, Table) and len(block.headings) > _WHOLE for block in group)
+    return f'<section class="{"whole" if wide else ""}">{"".join(map(_content, group))}</section>'
+
+
+def _content(block: Block) -> str:
     heading = f"<h2>{escape(block.heading)}</h2>\n" if block.heading else ""
-    return f'<section class="{kind}">{heading}{content}</section>'
+    if isinstance(block, Table):
+        return heading + _table(block)
+    if isinstance(block, Picture):
+        return heading + _figure(block.chart)
+    return f'{heading}<div class="{"warning" if block.warning else "texts"}">{_texts(block)}</div>'
 
 
 def _figure(chart: Chart) -> str:

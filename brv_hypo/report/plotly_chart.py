@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Values, thinned
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Values, thinned
 
 _GAP = 0.08
 _UNEVEN = 1e-3
 """Share of a step by which times may be uneven and still be given as start and step."""
+_FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
+"""Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
 _HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "square": 520}
 
 
@@ -143,13 +145,21 @@ def _layout(chart: Chart) -> dict[str, Any]:
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
             "title": {"text": panel.title},
-            **({"type": "log", "exponentformat": "power"} if panel.log else {}),
+            **({"type": "log", "exponentformat": "power", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
             **({"scaleanchor": "x"} if chart.square else {}),
             **(_ticks(panel.categories) if panel.categories else {}),
         }
     return layout
+
+
+def _decades(panel: Panel) -> dict[str, Any]:
+    """Ticks at powers of ten alone, where the values span enough of them."""
+    values = [np.asarray(layer.y, dtype=float) for layer in panel.layers if isinstance(layer, Line)]
+    positive = np.concatenate([each[each > 0.0] for each in values]) if values else np.ones(1)
+    span = float(np.log10(np.max(positive) / np.min(positive))) if positive.size else 0.0
+    return {"dtick": max(1.0, np.ceil(span / _MOST_DECADES))} if span > _FEWEST_DECADES else {}
 
 
 def _ticks(names: Sequence[str]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
 from brv_hypo.report.compare import term_table
+from brv_hypo.report.motion_charts import BODY, TIME
 from brv_hypo.report.style import interval, number, share
 from brv_hypo.residuals.prediction import Prediction
 
@@ -36,11 +37,11 @@ def prediction_document(result: Prediction) -> Document:
         conclusion=result.reason,
         settled=result.ratio < SETTLED,
         blocks=(
-            Table(("moments less", "mean square", "ratio"), errors),
-            Table(("time s", "Mach", "ratio"), regions),
+            Table(("moments less", "mean square", "ratio"), errors, "Error of the moments"),
+            Table(("time s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
             *(Picture(chart) for chart in prediction_charts(result)),
-            term_table("frozen", result.frozen, "always"),
-            term_table("fitted to this flight", result.refitted, "always"),
+            term_table("Frozen", result.frozen, "always"),
+            term_table("Fitted to this flight", result.refitted, "always"),
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )
@@ -65,7 +66,7 @@ def band_chart(result: Prediction) -> Chart:
     band, panels = result.band, []
     time = thinned(band.time_s)
     for name, measured, predicted, width in zip(
-        ("C_m x 10^3", "C_n x 10^3"), band.measured, band.predicted, band.half_width, strict=True
+        BODY, band.measured, band.predicted, band.half_width, strict=True
     ):
         centre, half = 1e3 * thinned(predicted), 1e3 * thinned(width)
         panels.append(
@@ -78,8 +79,8 @@ def band_chart(result: Prediction) -> Chart:
                 ],
             )
         )
-    heading = f"Moments in the {100.0 * band.level:.0f} % predictive band ({share(band.inside)} inside)"
-    return Chart("band", heading, "time, s", panels, over_time=True)
+    heading = f"Moments in the {100.0 * band.level:.0f} % predictive band ({100.0 * band.inside:.1f} % inside)"
+    return Chart("band", heading, TIME, panels, over_time=True)
 
 
 def _bars(names: list[str], percent: list[float]) -> Bars:

@@ -166,8 +166,10 @@ def note_texts(comparison: Comparison) -> list[str]:
 
 def warning_texts(comparison: Comparison) -> list[str]:
     """What limits the result."""
+    told = comparison.verdict.reason
     faults = [
         f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
         for fault in comparison.record.faults
+        if fault.action not in told
     ]
     return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]

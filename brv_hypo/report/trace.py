@@ -23,7 +23,7 @@ def trace_document(result: Trace) -> Document:
     for step in result.steps:
         blocks += _step(step)
     if left is not None:
-        blocks.append(Texts((f"Left over: {residual_text(left)}",), bullets=False))
+        blocks.append(Texts((residual_text(left),), "Left over", bullets=False))
     blocks.append(term_table("model, fitted to the whole record", result.model.terms, "verbose"))
     if result.ml is not None:
         blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))

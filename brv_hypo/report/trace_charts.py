@@ -7,6 +7,7 @@ from brv_hypo.report.motion_charts import (
     BODY,
     Drawn,
     Setting,
+    knots_of,
     motion_chart,
     residual_chart,
     spectrum_chart,
@@ -20,7 +21,8 @@ def trace_charts(result: Trace) -> list[Chart]:
     picture = result.picture
     if picture is None:
         return []
-    setting = Setting((result.flight.start_s, result.flight.stop_s))
+    span = (result.flight.start_s, result.flight.stop_s)
+    setting = Setting(span, knots_of(result.model.terms, *span))
     models = [Drawn("before", picture.before, "second"), Drawn("after", picture.after, "first")]
     heading = "Residual moments, before and after"
     rates = turning_rates(picture.roll_rate_rad_s, picture.windward_meridian_rate_rad_s)

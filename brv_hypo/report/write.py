@@ -1,10 +1,10 @@
-"""From Python: any result as a page, or its charts as picture files."""
+"""From Python: any result as a page, its charts as picture files, or one of them as a figure."""
 
 from __future__ import annotations
 
 from functools import singledispatch
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from brv_hypo.errors import UsageError
 from brv_hypo.files.whole import check_target, write_whole
@@ -12,7 +12,7 @@ from brv_hypo.motion import Reconstruction
 from brv_hypo.ranking.result import Comparison
 from brv_hypo.report.blocks import Document
 from brv_hypo.report.compare import comparison_document
-from brv_hypo.report.drawing import draw_into
+from brv_hypo.report.drawing import draw_into, require_matplotlib
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import prediction_document
 from brv_hypo.report.provenance import provenance
@@ -20,6 +20,12 @@ from brv_hypo.report.reconstruction import reconstruction_document
 from brv_hypo.report.trace import trace_document
 from brv_hypo.residuals.prediction import Prediction
 from brv_hypo.residuals.result import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PRINCIPAL = ("moments", "moments-1", "residuals", "band")
+"""The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
 
 @singledispatch
@@ -51,6 +57,22 @@ def write_figures(result: Any, folder: str | Path, *, overwrite: bool = False) -
     Raises UsageError where a file exists and is not to be overwritten, or matplotlib is missing.
     """
     return draw_into(folder, document_of(result).charts, overwrite=overwrite)
+
+
+def plot(result: Any, chart: str = "") -> Figure:
+    """One chart of a result as a matplotlib figure, by the name that its picture file has; "" for the principal one.
+
+    Raises UsageError where the result has no such chart, or matplotlib is missing.
+    """
+    require_matplotlib("plot()")
+    from brv_hypo.report.figure import chart_figure
+
+    charts = {each.name: each for each in document_of(result).charts}
+    name = chart or next((each for each in PRINCIPAL if each in charts), next(iter(charts), ""))
+    if name not in charts:
+        known = ", ".join(charts) or "none: histories for pictures are no part of its JSON"
+        raise UsageError(f"got chart {chart!r}, expected one that this {type(result).__name__} has: {known}.")
+    return chart_figure(charts[name])
 
 
 def _flights(result: Any) -> tuple[Any, ...]:

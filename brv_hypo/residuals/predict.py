@@ -31,6 +31,7 @@ from brv_hypo.residuals.model_file import read_model
 from brv_hypo.residuals.prediction import Band, ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
+from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.residuals.summary import term_estimates
 
@@ -42,25 +43,32 @@ _NEARLY_ALL = 0.995
 _OF_THE_MOTION = ("motion", "force")
 # What `refit` calls all errors of record and vehicle that the tolerances allow.
 INSTRUMENTS = "instruments"
+# What is added to the reason where a model that was found beside errors of the record is held without them.
+_WITH_ERRORS = (
+    " The record was taken as free of errors here; `--refit instruments` lets it have those that its tolerances allow, "
+    "as the one had that the model was found on."
+)
 # How often the flight is linearised anew where errors of its record are fitted.
 _LINEARISATIONS = 2
 
 
 def predict(
     flight: FlightSource,
-    model: SavedModel | str | Path,
+    model: Trace | SavedModel | str | Path,
     refit: Sequence[str] = (),
     config: TraceConfig | None = None,
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
+    `model` is what `trace` returned, the model of it, or a file that holds either.
     `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
     `instruments` stands for all of these, within their tolerances.
     Errors of the record that the model holds are those of its own flight, and are left out.
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
-    path = None if isinstance(model, SavedModel) else Path(model)
-    content = of_as_many(model if isinstance(model, SavedModel) else read_model(Path(model)), 1)
+    saved = model.model.definition if isinstance(model, Trace) else model
+    path = None if isinstance(saved, SavedModel) else Path(saved)
+    content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
         return _predict(record, content, path, tuple(refit), config or TraceConfig())
@@ -125,7 +133,7 @@ def _predict(
         flown=shares.flown,
         band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(shares, band),
+        reason=_reason(shares, band, INSTRUMENTS in refit),
     )
 
 
@@ -257,7 +265,16 @@ def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, f
     return 1.0 - max(error - noise, 0.0) / max(without - noise, 1e-300)
 
 
-def _reason(shares: _Shares, band: Band) -> str:
+def _explains(share: float) -> str:
+    """What a model does to a mean square; one that explains less than nothing does not hold."""
+    if share > 0.9995:
+        return "explains more than 99.9 % of"
+    if share >= 0.0:
+        return f"explains {100.0 * share:.1f} % of"
+    return f"does not hold here, and leaves {1.0 - share:.3g} times"
+
+
+def _reason(shares: _Shares, band: Band, instruments: bool) -> str:
     """The outcome in a few sentences."""
     if shares.flown == 0.0:
         return "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
@@ -266,7 +283,9 @@ def _reason(shares: _Shares, band: Band) -> str:
         "model was found at, and are left out of these shares."
     )
     return (
-        f"The frozen model explains {100.0 * shares.frozen:.1f} % of the moments' mean square, noise aside; "
-        f"the same model fitted to this flight explains {100.0 * shares.own:.1f} %. Its {100.0 * band.level:.0f} % "
-        f"band holds {100.0 * band.inside:.1f} % of the samples." + (beyond if shares.flown < _NEARLY_ALL else "")
+        f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
+        f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
+        f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
+        + (beyond if shares.flown < _NEARLY_ALL else "")
+        + (_WITH_ERRORS if shares.frozen < 0.0 and not instruments else "")
     )

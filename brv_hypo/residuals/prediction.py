@@ -8,7 +8,7 @@ from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.ranking.result import FlightSummary, TermEstimate
-from brv_hypo.tabular import Row
+from brv_hypo.tabular import Pictured, Row
 
 
 class ModelSource(NullIsNaN):
@@ -56,7 +56,7 @@ class Band(NullIsNaN):
     half_width: tuple[Series, Series]
 
 
-class Prediction(Result):
+class Prediction(Pictured, Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
@@ -79,6 +79,10 @@ class Prediction(Result):
     def headline(self) -> str:
         """The flight, and the ratio of mean squares."""
         return f"{self.flight.title or self.flight.path}: error {self.ratio:.3g} of that without the model"
+
+    def conclusion(self) -> str:
+        """The outcome in a few sentences."""
+        return self.reason
 
     def rows(self) -> Sequence[Row]:
         """One row for each region of time."""

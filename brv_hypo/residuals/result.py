@@ -12,7 +12,7 @@ from brv_hypo.mechanisms.filed import MechanismFile
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.tabular import Row
+from brv_hypo.tabular import Pictured, Row
 
 Interval = tuple[float, float]
 Standing = Literal["finding", "hint"]
@@ -143,7 +143,7 @@ class Picture(NullIsNaN):
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
 
 
-class Trace(Result):
+class Trace(Pictured, Result):
     """The course of a trace: its steps, the model that it ended with, and what is left."""
 
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
@@ -175,6 +175,10 @@ class Trace(Result):
         hints = f"; hints {', '.join(self.hints)}" if self.hints else ""
         found = ", ".join(self.findings) or "nothing"
         return f"{self.flight.title or self.flight.path}: found {found}{hints}; {self.stopped}"
+
+    def conclusion(self) -> str:
+        """What is left, where anything is."""
+        return self.unexplained or ("What is left is noise." if self.stopped == "white" else "")
 
     def rows(self) -> Sequence[Row]:
         """One row for each step: what was added, and the errors before and after."""

@@ -99,6 +99,10 @@ class SimulatedFlight(Histories):
             **{name: np.interp(time, self.truth.time, values) for name, values in true.items()},
         }
 
+    def units(self) -> Mapping[str, str]:
+        """SI units of the columns."""
+        return {**self.flight.units(), "true_alpha": "rad", "true_windward_meridian": "rad"}
+
     @cached_property
     def flight(self) -> Flight:
         """The flight as `load_flight` gives it: despiked, gaps bridged or cut, channels derived."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -69,6 +71,42 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
     assert "Verdict: none adequate" in compared
     assert "dynamic pressure keeps a fixed proportion" in traced
     assert all((tmp_path / name).stat().st_size < 1_500_000 for name in ("compare.html", "trace.html"))
+
+
+def filled_in(path: Path, lines: dict[str, Any]) -> None:
+    """A guessed map with the lines that the manual says are to be filled in."""
+
+    def into(whole: Any, part: Any) -> Any:
+        if not isinstance(part, dict) or not isinstance(whole, dict):
+            return part
+        return {**whole, **{key: into(whole.get(key), value) for key, value in part.items()}}
+
+    path.write_text(yaml.safe_dump(into(yaml.safe_load(path.read_text()), lines), sort_keys=False))
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "folder", "guessed", "told"),
+    [
+        ("opportunity", "opportunity", "opportunity_entry.map.yaml", (0, ["Verdict: none adequate"])),
+        ("rocket", "launch12", "imu.map.yaml", (1, ["degraded", "record fault"])),
+    ],
+)
+def test_measured_flights_go_from_tables_to_an_answer_as_told(brv_hypo, tmp_path, name, folder, guessed, told):
+    """Each command of the manual in turn; between the first and the rest the lines that it says to fill in."""
+    for path in shared_file(f"data/{folder}").glob("*.csv"):
+        shutil.copy(path, tmp_path)
+    page = snippets("record")
+    at = [index for index, snippet in enumerate(page) if (snippet.language, snippet.file) == ("sh", name)]
+    lines = [line for index in at for line in page[index].body.splitlines()]
+    printed = ""
+    for count, line in enumerate(lines):
+        done = brv_hypo(*shlex.split(line)[1:], cwd=tmp_path, COLUMNS="80")
+        assert done.returncode == (told[0] if count == len(lines) - 1 else 0), done.stderr
+        printed += done.stdout
+        if count == 0:
+            filled_in(tmp_path / guessed, yaml.safe_load(page[at[0] + 1].body))
+    assert all(expected in printed for expected in told[1])
 
 
 def test_every_topic_with_something_to_execute_is_executed():

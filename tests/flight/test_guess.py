@@ -143,6 +143,66 @@ def test_other_delimiters_and_text_columns_are_no_obstacle(tmp_path: Path) -> No
     assert "no column was found for velocity, and none for altitude" in " ".join(guess.unsure)
 
 
+def test_files_of_other_recorders_and_of_the_vehicle_go_with_the_log(tmp_path: Path) -> None:
+    """A clock that starts elsewhere, an altimeter in feet, masses counted from ignition: one map for all three."""
+    unit = rockets.inertial_unit()
+    keep = unit["time"] < rockets.PARACHUTE
+    unit = {name: values[keep] for name, values in unit.items()}
+    met = np.arange(0.0, 20.0, 0.05)
+    push, _, altitude = rockets.climb(met)
+    log = write_csv(
+        tmp_path / "log.csv",
+        {
+            "clock_s": unit["time"] + 5000.0,
+            **{f"gyro_{axis}_radps": unit[name] for axis, name in zip("xyz", "pqr", strict=True)},
+            **{f"acc_{axis}_mps2": unit[f"a{axis}"] for axis in "xyz"},
+        },
+    )
+    second = write_csv(
+        tmp_path / "altimeter.csv", {"met_s": met, "accel_mps2": push, "baro_alt_ft": (altitude - rockets.SITE) / FOOT}
+    )
+    masses = write_csv(
+        tmp_path / "masses.csv",
+        {
+            "time_s": np.arange(0.0, 21.0),
+            "mass_kg": np.full(21, VEHICLE.mass),
+            "ixx_kgm2": np.full(21, VEHICLE.ixx),
+            "pitch_inertia_kgm2": np.full(21, VEHICLE.iyy),
+        },
+    )
+    guess = guess_map(log, second, masses)
+    mapping = yaml.safe_load(guess.text)
+    assert mapping["channels"]["altitude"]["recorder"] == "altimeter"
+    assert mapping["recorders"]["altimeter"]["align"]["column"] == "accel_mps2"
+    assert mapping["channels"]["time"]["offset"] == pytest.approx(-5000.0, abs=0.1)
+    assert {name for name, entry in mapping["vehicle"].items() if "file" in entry} == {"mass", "ixx", "iyy"}
+    assert any("site's height above the sea" in doubt for doubt in guess.unsure)
+    for name in ("reference_length", "reference_area"):
+        mapping["vehicle"][name]["value"] = float(getattr(VEHICLE, name))
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))
+    flight = bring_in(log, tmp_path / "map.yaml").flight
+    inside = (flight.time > 6.0) & (flight.time < 14.0)
+    _, speed, _ = rockets.climb(flight.time[inside])
+    np.testing.assert_allclose(flight.velocity[inside], speed, atol=5.0)
+    assert flight.vehicle.iyy == pytest.approx(VEHICLE.iyy)
+
+
+def test_a_density_that_is_not_the_earths_puts_the_planet_in_doubt(tmp_path: Path) -> None:
+    altitude = np.linspace(40e3, 10e3, 200)
+    columns = {"time_s": np.linspace(0, 50, 200), "alt_m": altitude, "rho_kgm3": 0.02 * np.exp(-altitude / 11e3)}
+    guess = guess_map(write_csv(tmp_path / "a.csv", columns))
+    assert any(doubt.startswith("the planet: the density is") for doubt in guess.unsure)
+    assert "# UNSURE: the planet" in guess.text
+
+
+def test_a_map_that_is_not_filled_in_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", logged())
+    (tmp_path / "map.yaml").write_text(guess_map(log).text)
+    with pytest.raises(UsageError, match="no value yet for vehicle/mass, vehicle/ixx") as refused:
+        bring_in(log, tmp_path / "map.yaml")
+    assert len(str(refused.value)) < 400 + len(str(tmp_path))
+
+
 def test_a_table_without_time_is_refused(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "a.csv", {"p": np.zeros(20), "q": np.ones(20)})
     with pytest.raises(UsageError, match="no column rises strictly"):

@@ -9,26 +9,47 @@ import subprocess
 import numpy as np
 import pytest
 
+import brv_hypo
 from brv_hypo.docs.offline import manual_page
+from brv_hypo.ranking import CompareConfig
 from brv_hypo.report.blocks import Document, Picture
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel, Span
 from brv_hypo.report.pages import page
 from brv_hypo.report.provenance import Provenance
+from brv_hypo.report.write import document_of
+from brv_hypo.residuals import TraceConfig
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
     *("--disable-background-networking", "--disable-component-update", "--virtual-time-budget=10000"),
 )
-WATCH = "<script>onerror = (message) => { document.documentElement.dataset.failed = message; };</script>"
-ZOOM = """<script>(async () => {
+WATCH = """<script>
   const root = document.documentElement;
+  onerror = (message) => { root.dataset.failed = message; };
+  onunhandledrejection = (event) => { root.dataset.failed = event.reason; };
+  console.error = (...said) => { root.dataset.failed = said.join(" "); };
+</script>"""
+COLOURS = """<script>(async () => {
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  root.dataset.paper = getComputedStyle(document.body).backgroundColor;
+  root.dataset.wide = document.documentElement.scrollWidth > innerWidth;
+  root.dataset.ink = document.querySelector(".chart .xtick text").style.fill;
+})();</script>"""
+SCHEMES = {
+    "dark": ("0", "rgb(21, 24, 28)", "rgb(230, 230, 230)"),
+    "light": ("1", "rgb(255, 255, 255)", "rgb(26, 26, 26)"),
+}
+"""By scheme, blink's number of it, and the colours of paper and ink (page.css)."""
+ZOOM = """<script>(async () => {
   while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
   const nodes = document.querySelectorAll(".chart");
   await Plotly.relayout(nodes[0], { "xaxis.range": [1, 2] });
   await new Promise((done) => setTimeout(done, 100));
   root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
 })();</script>"""
+
+CHART = '<div class="chart"'
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")
 
@@ -37,12 +58,13 @@ pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium is installe
 def shown(tmp_path):
     """The root element's attributes once a page's scripts have run, at a width in pixels."""
 
-    def show(html: str, width: int = 800) -> str:
+    def show(html: str, width: int = 800, scheme: str = "light") -> str:
         file = tmp_path / "page.html"
         file.write_text(html.replace("<head>", f"<head>{WATCH}", 1))
         profile = f"--user-data-dir={tmp_path / 'profile'}"
+        look = (f"--window-size={width},900", f"--blink-settings=preferredColorScheme={SCHEMES[scheme][0]}")
         done = subprocess.run(
-            [BROWSER, *FLAGS, profile, f"--window-size={width},900", "--dump-dom", file.as_uri()],
+            [BROWSER, *FLAGS, profile, *look, "--dump-dom", file.as_uri()],
             capture_output=True,
             text=True,
             check=True,
@@ -76,6 +98,34 @@ def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
     root = shown(report(), width)
     assert 'data-drawn="3"' in root
     assert "data-failed" not in root
+
+
+@pytest.fixture(scope="module")
+def pages() -> dict[str, str]:
+    """The pages of real results: a short flight reconstructed and compared, and traced."""
+    sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
+    short = {"base": "research_cone", "duration": 3.0, "sample_rate": 100.0, "mechanisms": [sticking]}
+    flown = brv_hypo.simulate(short, seed=4)
+    settings = TraceConfig(effects=("sticking",), discover=False, max_steps=1, maximum_likelihood=False)
+    results = {
+        "compare": brv_hypo.compare(flown, CompareConfig(mechanisms=("sticking",), maximum_likelihood="none")),
+        "trace": brv_hypo.trace(flown, settings),
+    }
+    results["predict"] = brv_hypo.predict(flown, results["trace"])
+    return {name: page(document_of(result), Provenance()) for name, result in results.items()}
+
+
+@pytest.mark.parametrize("name", ["compare", "trace", "predict"])
+@pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
+def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages, name, width, scheme) -> None:
+    """Every chart, without an error, in the scheme's colours, and no wider than the window."""
+    html = pages[name]
+    root = shown(html.replace("</body>", f"{COLOURS}</body>"), width, scheme)
+    assert "data-failed" not in root
+    assert f'data-drawn="{html.count(CHART)}"' in root
+    assert 'data-wide="false"' in root
+    assert f'data-paper="{SCHEMES[scheme][1]}"' in root
+    assert f'data-ink="{SCHEMES[scheme][2]}"' in root
 
 
 def test_charts_over_time_are_zoomed_together_and_the_others_are_not(shown) -> None:

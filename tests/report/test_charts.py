@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 
 import numpy as np
 import pytest
 
+from brv_hypo.docs import text
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import MOST_POINTS, Band, Bars, Chart, Line, Mark, Panel, Span, wrapped_degrees
@@ -39,6 +41,37 @@ def values(packed) -> np.ndarray:
 def test_every_flight_has_its_histories(charts) -> None:
     for name in ("moments", "residuals", "motion", "theta-psi", "spectrum", "moment-by-alpha"):
         assert {f"{name}-1", f"{name}-2"} <= set(charts)
+
+
+def test_the_in_plane_moment_is_drawn_for_several_numbers_of_terms(comparison, charts) -> None:
+    """The baseline alone first, the chosen model last, of either flight; the slopes are the coefficients' own."""
+    for flight in (0, 1):
+        lines = charts[f"coefficients-by-size-{flight + 1}"].panels[1].layers
+        counts = [int(line.name.split()[0]) for line in lines]
+        assert counts[0] == 0
+        assert len(set(counts)) == len(counts)
+        assert lines[-1].name.endswith("chosen")
+        assert all(len(line.x) == len(line.y) for line in lines)
+    baseline = next(s for s in comparison.sizes if (s.flight, s.n_terms) == (0, 0))
+    slope = next(s for s in comparison.coefficients if (s.flight, s.mechanism, s.name) == (0, "none", "C_N' by alpha"))
+    if slope.method == "regression":
+        np.testing.assert_allclose(baseline.slope, slope.value, rtol=1e-6, atol=1e-9)
+
+
+def test_what_the_baseline_leaves_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
+    series = comparison.series[0]
+    left, beyond = charts["excess-by-alpha-1"].panels[1].layers
+    np.testing.assert_allclose(left.y, 1e3 * np.subtract(series.measured[1], series.fitted["none"][1]))
+    np.testing.assert_allclose(beyond.y, 1e3 * np.subtract(series.fitted["bodyfixed"][1], series.fitted["none"][1]))
+
+
+def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:
+    page = text("verdict").partition("### Figures of the report")[2]
+    rows = [line.strip("|").split("|") for line in page.splitlines() if re.match(r"\| 5\.", line)]
+    figures = {figure.strip() for row in rows for figure in row[0].split(",")}
+    assert figures == {f"5.{number}" for number in range(5, 21)}
+    files = {name for row in rows for name in re.findall(r"`([a-z-]+)`", row[2])} - {"reconstruct"}
+    assert {name for name in files if f"{name}-1" not in charts} == set()
 
 
 def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
@@ -119,6 +152,15 @@ class TestPlotlyChart:
         assert trace["fill"] == "toself"
         np.testing.assert_allclose(values(trace["y"]), [0, 0, 1, 1, np.nan, 1, 1, 2, 2, np.nan])
 
+    def test_a_logarithmic_axis_of_many_decades_has_ticks_at_powers_of_ten_alone(self) -> None:
+        def ticks(highest: float) -> object:
+            line = Line([1.0, 2.0, 3.0], [1.0, 2.0, highest], "first")
+            return plotly_chart(Chart("c", "h", "t", [Panel("y", [line], log=True)]))["layout"]["yaxis"].get("dtick")
+
+        assert ticks(5.0) is None
+        assert ticks(1e3) == 1.0
+        assert ticks(1e9) == 2.0
+
     def test_marks_and_spans_are_drawn_below_their_names(self) -> None:
         panels = [Panel("y", [Line([0.0, 9.0], [0.0, 1.0], "first")])]
         layout = plotly_chart(Chart("c", "h", "t", panels, marks=[Mark(2.0, "knot")], spans=[Span(3, 4, "masked")]))[
@@ -141,6 +183,20 @@ class TestPage:
         html = page(Document("t", (), "c", "words", True, [Texts(("said",))]), Provenance())
         assert 'id="library"' not in html
         assert len(html) < 20_000
+
+    def test_what_belongs_together_stands_in_one_section(self) -> None:
+        """A step's sentence, its table and its outcome; a chart and a heading begin anew."""
+        chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
+        blocks = (
+            Texts(("residual",), "Step 1"), Table(("effect",), [("lag",)]), Texts(("added",)), Picture(chart),
+            Texts(("loose",)), Texts(("mind",), "Warnings", warning=True),
+        )  # fmt: skip
+        html = page(Document("t", (), "c", "words", True, blocks), Provenance())
+        sections = re.findall(r"<section[^>]*>(.*?)</section>", html, flags=re.DOTALL)
+        assert len(sections) == 4
+        assert all(word in sections[0] for word in ("Step 1", "lag", "added"))
+        assert '<div class="warning">' in sections[3]
+        assert 'class="warning"' not in sections[0]
 
     def test_text_is_escaped(self) -> None:
         table = Table(("term", "value"), [("<b>", "1 & 2")], "a < b")
@@ -180,6 +236,17 @@ class TestDrawing:
         assert b"<svg" in (tmp_path / "figures" / "two-panels.svg").read_bytes()
         with pytest.raises(UsageError, match="exists"):
             draw_into(tmp_path / "figures", [plain])
+
+    def test_a_folder_that_cannot_be_made_is_refused(self, plain, tmp_path) -> None:
+        from brv_hypo.errors import UsageError
+
+        (tmp_path / "file").write_text("")
+        with pytest.raises(UsageError, match="A file stands where a folder is needed"):
+            draw_into(tmp_path / "file" / "figures", [plain])
+
+    def test_a_result_without_charts_leaves_no_folder(self, tmp_path) -> None:
+        assert draw_into(tmp_path / "figures", []) == ()
+        assert not (tmp_path / "figures").exists()
 
     @pytest.mark.thorough
     def test_every_chart_of_a_comparison_can_be_drawn(self, charts) -> None:

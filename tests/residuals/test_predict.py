@@ -10,6 +10,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
@@ -119,6 +120,22 @@ def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: F
     assert fitted.frozen == predicted.frozen
 
 
+def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
+    traced: Trace, sister: Flight, predicted: Prediction
+) -> None:
+    wrong = traced.model.definition.model_dump()
+    for column in wrong["columns"]:
+        column["value"] *= -2.0
+    said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
+    assert "The frozen model does not hold here, and leaves" in said
+    assert "--refit instruments" in said
+    assert "--refit instruments" not in predicted.reason
+
+
+def test_what_trace_returned_is_a_model(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    assert predict(sister, traced, ("trim",)).error == predicted.error
+
+
 def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Flight) -> None:
     content = traced.model.definition.model_copy(update={"flown": {"mach": (0.1, 0.2)}})
     nowhere = predict(sister, content, ("trim",))
@@ -128,5 +145,5 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
-    assert [panel.title for panel in chart.panels] == ["C_m x 10^3", "C_n x 10^3"]
+    assert [panel.title for panel in chart.panels] == list(BODY)
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
