@@ -33,6 +33,7 @@ from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
+from brv_hypo.regression.build import LinearisationPoint, point_of
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
 from brv_hypo.regression.problem import Problem
@@ -83,7 +84,12 @@ def _compare(
     say("linearising what the record may err by")
     problem = prepare(reconstructions, config)
     fits = _fitted(problem, hypotheses, say)
-    problem, fits = _about_leader(problem, fits, reconstructions, config, say)
+    point = _about_leader(problem, fits)
+    if point is not None:
+        say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms)}")
+        del problem  # large, and about to be replaced
+        problem = about(point, reconstructions, config)
+        fits = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
     problem = with_efficiency(problem, fits)
     fits = [refit(problem, fit) for fit in fits]
     criteria = criteria_of(problem, fits, config.held_out_blocks)
@@ -142,24 +148,16 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     return fits
 
 
-def _about_leader(
-    problem: Problem,
-    fits: Sequence[HypothesisFit],
-    reconstructions: Sequence[Reconstruction],
-    config: CompareConfig,
-    say: Progress,
-) -> tuple[Problem, list[HypothesisFit]]:
-    """The problem linearised about the leader's fit, where it explains so much that errors of second order may show.
+def _about_leader(problem: Problem, fits: Sequence[HypothesisFit]) -> LinearisationPoint | None:
+    """The leader's fit, where it explains so much that errors of second order about the baseline may show.
 
-    The fits are then to be fitted anew.
+    What a large moment does to the motion is not small: such errors would pose as something else.
     """
     leader = min(fits, key=lambda fit: fit.information)
     null = next(fit for fit in fits if not fit.mechanisms)
     if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR:
-        return problem, list(fits)
-    say(f"linearising about {leader.name}")
-    problem = about(problem, leader, reconstructions, config)
-    return problem, [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+        return None
+    return point_of(problem, leader.frame, leader.columns, leader.mechanisms)
 
 
 def with_efficiency(problem: Problem, fits: Sequence[HypothesisFit]) -> Problem:
