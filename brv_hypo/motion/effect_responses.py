@@ -21,6 +21,8 @@ from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
 from brv_hypo.motion.splines import running_integral
 
+# Samples of perturbed records that are held at once, some 200 bytes each.
+_AT_ONCE = 200_000
 MOST_NAMED = 3  # errors told where none can be taken out
 
 
@@ -101,6 +103,22 @@ def effect_responses(
     if not effects:
         return no_responses(record)
     smooth = noise_free(record, force)
+    width = max(1, _AT_ONCE // record.time.size)
+    some = [
+        _responses(smooth, crossflow, force, effects[first : first + width]) for first in range(0, len(effects), width)
+    ]
+    return EffectResponses(
+        effects=tuple(effects),
+        drift=np.concatenate([each.drift for each in some], axis=2),
+        force=np.concatenate([each.force for each in some], axis=1),
+        moment=np.concatenate([each.moment for each in some], axis=1),
+    )
+
+
+def _responses(
+    smooth: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
+) -> EffectResponses:
+    """Those of some effects on a noise-free record."""
     records = [perturbed(smooth, effect.apply(smooth.flight, effect.size)) for effect in effects]
     pressure = np.stack([r.force_scale / smooth.force_scale - 1.0 for r in records], axis=1)
     forces = np.stack([r.transverse_force - smooth.transverse_force for r in records], axis=1)
