@@ -59,10 +59,10 @@ def differentiate(
     for (a, b), piece in zip(segments, pieces, strict=True):
         if b - a < 2 * half_width + 1:
             continue
-        value[a:b], value_gain[a:b] = _filtered(piece, *_weights(order, half_width, 0))
-        rate[a:b], rate_gain[a:b] = _filtered(piece, *_weights(order, half_width, 1))
+        value[a:b], value_gain[a:b] = _filter(order, half_width, 0)(piece)
+        rate[a:b], rate_gain[a:b] = _filter(order, half_width, 1)(piece)
         interior[a + half_width : b - half_width] = True
-    weights = _weights(order, half_width, 1)[0]
+    weights = _middle(order, half_width)
     correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
     return Derivative(
         signal=signal,
@@ -78,30 +78,46 @@ def differentiate(
     )
 
 
-@lru_cache(maxsize=256)
-def _weights(order: int, half_width: int, derivative: int) -> tuple[FloatArray, FloatArray]:
-    """Filter weights of the value (`derivative` 0) or of its derivative per sample (1).
+@dataclass(frozen=True)
+class _Filter:
+    """Weights on a window: those of its middle (2 half_width + 1,), and those of each place before it.
 
-    Returns those of the window's middle (2 half_width + 1,) and of each place before it (half_width, 2
-    half_width + 1). The polynomials are Legendre's: raw powers lose all digits on wide windows.
+    The latter are `places` (half_width, order + 1) times the transpose of `basis` (2 half_width + 1, order + 1), which
+    is orthonormal: the matrix itself would be as large as the window squared.
     """
-    places = np.arange(-half_width, half_width + 1) / half_width
-    orthogonal, triangle = np.linalg.qr(legvander(places, order))
-    wanted = legval(places[: half_width + 1], legder(np.eye(order + 1), derivative)) / half_width**derivative
-    weights = np.linalg.solve(triangle.T, wanted).T @ orthogonal.T
-    return weights[half_width], weights[:half_width]
+
+    middle: FloatArray
+    places: FloatArray
+    basis: FloatArray
+
+    def __call__(self, piece: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+        """`piece` (n,) filtered, and the gain (n,) on white noise; the far end mirrors the near one."""
+        width, half_width = self.middle.size, self.middle.size // 2
+        first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
+        mirrored = last[::-1] * np.sign(self.middle @ self.middle[::-1])
+        answer = np.concatenate([first, np.correlate(piece, self.middle, "valid"), mirrored])
+        ends = np.linalg.norm(self.places, axis=1)
+        inside = np.full(piece.size - 2 * half_width, np.linalg.norm(self.middle))
+        return answer, np.concatenate([ends, inside, ends[::-1]])
 
 
-def _filtered(piece: ComplexArray, middle: FloatArray, before: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """`piece` (n,) filtered, and the filter's gain (n,) on white noise; the far end mirrors the near one."""
-    width, half_width = middle.size, middle.size // 2
-    mirrored = before[::-1, ::-1] * np.sign(middle @ middle[::-1])
-    answer = np.concatenate(
-        [before @ piece[:width], np.correlate(piece, middle, "valid"), mirrored @ piece[-width:]]
-    )
-    ends = np.linalg.norm(before, axis=1)
-    gain = np.concatenate([ends, np.full(piece.size - 2 * half_width, np.linalg.norm(middle)), ends[::-1]])
-    return answer, gain
+@lru_cache(maxsize=16)
+def _filter(order: int, half_width: int, derivative: int) -> _Filter:
+    """Filter of the value (`derivative` 0) or of its derivative per sample (1).
+
+    The polynomials are Legendre's: raw powers lose all digits on wide windows.
+    """
+    window = np.arange(-half_width, half_width + 1) / half_width
+    basis, triangle = np.linalg.qr(legvander(window, order))
+    wanted = legval(window[: half_width + 1], legder(np.eye(order + 1), derivative)) / half_width**derivative
+    places = np.linalg.solve(triangle.T, wanted).T
+    return _Filter(basis @ places[half_width], places[:half_width], basis)
+
+
+@lru_cache(maxsize=256)
+def _middle(order: int, half_width: int) -> FloatArray:
+    """Weights (2 half_width + 1,) of the derivative per sample in the middle of the window."""
+    return _filter(order, half_width, 1).middle
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
@@ -121,7 +137,7 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
                 _squared_bias(parts, difference, sigma, margin)
                 for difference, margin in zip(against, (0.0, _DOUBT), strict=True)
             )
-            weights = _weights(order, half_width, 1)[0]
+            weights = _middle(order, half_width)
             error = _BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
             if error < best:
                 best, choice = error, (order, half_width, bias)
@@ -147,10 +163,10 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
 @lru_cache(maxsize=256)
 def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
     """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
-    weights = _weights(order, half_width, 1)[0]
-    narrowest = _weights(_ORDERS[-1], _ORDERS[-1] // 2, 1)[0]
+    weights = _middle(order, half_width)
+    narrowest = _middle(_ORDERS[-1], _ORDERS[-1] // 2)
     found = []
-    for reference in (_weights(order + 2, half_width, 1)[0], narrowest):
+    for reference in (_middle(order + 2, half_width), narrowest):
         widest = max(weights.size, reference.size)
         wide = [np.pad(each, (widest - each.size) // 2) for each in (weights, reference)]
         found.append(wide[0] - wide[1])

@@ -24,6 +24,8 @@ from brv_hypo.motion.splines import running_integral
 # Width of differences, in standard deviations: what is of second order in it would tell apart errors that the record
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
 STEP = 1e-3
+# Samples of perturbed records that are held at once, some 200 bytes each.
+_AT_ONCE = 200_000
 MOST_NAMED = 3  # errors told where none can be taken out
 
 
@@ -104,6 +106,23 @@ def effect_responses(
     if not effects:
         return no_responses(record)
     smooth = noise_free(record, force)
+    width = max(1, _AT_ONCE // record.time.size)
+    some = [
+        _responses(smooth, crossflow, force, effects[first : first + width]) for first in range(0, len(effects), width)
+    ]
+    return EffectResponses(
+        effects=tuple(effects),
+        drift=np.concatenate([each.drift for each in some], axis=2),
+        force=np.concatenate([each.force for each in some], axis=1),
+        pressure=np.concatenate([each.pressure for each in some], axis=1),
+        moment=np.concatenate([each.moment for each in some], axis=1),
+    )
+
+
+def _responses(
+    smooth: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
+) -> EffectResponses:
+    """Those of some effects on a noise-free record."""
     records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in effects]
     pressure = np.stack([r.force_scale / smooth.force_scale - 1.0 for r in records], axis=1)
     forces = np.stack([r.transverse_force - smooth.transverse_force for r in records], axis=1)

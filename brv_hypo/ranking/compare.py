@@ -34,6 +34,7 @@ from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
+from brv_hypo.regression.build import LinearisationPoint, point_of
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
 from brv_hypo.regression.problem import Problem
@@ -84,7 +85,16 @@ def _compare(
     say("linearising what the record may err by")
     problem = prepare(reconstructions, config)
     fits = _fitted(problem, hypotheses, say)
-    problem, fits = _about_leader(problem, fits, reconstructions, config, say)
+    before = math.inf
+    for _ in range(LINEARISATIONS):
+        point = _about_leader(problem, fits, before)
+        if point is None:
+            break
+        say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms)}")
+        before = min(fits, key=lambda fit: fit.information).rss
+        del problem  # large, and about to be replaced
+        problem = about(point, reconstructions, config)
+        fits = _moved(problem, fits)
     problem = with_efficiency(problem, fits)
     fits = [within_bounds(refit(problem, fit)) for fit in fits]
     criteria = criteria_of(problem, fits, config.held_out_blocks)
@@ -150,29 +160,23 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     return fits
 
 
-def _about_leader(
-    problem: Problem,
-    fits: Sequence[HypothesisFit],
-    reconstructions: Sequence[Reconstruction],
-    config: CompareConfig,
-    say: Progress,
-) -> tuple[Problem, list[HypothesisFit]]:
-    """Problem and fits linearised about the leader's fit, where it explains so much that errors of second order show.
+def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float) -> LinearisationPoint | None:
+    """The leader's fit, where it explains so much that errors of second order about the last point may show.
 
-    Once more where that has lowered what the leader leaves.
+    What a large moment does to the motion is not small: such errors would pose as something else. `before` is what the
+    leader left about the last point but one: None where that has not become less.
     """
-    left = math.inf
-    for _ in range(LINEARISATIONS):
-        leader = min(fits, key=lambda fit: fit.information)
-        null = next(fit for fit in fits if not fit.mechanisms)
-        if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR or leader.rss > left - OTHER_FLOOR:
-            break
-        left = leader.rss
-        say(f"linearising about {leader.name}")
-        problem = about(problem, leader, reconstructions, config)
-        moved = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-        fits = [scanned_finely(problem, refit(problem, fit)) for fit in moved]
-    return problem, list(fits)
+    leader = min(fits, key=lambda fit: fit.information)
+    null = next(fit for fit in fits if not fit.mechanisms)
+    if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR or leader.rss > before - OTHER_FLOOR:
+        return None
+    return point_of(problem, leader.frame, leader.columns, leader.mechanisms)
+
+
+def _moved(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits about another point: knots and delays come from where they lie."""
+    at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+    return [scanned_finely(problem, refit(problem, fit)) for fit in at]
 
 
 def with_efficiency(problem: Problem, fits: Sequence[HypothesisFit]) -> Problem:

@@ -22,9 +22,7 @@ from brv_hypo.regression.build import (
     baseline_point,
     build_problem,
     errors_found,
-    point_of,
 )
-from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.problem import Problem
@@ -45,22 +43,17 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
-    first = _problem(reconstructions, config)
-    return _again(reconstructions, config, baseline_point(first, errors_found(first)))
+    return about(_first_point(reconstructions, config), reconstructions, config)
+
+
+def _first_point(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> LinearisationPoint:
+    """What the baseline and the errors are as the records stand."""
+    problem = _problem(reconstructions, config)
+    return baseline_point(problem, errors_found(problem))
 
 
 def about(
-    problem: Problem, fit: HypothesisFit, reconstructions: Sequence[Reconstruction], config: CompareConfig
-) -> Problem:
-    """The problem linearised anew about the fit of a hypothesis and the errors that go with it.
-
-    What a large moment does to the motion is not small: errors of second order would pose as something else.
-    """
-    return _again(reconstructions, config, point_of(problem, fit.frame, fit.columns, fit.mechanisms))
-
-
-def _again(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, point: LinearisationPoint
+    point: LinearisationPoint, reconstructions: Sequence[Reconstruction], config: CompareConfig
 ) -> Problem:
     """The problem of the records without the errors of a linearisation point, under the noise that they have."""
     cleaned = [

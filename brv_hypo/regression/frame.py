@@ -28,7 +28,7 @@ from brv_hypo.regression.whitening import NoiseModel
 Piece = tuple[int, int]
 
 # Rows of shapes that are kept, of all mechanisms and thetas together: some 100 bytes each.
-_KEPT_VALUES = 4_000_000
+_KEPT_VALUES = 1_000_000
 
 
 @dataclass(frozen=True)

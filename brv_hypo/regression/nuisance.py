@@ -50,12 +50,13 @@ Errors = Mapping[tuple[str, str], float]
 class Nuisances:
     """The unknowns and their histories on the rows of a frame (rows, unknowns).
 
-    `noise` (rows, unknowns) rad/s is what one unit of an unknown is of the gyros' own noise; zero but for the random
-    walk that this noise makes of the attitude.
+    `tied` are those that are made of the noise that is seen in the rates: the random walk of the attitude. `noise`
+    (rows, tied) rad/s is what one unit of each is of that noise.
     """
 
     items: tuple[Nuisance, ...]
     rows: Rows
+    tied: IntArray
     noise: ComplexArray
 
     @property
@@ -67,11 +68,6 @@ class Nuisances:
     def present(self) -> FloatArray:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
-
-    @property
-    def tied(self) -> IntArray:
-        """Which of them are made of the noise that is seen in the rates."""
-        return np.flatnonzero(np.any(self.noise != 0.0, axis=0))
 
     def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
@@ -99,14 +95,14 @@ def nuisances(
     known_before = taken or tuple({} for _ in flights)
     items: list[Nuisance] = []
     rows: list[Rows] = []
-    noise: list[ComplexArray] = []
-    silent = np.zeros(frame.observed.size, dtype=complex)
+    noise: dict[int, ComplexArray] = {}
 
-    def add(item: Nuisance, history: Rows, seen: ComplexArray = silent) -> None:
+    def add(item: Nuisance, history: Rows, seen: ComplexArray | None = None) -> None:
         if np.any(history.rates) or np.any(history.force):
+            if seen is not None:
+                noise[len(items)] = seen
             items.append(item)
             rows.append(history)
-            noise.append(seen)
 
     for number, linearised in enumerate(flights):
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
@@ -151,7 +147,10 @@ def nuisances(
         if not mechanism.of_each_flight(flights[0].record.flight):
             for item, rates in _tolerated(frame, None, mechanism):
                 add(item, Rows(rates, np.zeros_like(rates)))
-    return Nuisances(tuple(items), side_by_side(rows), np.stack(noise, axis=1))
+    seen_by_rates = np.empty((frame.observed.size, len(noise)), dtype=complex)
+    for k, column in enumerate(noise.values()):
+        seen_by_rates[:, k] = column
+    return Nuisances(tuple(items), side_by_side(rows), np.array(list(noise), dtype=np.int64), seen_by_rates)
 
 
 def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:

@@ -85,8 +85,8 @@ class WhitenedRows:
     @cached_property
     def own_noise(self) -> FloatArray:
         """Whitened rates (rate rows, tied unknowns) of what one unit of each tied unknown is of the noise."""
-        tied = self.nuisances.tied if self.ties else np.zeros(0, dtype=np.int64)
-        return self._whitening.rates(self.nuisances.noise[self.part.rows][:, tied])
+        noise = self.nuisances.noise if self.ties else self.nuisances.noise[:, :0]
+        return self._whitening.rates(noise[self.part.rows])
 
     @cached_property
     def _sharpening(self) -> tuple[FloatArray, FloatArray]:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs
 
-from brv_hypo.motion.differentiation import _weights, differentiate
+from brv_hypo.motion.differentiation import _filter, differentiate
 
 STEP = 0.01
 
@@ -14,7 +14,8 @@ STEP = 0.01
 @pytest.mark.parametrize("derivative", [0, 1])
 @pytest.mark.parametrize(("order", "half_width"), [(2, 1), (2, 7), (4, 5), (6, 9)])
 def test_weights_are_those_of_savitzky_and_golay(order: int, half_width: int, derivative: int) -> None:
-    middle, before = _weights(order, half_width, derivative)
+    found = _filter(order, half_width, derivative)
+    middle, before = found.middle, found.places @ found.basis.T
     width = 2 * half_width + 1
     assert middle == pytest.approx(savgol_coeffs(width, order, deriv=derivative, use="dot"), abs=1e-8)
     for place, weights in enumerate(before):
