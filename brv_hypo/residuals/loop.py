@@ -19,6 +19,7 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.residuals.baseline import scheduled, start_model, starting_columns
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose
@@ -27,7 +28,7 @@ from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.likelihood import maximum_likelihood
-from brv_hypo.residuals.linearisation import Model, Seen, see, start_model, starting_columns
+from brv_hypo.residuals.linearisation import Model, Seen, see
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
@@ -148,6 +149,7 @@ class _Course:
         model = start_model(self.flights, held, self.config.baseline, self.config.aero)
         seen = see(self.flights, model, self.config)
         model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
+        model = scheduled(model, seen)
         chosen = tuple(m for m in held if m.time_variation != ("constant",) or m.parameters())
         declared = tuple(m for m in held if m not in chosen)
         model = replace(model, columns=(*model.columns, *_declared(declared, seen)))

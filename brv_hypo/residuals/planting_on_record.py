@@ -17,12 +17,15 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.motion import Motion
 from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.problem import increments
 
 # Steps of the integration for each sample.
 _STEPS = 4
+_STATIC = (StaticMoment.name, SlopeSchedule.name)
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,10 @@ def with_moment(flight: Flight, state: State, mechanism: Mechanism, values: Sequ
 def _response(flight: Flight, state: State, motion: Motion, scale: FloatArray) -> _Response:
     slope, damping = np.zeros(flight.samples), np.zeros(flight.samples)
     alpha = np.maximum(motion.alpha, 1e-9)
-    for column, value in zip(state.model.columns, state.values, strict=True):
-        if column.mechanism == StaticMoment.name and column.term.startswith("C_Nalpha"):
+    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    columns = dict(zip(state.model.columns, state.values, strict=True)) | increments(state.problem, others)
+    for column, value in columns.items():
+        if column.mechanism in _STATIC and column.term.startswith("C_Nalpha"):
             terms = state.model.mechanisms[column.mechanism].terms(motion, {})
             slope += value * next(term.in_plane for term in terms if term.name == column.term) / alpha
         if column.mechanism == PitchDamping.name:

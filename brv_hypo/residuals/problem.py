@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.model.columns import Column, default_knots
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
@@ -19,8 +20,9 @@ from brv_hypo.regression.noise import first_noise, settled_noise
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
+from brv_hypo.residuals.baseline import TOLERATED, tolerated
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.linearisation import Model, Seen, tolerated
+from brv_hypo.residuals.linearisation import Model, Seen
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
@@ -94,6 +96,16 @@ def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
     items = problem.rows.nuisances.items
     others = np.array([item.present if item.name == effect else np.nan for item in items])
     return constrained(problem, fit.frame, fit.columns, np.full(len(fit.columns), np.nan), others).left
+
+
+def increments(problem: Problem, others: FloatArray) -> dict[Column, float]:
+    """What the baseline is more within its priors, as columns with their coefficients; `others` (unknowns,)."""
+    always, items = TimeFunction("constant"), problem.rows.nuisances.items
+    return {
+        Column(item.name, item.component, (), always, item.units): float(value) * item.size
+        for item, value in zip(items, others, strict=True)
+        if item.name in TOLERATED
+    }
 
 
 @dataclass(frozen=True)
