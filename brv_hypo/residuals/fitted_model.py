@@ -79,9 +79,23 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
             for number, flight in enumerate(flights)
         ]
         seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
-        state = _refined(first_state(model, seen, config))
-        model = state.model
+        nearer = _refined(first_state(model, seen, config))
+        if nearer.errors.mean_square > state.errors.mean_square * _TRIFLE:
+            return _about_its_vehicle(state, taken, config)  # the errors of the record that were found are none
+        state, model = nearer, nearer.model
     return state
+
+
+def _about_its_vehicle(state: State, found: Sequence[Errors], config: TraceConfig) -> State:
+    """The state of the same records, linearised where what was found of the vehicle's moments acts."""
+    model, seen = state.model, state.seen
+    taken = []
+    for number, flight in enumerate(seen.flights):
+        of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
+        own = {name: value for name, value in found[number].items() if name[0] in of_vehicle}
+        taken.append({**seen.taken[number], **own})
+    seen = replace(seen, taken=tuple(taken))
+    return state_of(model, seen, problem_of(seen, model, linearised_at(seen, model, state.values), config))
 
 
 def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:

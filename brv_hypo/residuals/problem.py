@@ -25,6 +25,10 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.linearisation import Model, Seen
 
 
+# How often the noise is raised to what the model leaves, which changes with it.
+_RAISED = 3
+
+
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
     """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
     return tuple(_linearised_at(seen, number, model, values) for number in range(len(seen.records)))
@@ -49,7 +53,7 @@ def problem_of(
     """The model's regression on the fitted part; `given` are histories that may be asked for as columns.
 
     Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
-    `noise`, it is what the record itself says.
+    `noise`, it is what the record itself says, raised to what the model leaves.
     """
     frame = seen.frame
     free = [
@@ -71,7 +75,30 @@ def problem_of(
         exact_terms=config.max_terms,
         given=dict(given or {}),
     )
-    return problem if noise is not None else problem.under(settled_noise(problem))
+    return problem if noise is not None else _raised(problem.under(settled_noise(problem)))
+
+
+def _raised(problem: Problem) -> Problem:
+    """The problem under its noise, each channel's raised to what the model leaves in it.
+
+    What a model lacks is far more than noise; weighed as noise, it would drive the errors of the record far beyond
+    their tolerances to make up for it.
+    """
+    least = problem.rows.noise
+    for _ in range(_RAISED):
+        noise, rates = problem.rows.noise, problem.rows.rates
+        left = problem.raw_response - _fitted(problem)
+        levels = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in (slice(0, rates), slice(rates, 2 * rates))]
+        channels = zip((noise.rates, noise.force), (least.rates, least.force), levels, strict=True)
+        found = [replace(own, sigma=max(own.sigma * level, low.sigma)) for own, low, level in channels]
+        problem = problem.under(replace(noise, rates=found[0], force=found[1]))
+    return problem
+
+
+def _fitted(problem: Problem) -> FloatArray:
+    """What the baseline and all that is fitted along say of the rows (rows,)."""
+    design = problem.whole_design(problem.frame, problem.baseline)
+    return np.asarray(design @ solve_scaled(design, problem.raw_response), dtype=float)
 
 
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
