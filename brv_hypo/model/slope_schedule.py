@@ -1,8 +1,9 @@
 """A smooth change of the static slope with Mach number and angle of attack: a Gaussian process, by its leading terms.
 
-The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2; cosines over the range flown with the
-variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput. 30:419, 2020). Over a narrow range the
-prior leaves next to nothing of it, so that a short flight keeps what it can tell for other effects.
+The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2;
+cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.
+30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can tell
+for other effects.
 """
 
 from __future__ import annotations

@@ -64,15 +64,22 @@ def starting_columns(model: Model, frame: RateFrame) -> tuple[Column, ...]:
     return (*kept, Column(table.name, term.name, (), TimeFunction("constant"), term.units))
 
 
-def scheduled(model: Model, seen: Seen) -> Model:
-    """The model with a smooth schedule of its slope by Mach number beside the polynomial, where it has that."""
+def has_schedule(model: Model) -> bool:
+    """Whether the static moment follows Mach number, by itself or by a table."""
     static = model.mechanisms.get(StaticMoment.name)
-    if not isinstance(static, StaticMoment) or static.by != "mach":
+    own = isinstance(static, StaticMoment) and static.by == "mach"
+    return own or bool(model.mechanisms.keys() & {*TOLERATED, TableSlope.name})
+
+
+def scheduled(model: Model, seen: Seen) -> Model:
+    """The model with a smooth schedule of its slope by Mach number beside the coarse one that its columns have."""
+    mach = _span([flight.mach for flight in seen.flights])
+    if mach is None:
         return model
     values = seen.values(seen.whole, model.columns)
-    mean = next(float(v) for c, v in zip(model.columns, values, strict=True) if c.term == "C_Nalpha")
-    schedule = SlopeSchedule(low=static.start, high=static.stop, size=RELATIVE * abs(mean))
-    if not schedule.sizes.size:
+    slopes = [float(v) for c, v in zip(model.columns, values, strict=True) if c.term == "C_Nalpha"]
+    schedule = SlopeSchedule(low=mach[0], high=mach[1], size=RELATIVE * abs(slopes[0])) if slopes else None
+    if schedule is None or not schedule.sizes.size:
         return model
     return replace(model, mechanisms={**model.mechanisms, schedule.name: schedule})
 

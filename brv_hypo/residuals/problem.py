@@ -24,7 +24,6 @@ from brv_hypo.residuals.baseline import TOLERATED, tolerated
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.linearisation import Model, Seen
 
-
 # How often the noise is raised to what the model leaves, which changes with it.
 _RAISED = 3
 

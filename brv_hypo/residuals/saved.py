@@ -53,8 +53,9 @@ class SavedModel(_Saved):
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
     baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
-    stands in its place, `schedule` the prior of its slope's change with Mach number. `found_on` names the flights; `flown` the ends of what they ran through, by quantity (`mach`,
-    `alpha` in rad): beyond, the model is known to nobody.
+    stands in its place, `schedule` the prior of its slope's change with Mach number. `found_on` names
+    the flights; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is
+    known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
