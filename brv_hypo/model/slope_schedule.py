@@ -8,7 +8,7 @@ for other effects.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -57,13 +57,17 @@ class SlopeSchedule(Mechanism):
             for k in range(1, self.sizes.size + 1)
         )
 
-    def tolerance(self, flight: Flight) -> tuple[float, ...]:
+    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad, 1/rad^3) of each coefficient."""
         return (*self.sizes.tolist(), *(self.sizes / BENT**2).tolist())
 
     def of_each_flight(self, flight: Flight) -> bool:
         """Never: the schedule is the design's."""
         return False
+
+    def course(self, coefficients: Sequence[float]) -> SlopeCourse:
+        """The schedule with these coefficients (terms,), as one term."""
+        return SlopeCourse(low=self.low, high=self.high, size=self.size, coefficients=tuple(coefficients))
 
     @property
     def sizes(self) -> FloatArray:
@@ -77,3 +81,22 @@ class SlopeSchedule(Mechanism):
     @property
     def _range(self) -> float:
         return float(np.log(self.high / self.low))
+
+
+class SlopeCourse(SlopeSchedule):
+    """A schedule whose coefficients are known, as one term; its own coefficient is 1 where they are right."""
+
+    name = "slope_course"
+    title = "static slope by a known schedule"
+
+    coefficients: tuple[float, ...]
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The sum of the schedule's terms."""
+        parts = zip(self.coefficients, super().terms(motion, theta), strict=True)
+        total = np.sum([value * term.in_plane for value, term in parts], axis=0)
+        return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
+        """None: the course is known."""
+        return None

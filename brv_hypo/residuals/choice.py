@@ -119,7 +119,8 @@ def choose(
     for candidate in ranked:
         if candidate.gain <= 0.0 or candidate.fall < _DETECTED or chances[candidate.name] > significance:
             continue
-        idle = candidate.explains is not None and candidate.explains <= 0.0
+        # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
+        idle = candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows(candidate))
         if (residual_is_white or idle) and not is_carried(here.problem, candidate.name):
             continue
         if any(alike(candidate, other.candidate) for other in tried):

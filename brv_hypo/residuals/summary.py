@@ -10,8 +10,9 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import BASELINE, Column
-from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
@@ -31,6 +32,7 @@ from brv_hypo.residuals.restore import saved
 from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
 
 _FEW_SAMPLES = 25.0
+_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, SlopeSchedule.name, SlopeCourse.name)
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,7 @@ def _f_ratio(value: float, sigma: float) -> float:
 
 
 def _owner(column: Column) -> str:
-    return BASELINE if column.mechanism in ("static", "pitch damping", SlopeSchedule.name) else column.mechanism
+    return BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
 
 
 def _channel(seen: Seen, column: Column) -> str:

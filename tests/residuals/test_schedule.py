@@ -1,4 +1,4 @@
-"""A smooth schedule of the slope by Mach number: its prior, where it is used, and that it comes before jumps in time."""
+"""A smooth schedule of the slope by Mach number: its prior, where it is used, that it comes before jumps."""
 
 from __future__ import annotations
 
