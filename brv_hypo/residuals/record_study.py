@@ -17,6 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
@@ -133,8 +134,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
     for effect in given.effects.split(","):
-        flight, size = planted(base, effect, given.times, given.seed)
-        print(line(effect, size, found_in(base, flight)), flush=True)
+        try:
+            flight, size = planted(base, effect, given.times, given.seed)
+            print(line(effect, size, found_in(base, flight)), flush=True)
+        except UnanswerableError as error:
+            print(f"{effect} not planted: {error}", flush=True)
 
 
 if __name__ == "__main__":
