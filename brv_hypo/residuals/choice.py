@@ -26,6 +26,9 @@ _WORSE = 1.9
 # fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
 _IN_ITS_PLACE = 0.5
+# Where the residual passes for white, an effect counts from this share of the significance: a test of whiteness asks
+# for anything at all, and overlooks what the effect's own column shows beyond doubt.
+_BEYOND_DOUBT = 1e-3
 # Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
 # all a function of Mach number, and jumps in time describe any smooth change.
 _SCHEDULE = 0.5
@@ -106,8 +109,8 @@ def choose(
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
-    less. What does not predict stretches left out of the fitted part does not count, nor anything where the residual is
-    white: but an effect may still exceed the tolerance that every fit allows it. `before` holds
+    less. What does not predict stretches left out of the fitted part does not count, nor, where the residual is white,
+    what is not beyond doubt: but an effect may still exceed the tolerance that every fit allows it. `before` holds
     what was tried on this look already; `scheduled` says that the model has a schedule by Mach number.
     """
     held = {column.mechanism for column in here.problem.baseline}
@@ -121,7 +124,8 @@ def choose(
             continue
         # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
         idle = candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows(candidate))
-        if (residual_is_white or idle) and not is_carried(here.problem, candidate.name):
+        doubtful = residual_is_white and chances[candidate.name] > _BEYOND_DOUBT * significance
+        if (doubtful or idle) and not is_carried(here.problem, candidate.name):
             continue
         if any(alike(candidate, other.candidate) for other in tried):
             continue
