@@ -5,6 +5,7 @@ Trace                result.py: steps, findings and hints, model, what is left; 
 predict, Prediction  predict.py, prediction.py: a model found elsewhere, its coefficients frozen, on another flight;
                      band.py: how far the moments may lie from it
 find.py              tests of the residual: whiteness, size, where, at what frequency, along with what
+baseline.py          what a trace starts from: constant slope, its schedule by Mach number, or a table
 linearisation.py     flights as a model reads them: reconstruction, parts that are fitted and held out
 problem.py           the regression of one step; left_out.py: its errors on stretches left out
 candidates_at_step.py  one look: the model and every candidate (candidates.py, discover.py) on the fitted part
@@ -14,8 +15,9 @@ repetition.py        whether an effect keeps its name; near_equals.py: what it c
 fitted_model.py      a model with its coefficients and errors; saved.py, restore.py, model_file.py: as data and back
 likelihood.py        the final model refined by maximum likelihood
 
-Commands: `python -m brv_hypo.residuals.study` (how often planted effects are found; planting.py), and
-`python -m brv_hypo.residuals.record_study` (effects planted into a measured record; planting_on_record.py).
+Commands: `python -m brv_hypo.residuals.study` (how often planted effects are found; planting.py),
+`python -m brv_hypo.residuals.record_study` (effects planted into a measured record; planting_on_record.py), and
+`python -m brv_hypo.residuals.variants` (whether findings persist where a record is cut, blocked or scaled otherwise).
 """
 
 from brv_hypo.residuals.config import TraceConfig

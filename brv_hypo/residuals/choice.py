@@ -26,6 +26,12 @@ _WORSE = 1.9
 # fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
 _IN_ITS_PLACE = 0.5
+# Where the residual passes for white, an effect counts from this share of the significance: a test of whiteness asks
+# for anything at all, and overlooks what the effect's own column shows beyond doubt.
+_BEYOND_DOUBT = 1e-3
+# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
+# all a function of Mach number, and jumps in time describe any smooth change.
+_SCHEDULE = 0.5
 
 
 @dataclass(frozen=True)
@@ -98,24 +104,28 @@ def choose(
     add: Callable[[Candidate], State],
     before: Sequence[Tried] = (),
     residual_is_white: bool = False,
+    scheduled: bool = True,
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
-    less. What does not predict stretches left out of the fitted part does not count, nor anything where the residual is
-    white: but an effect may still exceed the tolerance that every fit allows it. `before` holds
-    what was tried on this look already.
+    less. What does not predict stretches left out of the fitted part does not count, nor, where the residual is white,
+    what is not beyond doubt: but an effect may still exceed the tolerance that every fit allows it. `before` holds
+    what was tried on this look already; `scheduled` says that the model has a schedule by Mach number.
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here.candidates, discovery, held))
+    ranked = ranked if scheduled else _schedules_first(ranked)
     chances = adjusted(ranked)
     known = {id(tried.candidate): tried for tried in before}
     tried: list[Tried] = []
     for candidate in ranked:
         if candidate.gain <= 0.0 or candidate.fall < _DETECTED or chances[candidate.name] > significance:
             continue
-        idle = candidate.explains is not None and candidate.explains <= 0.0
-        if (residual_is_white or idle) and not is_carried(here.problem, candidate.name):
+        # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
+        idle = candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows(candidate))
+        doubtful = residual_is_white and chances[candidate.name] > _BEYOND_DOUBT * significance
+        if (doubtful or idle) and not is_carried(here.problem, candidate.name):
             continue
         if any(alike(candidate, other.candidate) for other in tried):
             continue
@@ -125,6 +135,23 @@ def choose(
         if tried[-1].taken or len(tried) == _TRIES:
             break
     return Choice(ranked, discovery, tuple(tried))
+
+
+def _schedules_first(ranked: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
+    """The candidates with schedules before all else, where they explain not much less."""
+    most = max((candidate.gain for candidate in ranked), default=0.0)
+    first = [c for c in ranked if follows(c) and comes_first(c.gain, most)]
+    return (*first, *(c for c in ranked if c not in first))
+
+
+def comes_first(gain: float, most: float) -> bool:
+    """Whether a schedule of this gain comes before what has the largest."""
+    return gain >= _SCHEDULE * most
+
+
+def follows(candidate: Candidate) -> bool:
+    """Whether a candidate's terms are a schedule of the flight's."""
+    return any(mechanism.follows is not None for mechanism in candidate.fit.mechanisms)
 
 
 def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidate], State]) -> Tried:

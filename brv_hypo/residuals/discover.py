@@ -25,11 +25,12 @@ _FINER = 5
 
 @dataclass(frozen=True)
 class Discovery:
-    """A candidate of generic terms, and the file that holds them."""
+    """A candidate of generic terms, the file that holds them, and how many entries of the dictionary it is."""
 
     candidate: Candidate
     file: MechanismFile
     words: str
+    pieces: int
 
 
 @dataclass(frozen=True)
@@ -71,13 +72,13 @@ def discover(
     fits = [_fit(problem, name, subset, searched) for subset in _subsets(problem, chosen, most)]
     if not fits:
         return None
-    (fit, file), words = min(fits, key=lambda pair: pair[0][0].information)
+    (fit, file), words, pieces = min(fits, key=lambda found: found[0][0].information)
     candidate = replace(candidate_of(problem, null, fit, name, "discovered"))
     valued = [
         term.model_copy(update={"value": float(v)})
         for term, v in zip(file.terms, fit.values[fit.baseline_size :], strict=True)
     ]
-    return Discovery(candidate, file.model_copy(update={"terms": tuple(valued)}), words)
+    return Discovery(candidate, file.model_copy(update={"terms": tuple(valued)}), words, pieces)
 
 
 def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple[Entry, ...]]:
@@ -107,7 +108,7 @@ def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple
 
 def _fit(
     problem: Problem, name: str, chosen: tuple[Entry, ...], searched: int
-) -> tuple[tuple[HypothesisFit, MechanismFile], str]:
+) -> tuple[tuple[HypothesisFit, MechanismFile], str, int]:
     words = " and ".join(entry.words for entry in chosen)
     file = MechanismFile(
         name=name,
@@ -119,7 +120,7 @@ def _fit(
     mechanism = mechanism_of(file)
     frame = problem.frame.with_mechanisms([mechanism])
     columns = tuple(_column(name, term.name, term.units) for term in file.terms)
-    return (solved(problem, name, (mechanism,), frame, columns, searched), file), words
+    return (solved(problem, name, (mechanism,), frame, columns, searched), file), words, len(chosen)
 
 
 def _moved(problem: Problem, entry: Entry, basis: FloatArray, left: FloatArray) -> Entry:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects
@@ -14,17 +16,21 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.residuals.baseline import tolerated
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.judge import Prediction, moment_errors
-from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, tolerated, with_in_plane_moment
+from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
 from brv_hypo.residuals.problem import errors_beside, linearised_at, problem_of
 
 # How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
 _CORRECTIONS = 2
 # How often what the tolerances allow is taken out of the record and the rest linearised anew.
 _LINEARISATIONS = 2
+# Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
+# record that is corrected by it is no longer the one that was flown.
+_PLAUSIBLE = 3.0
 _TRIFLE = 1.01
 
 
@@ -73,9 +79,23 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
             for number, flight in enumerate(flights)
         ]
         seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
-        state = _refined(first_state(model, seen, config))
-        model = state.model
+        nearer = _refined(first_state(model, seen, config))
+        if nearer.errors.mean_square > state.errors.mean_square * _TRIFLE:
+            return _about_its_vehicle(state, taken, config)  # the errors of the record that were found are none
+        state, model = nearer, nearer.model
     return state
+
+
+def _about_its_vehicle(state: State, found: Sequence[Errors], config: TraceConfig) -> State:
+    """The state of the same records, linearised where what was found of the vehicle's moments acts."""
+    model, seen = state.model, state.seen
+    taken = []
+    for number, flight in enumerate(seen.flights):
+        of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
+        own = {name: value for name, value in found[number].items() if name[0] in of_vehicle}
+        taken.append({**seen.taken[number], **own})
+    seen = replace(seen, taken=tuple(taken))
+    return state_of(model, seen, problem_of(seen, model, linearised_at(seen, model, state.values), config))
 
 
 def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
@@ -84,10 +104,15 @@ def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: 
     `found` are whole errors, with what was taken out `before` in them.
     """
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
-    of_record = {(e.name, c.name) for e in carried_effects() for c in e.components(flight)} - free
+    sizes = {(e.name, c.name): c.size for e in carried_effects() for c in e.components(flight)}
     of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
-    known = {name: value for name, value in found.items() if name in of_record or name[0] in of_vehicle}
-    return {**before, **known}
+    known = {name: value for name, value in found.items() if name in sizes or name[0] in of_vehicle}
+    within = {
+        name: float(np.clip(value, -_PLAUSIBLE * sizes[name], _PLAUSIBLE * sizes[name])) if name in sizes else value
+        for name, value in known.items()
+        if name not in free
+    }
+    return {**before, **within}
 
 
 def _refined(state: State) -> State:

@@ -46,10 +46,12 @@ def _predicted(
     shared = np.array([column.flight is None for column in columns], dtype=bool)
     here = np.array([item.flight == number for item in items], dtype=bool)
     others = problem.on(seen.part_of([k for k in range(len(seen.records)) if k != number]))
-    known = constrained(others, frame, columns, _held_at_zero(own), _held_at_zero(here)).values
-    held = np.where(shared, known, _held_at_zero(~own & ~shared))
+    known = constrained(others, frame, columns, _held_at_zero(own), _held_at_zero(here))
+    held = np.where(shared, known.values, _held_at_zero(~own & ~shared))
+    of_all = np.array([item.flight is None for item in items], dtype=bool)
+    nuisances = np.where(of_all, known.others, _held_at_zero(~here & ~of_all))
     part = seen.part_of([number])
-    left = constrained(problem.on(part), frame, columns, held, _held_at_zero(~here)).left
+    left = constrained(problem.on(part), frame, columns, held, nuisances).left
     return moment_errors(part, residual_moments(frame, problem.records, left.rates))
 
 

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from brv_hypo.identification import IdentificationConfig, identify
+from brv_hypo.model.columns import Column
+from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.likelihood import MOST_ITERATIONS
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block
 from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.problem import increments
 from brv_hypo.residuals.summary import term_estimates
 
+# Share of the static moment below which a schedule's part of it is held to be none.
+_TRIFLE = 0.01
 _OPTIONS = IdentificationConfig(max_iterations=MOST_ITERATIONS)
 
 
@@ -23,8 +33,26 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
     if seen.reconstructions[0].status == "degraded":
         return _left_out("the record limits the reconstruction, where its search seldom ends")
     values = state.values
+    course = _course(state)
+    if course is not None:
+        column = Column(course.name, "C_Nalpha by the schedule", (), TimeFunction("constant"), "1")
+        seen = replace(seen, frame=seen.frame.with_mechanisms([course]))
+        columns, values = (*columns, column), np.append(values, 1.0)
     found = identify(seen.frame, columns, values, _OPTIONS)
     return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
+
+
+def _course(state: State) -> SlopeCourse | None:
+    """What the baseline's slope is more by its schedule, which the likelihood knows no prior of; None for a trifle."""
+    schedule = state.model.mechanisms.get(SlopeSchedule.name)
+    if not isinstance(schedule, SlopeSchedule):
+        return None
+    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    found = schedule.course(tuple(increments(state.problem, others).values()))
+    motion = state.seen.reconstructions[0].motion
+    own = found.terms(motion, {})[0].in_plane
+    slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_Nalpha")
+    return found if np.linalg.norm(own) > _TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
 
 
 def _left_out(message: str) -> MaximumLikelihood:

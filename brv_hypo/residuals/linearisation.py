@@ -8,30 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_mechanisms, without
+from brv_hypo.mechanisms.carried import without
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.build import baseline_columns, linearised, on_rows
+from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.response import linearisation_point
 from brv_hypo.regression.whitening import difference
-from brv_hypo.residuals.config import Baseline, TraceConfig
-
-# Degree of the scheduled stiffness in Mach number, and the relative span of the quantity that can tell it.
-_SLOPE_DEGREE = 2
-_SMALLEST_SPAN = 0.01
-
+from brv_hypo.residuals.config import TraceConfig
 
 Taken = Mapping[tuple[str, str], float]
 """Values (SI) of record effects by effect and component."""
@@ -133,65 +124,6 @@ def see(
     seen = _force_seen(frame, records)
     fitted, held_out = split(frame, seen, config.blocks)
     return Seen(records, frame, fitted, held_out, whole(frame, seen), taken)
-
-
-def start_model(
-    flights: Sequence[Flight],
-    mechanisms: Sequence[Mechanism],
-    baseline: Baseline = "constant",
-    aero: AeroTable | None = None,
-) -> Model:
-    """The baseline alone: with constant coefficients, with a stiffness that follows Mach and Reynolds number, or with
-    that of a table.
-
-    Raises UnanswerableError where a record has no Mach number at which a table could be read.
-    """
-    table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))
-    if table and any(flight.mach is None or not np.all(np.isfinite(flight.mach)) for flight in flights):
-        raise UnanswerableError(
-            "a record has no Mach number, at which an aerodynamic table is read. Add mach or altitude to it."
-        )
-    static = static_moment(flights, "constant" if table else baseline)
-    return Model({m.name: m for m in (static, PitchDamping(), *table, *mechanisms)}, ())
-
-
-def starting_columns(model: Model, frame: RateFrame) -> tuple[Column, ...]:
-    """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
-    columns = baseline_columns(frame)
-    table = model.mechanisms.get(TableSlope.name)
-    if table is None:
-        return columns
-    kept = tuple(column for column in columns if not column.term.startswith("C_Nalpha"))
-    term = table.terms(frame.motions[0], {})[0]
-    return (*kept, Column(table.name, term.name, (), TimeFunction("constant"), term.units))
-
-
-def tolerated(model: Model, flight: Flight) -> tuple[Mechanism, ...]:
-    """The mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of a table."""
-    table = model.mechanisms.get(TableIncrements.name)
-    return (*carried_mechanisms(flight), *(() if table is None else (table,)))
-
-
-def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:
-    """The static moment of a baseline; constant where the records' Mach number is missing or stands still."""
-    start = min(float(flight.time[0]) for flight in flights)
-    stop = max(float(flight.time[-1]) for flight in flights)
-    mach = _span([flight.mach for flight in flights]) if baseline == "scheduled" else None
-    if mach is None:
-        return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
-    decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
-    return StaticMoment(
-        start=mach[0], stop=mach[1], offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach", reynolds=decades
-    )
-
-
-def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
-    """The ends of what a quantity runs through on all flights; None where it is missing or stands still."""
-    known = [values for values in histories if values is not None and np.all(np.isfinite(values))]
-    if len(known) < len(histories):
-        return None
-    low, high = np.percentile(np.concatenate(known), [0.5, 99.5])
-    return (float(low), float(high)) if high - low > _SMALLEST_SPAN * abs(high) else None
 
 
 def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:

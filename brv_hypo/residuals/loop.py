@@ -19,15 +19,16 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
-from brv_hypo.residuals.choice import Choice, Tried, choose
+from brv_hypo.residuals.choice import Choice, Tried, choose, follows
 from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.likelihood import maximum_likelihood
-from brv_hypo.residuals.linearisation import Model, Seen, see, start_model, starting_columns
+from brv_hypo.residuals.linearisation import Model, Seen, see
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
@@ -148,6 +149,8 @@ class _Course:
         model = start_model(self.flights, held, self.config.baseline, self.config.aero)
         seen = see(self.flights, model, self.config)
         model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
+        if self.config.aero is None and has_schedule(model):
+            model = scheduled(model, seen)
         chosen = tuple(m for m in held if m.time_variation != ("constant",) or m.parameters())
         declared = tuple(m for m in held if m not in chosen)
         model = replace(model, columns=(*model.columns, *_declared(declared, seen)))
@@ -190,9 +193,13 @@ class _Course:
         self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = (), white: bool = False
     ) -> Choice:
         def add(candidate: Candidate) -> State:
-            return with_candidate(self.flights, self.config, here, state, candidate)
+            found = with_candidate(self.flights, self.config, here, state, candidate)
+            if not follows(candidate) or has_schedule(state.model):
+                return found
+            return settled_state(self.flights, scheduled(found.model, found.seen), self.config)
 
-        return choose(here, state, discovery, self.config.significance, add, before, white)
+        known = has_schedule(state.model)
+        return choose(here, state, discovery, self.config.significance, add, before, white, known)
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:

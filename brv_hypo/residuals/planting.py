@@ -18,10 +18,11 @@ from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import given_column
+from brv_hypo.residuals.baseline import scheduled, start_model
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
-from brv_hypo.residuals.linearisation import see, start_model
+from brv_hypo.residuals.linearisation import see
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import SimulationConfig
 
@@ -100,7 +101,7 @@ def _clean_look(config: SimulationConfig, seed: int) -> Look:
     model = start_model((flight,), ())
     seen = see((flight,), model, settings)
     columns = baseline_columns(seen.frame)
-    model = replace(model, columns=columns)
+    model = scheduled(replace(model, columns=columns), seen)
     return look(seen, model, seen.values(seen.fitted, columns), (), record_effects(), settings)
 
 

@@ -14,15 +14,19 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.motion import Motion
 from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.problem import increments
 
 # Steps of the integration for each sample.
 _STEPS = 4
+_STATIC = (StaticMoment.name, SlopeSchedule.name)
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,11 @@ class _Response:
 
 
 def with_moment(flight: Flight, state: State, mechanism: Mechanism, values: Sequence[float]) -> Flight:
-    """The record with a mechanism's terms times `values` planted, about the motion that `state` has of it."""
+    """The record with a mechanism's terms times `values` planted, about the motion that `state` has of it.
+
+    Raises UnanswerableError where the motion would change by more than the largest angle of attack: the equations are
+    linear, and a vehicle with such a moment would have flown another flight.
+    """
     motion = state.seen.reconstructions[0].motion
     terms = mechanism.terms(motion, {})
     inside = sum(value * term.in_plane for value, term in zip(values, terms, strict=True))
@@ -48,6 +56,12 @@ def with_moment(flight: Flight, state: State, mechanism: Mechanism, values: Sequ
     body = body_from_plane(np.asarray(inside), np.asarray(outside), motion.windward_meridian)
     scale = flight.dynamic_pressure * flight.vehicle.moment_scale
     rates, chi = _moved(flight, _response(flight, state, motion, scale), scale * body)
+    moved, alpha = float(np.max(np.abs(chi))), float(np.max(motion.alpha))
+    if moved > alpha:
+        raise UnanswerableError(
+            f"this moment would turn the vehicle by {moved:.2g} rad, more than the {alpha:.2g} rad of its own angle of "
+            "attack: the record cannot hold it. Plant less, or take a window in which the vehicle is stiffer (--start)."
+        )
     # C_y + i C_z = -C_Nalpha alpha (sin phi_w + i cos phi_w).
     force = -1j * _normal_force(flight, state) * chi
     arm = 0.0 if flight.vehicle.accelerometer_position is None else flight.vehicle.accelerometer_position[0]
@@ -65,8 +79,10 @@ def with_moment(flight: Flight, state: State, mechanism: Mechanism, values: Sequ
 def _response(flight: Flight, state: State, motion: Motion, scale: FloatArray) -> _Response:
     slope, damping = np.zeros(flight.samples), np.zeros(flight.samples)
     alpha = np.maximum(motion.alpha, 1e-9)
-    for column, value in zip(state.model.columns, state.values, strict=True):
-        if column.mechanism == StaticMoment.name and column.term.startswith("C_Nalpha"):
+    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    columns = dict(zip(state.model.columns, state.values, strict=True)) | increments(state.problem, others)
+    for column, value in columns.items():
+        if column.mechanism in _STATIC and column.term.startswith("C_Nalpha"):
             terms = state.model.mechanisms[column.mechanism].terms(motion, {})
             slope += value * next(term.in_plane for term in terms if term.name == column.term) / alpha
         if column.mechanism == PitchDamping.name:

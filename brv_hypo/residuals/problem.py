@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.model.columns import Column, default_knots
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
@@ -19,8 +20,12 @@ from brv_hypo.regression.noise import first_noise, settled_noise
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
+from brv_hypo.residuals.baseline import TOLERATED, tolerated
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.linearisation import Model, Seen, tolerated
+from brv_hypo.residuals.linearisation import Model, Seen
+
+# How often the noise is raised to what the model leaves, which changes with it.
+_RAISED = 3
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
@@ -47,7 +52,7 @@ def problem_of(
     """The model's regression on the fitted part; `given` are histories that may be asked for as columns.
 
     Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
-    `noise`, it is what the record itself says.
+    `noise`, it is what the record itself says, raised to what the model leaves.
     """
     frame = seen.frame
     free = [
@@ -69,7 +74,30 @@ def problem_of(
         exact_terms=config.max_terms,
         given=dict(given or {}),
     )
-    return problem if noise is not None else problem.under(settled_noise(problem))
+    return problem if noise is not None else _raised(problem.under(settled_noise(problem)))
+
+
+def _raised(problem: Problem) -> Problem:
+    """The problem under its noise, each channel's raised to what the model leaves in it.
+
+    What a model lacks is far more than noise; weighed as noise, it would drive the errors of the record far beyond
+    their tolerances to make up for it.
+    """
+    least = problem.rows.noise
+    for _ in range(_RAISED):
+        noise, rates = problem.rows.noise, problem.rows.rates
+        left = problem.raw_response - _fitted(problem)
+        levels = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in (slice(0, rates), slice(rates, 2 * rates))]
+        channels = zip((noise.rates, noise.force), (least.rates, least.force), levels, strict=True)
+        found = [replace(own, sigma=max(own.sigma * level, low.sigma)) for own, low, level in channels]
+        problem = problem.under(replace(noise, rates=found[0], force=found[1]))
+    return problem
+
+
+def _fitted(problem: Problem) -> FloatArray:
+    """What the baseline and all that is fitted along say of the rows (rows,)."""
+    design = problem.whole_design(problem.frame, problem.baseline)
+    return np.asarray(design @ solve_scaled(design, problem.raw_response), dtype=float)
 
 
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
@@ -94,6 +122,16 @@ def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
     items = problem.rows.nuisances.items
     others = np.array([item.present if item.name == effect else np.nan for item in items])
     return constrained(problem, fit.frame, fit.columns, np.full(len(fit.columns), np.nan), others).left
+
+
+def increments(problem: Problem, others: FloatArray) -> dict[Column, float]:
+    """What the baseline is more within its priors, as columns with their coefficients; `others` (unknowns,)."""
+    always, items = TimeFunction("constant"), problem.rows.nuisances.items
+    return {
+        Column(item.name, item.component, (), always, item.units): float(value) * item.size
+        for item, value in zip(items, others, strict=True)
+        if item.name in TOLERATED
+    }
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
+from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import find, find_installed
@@ -29,6 +31,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.planting_on_record import with_moment
+from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel
@@ -76,14 +79,19 @@ def planted(base: Ground, effect: str, times: float, seed: int) -> tuple[Flight,
 
 
 def _limit(here: Look, effect: str, names: Sequence[str], direction: FloatArray) -> float:
-    """Detection limit along a direction of the terms, as a multiple of it."""
-    problem, always = here.problem, TimeFunction("constant")
+    """Detection limit along a direction of the terms, as a multiple of it.
+
+    A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective
+    samples.
+    """
+    problem, always = with_efficiency(here.problem, here.null), TimeFunction("constant")
     frame = problem.frame.with_mechanisms([find(effect)])
     columns = [Column(effect, name, (), always, "1") for name in names]
     own = problem.design(frame, columns) @ direction
     design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
-    return _LIMIT / float(np.linalg.norm(own - basis @ (basis.T @ own)))
+    free = np.sqrt(problem.efficiency) * np.linalg.norm(own - basis @ (basis.T @ own))
+    return _LIMIT / float(free)
 
 
 def found_in(base: Ground, flight: Flight) -> Trace:
@@ -115,15 +123,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--times", type=float, default=5.0, help="of the detection limit")
     parser.add_argument("--steps", type=int, default=8, help="of the record's own trace")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--instruments", default=None)
     parser.add_argument("--start", type=float, default=None)
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
-    base = ground(load_flight(given.flight).window(given.start, given.stop), given.steps)
+    flight = load_flight(given.flight).window(given.start, given.stop)
+    if given.instruments is not None:
+        flight = replace(flight, instruments=instruments_from(given.instruments, flight.instruments))
+    base = ground(flight, given.steps)
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
     for effect in given.effects.split(","):
-        flight, size = planted(base, effect, given.times, given.seed)
-        print(line(effect, size, found_in(base, flight)), flush=True)
+        try:
+            flight, size = planted(base, effect, given.times, given.seed)
+            print(line(effect, size, found_in(base, flight)), flush=True)
+        except UnanswerableError as error:
+            print(f"{effect} not planted: {error}", flush=True)
 
 
 if __name__ == "__main__":

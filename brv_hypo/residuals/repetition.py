@@ -17,6 +17,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, fitted_again, try_mechanism
 from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.choice import comes_first, follows
 from brv_hypo.residuals.config import TraceConfig
 
 # Other numbers of blocks, in shares of the configured one, and of knots, added to it.
@@ -28,11 +29,16 @@ _TOLERANCES = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
 _RIVALS = 5
 
 
-def named_in(here: Look, ranked: Sequence[Candidate], name: str, config: TraceConfig) -> float:
-    """Share of the repetitions in which the effect of that name is the best of all, among `ranked` (best first)."""
+def named_in(
+    here: Look, ranked: Sequence[Candidate], name: str, config: TraceConfig, scheduled: bool = True
+) -> float:
+    """Share of the repetitions in which the effect of that name is the best of all, among `ranked` (best first).
+
+    `scheduled` says that the model has a schedule by Mach number: where it has none, one comes first.
+    """
     own = next(candidate for candidate in ranked if candidate.name == name)
     rivals = [candidate for candidate in ranked if candidate is not own and candidate.gain > 0.0][:_RIVALS]
-    again = [_best_name(problem, [own, *rivals]) == name for problem in _repetitions(here, config)]
+    again = [_best_name(problem, [own, *rivals], scheduled) == name for problem in _repetitions(here, config)]
     return float(np.mean(again))
 
 
@@ -55,11 +61,14 @@ def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
                 yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
 
 
-def _best_name(problem: Problem, candidates: Sequence[Candidate]) -> str:
+def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: bool) -> str:
     null = fit_hypothesis(problem, "none", ())
-    criteria = {candidate.name: _criterion(problem, null, candidate) for candidate in candidates}
-    least = min(criteria, key=lambda name: criteria[name])
-    return least if criteria[least] < null.information else "none"
+    gains = {each.name: null.information - _criterion(problem, null, each) for each in candidates}
+    most = max(gains.values())
+    schedules = [each.name for each in candidates if follows(each) and comes_first(gains[each.name], most)]
+    offered = gains if scheduled or not schedules else schedules
+    best = max(offered, key=lambda name: gains[name])
+    return best if gains[best] > 0.0 else "none"
 
 
 def _criterion(problem: Problem, null: HypothesisFit, candidate: Candidate) -> float:

@@ -14,11 +14,13 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
 from brv_hypo.mechanisms.registry import find, find_installed
-from brv_hypo.model.aero_table import TableIncrements, TableSlope
+from brv_hypo.model.aero_table import TableSlope
 from brv_hypo.model.baseline import StaticMoment
 from brv_hypo.model.columns import Column, delay_name
+from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.residuals.linearisation import Applied, Model, start_model
+from brv_hypo.residuals.baseline import TOLERATED, start_model
+from brv_hypo.residuals.linearisation import Applied, Model
 from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
 
 
@@ -32,6 +34,7 @@ def saved(
     """The model as data, with its coefficients (columns,) and their covariance where they are known."""
     static = model.mechanisms.get(StaticMoment.name)
     table = model.mechanisms.get(TableSlope.name)
+    schedule = model.mechanisms.get(SlopeSchedule.name)
     nothing: list[float | None] = [None] * len(model.columns)
     known = nothing if values is None else values.tolist()
     errors = nothing if covariance is None else np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
@@ -40,6 +43,7 @@ def saved(
         covariance=() if covariance is None else tuple(tuple(row) for row in covariance.tolist()),
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
         table=table.table if isinstance(table, TableSlope) else None,
+        schedule=schedule if isinstance(schedule, SlopeSchedule) else None,
         found_on=found_on,
         flown=flown or {},
         record=tuple(
@@ -60,7 +64,8 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
     """The model that the data hold, for these flights.
 
     What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
-    to a table are columns where the model is `frozen`; else they are estimated anew, within the table's uncertainty.
+    to a table, and a schedule's terms, are columns where the model is `frozen`; else they are estimated anew, within
+    their priors.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
     content = of_as_many(content, len(flights))
@@ -68,6 +73,8 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
     baseline = dict(start_model(flights, (), aero=content.table).mechanisms)
     if content.static is not None:
         baseline[content.static.name] = content.static
+    if content.schedule is not None:
+        baseline[content.schedule.name] = content.schedule
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
     applied = tuple(_applied(error, flights[error.flight]) for error in content.record)
@@ -77,7 +84,7 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
         columns=tuple(
             column_of(column, known[column.mechanism])
             for column in content.columns
-            if frozen or column.mechanism != TableIncrements.name
+            if frozen or column.mechanism not in TOLERATED
         ),
         applied=applied,
         added=(*names, *dict.fromkeys(a.effect.name for a in applied)),

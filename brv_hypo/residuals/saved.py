@@ -10,6 +10,7 @@ from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.filed import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticMoment
+from brv_hypo.model.slope_schedule import SlopeSchedule
 
 
 class _Saved(BaseModel):
@@ -52,8 +53,9 @@ class SavedModel(_Saved):
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
     baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
-    stands in its place. `found_on` names the flights; `flown` the ends of what they ran through, by quantity (`mach`,
-    `alpha` in rad): beyond, the model is known to nobody.
+    stands in its place, `schedule` the prior of its slope's change with Mach number. `found_on` names
+    the flights; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is
+    known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -63,6 +65,7 @@ class SavedModel(_Saved):
     files: tuple[MechanismFile, ...] = ()
     static: StaticMoment | None = None
     table: AeroTable | None = None
+    schedule: SlopeSchedule | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
     found_on: tuple[str, ...] = ()
     flown: dict[str, tuple[float, float]] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from brv_hypo.residuals.baseline import has_schedule
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import Choice, Tried
@@ -30,7 +31,8 @@ def step_of(
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     told, taken = choice.told[:_TOLD], choice.taken
     near = near_equals(here.problem, told)
-    share = None if taken is None else named_in(here, choice.ranked, taken.candidate.name, config)
+    known = has_schedule(state.model)
+    share = None if taken is None else named_in(here, choice.ranked, taken.candidate.name, config, known)
     leading = choice.leading
     held_out = state.seen.held_out
     left = leading.before if leading else left_by(here.problem, here.null)
@@ -45,7 +47,7 @@ def step_of(
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
         refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
         added=None if taken is None else taken.candidate.name,
-        standing=None if taken is None or share is None else _standing(taken, share, without_flight),
+        standing=None if taken is None or share is None else _standing(taken, share, without_flight, choice.discovery),
         flight_left_out=without_flight,
         named_in=share,
         description=_words(leading.candidate, here, choice.discovery) if leading else "",
@@ -83,7 +85,12 @@ def _told(
     )
 
 
-def _standing(taken: Tried, share: float, without_flight: FlightLeftOut | None) -> Standing:
+def _standing(
+    taken: Tried, share: float, without_flight: FlightLeftOut | None, discovery: Discovery | None
+) -> Standing:
+    """A finding or a hint; several generic pieces that were found one after another describe, and name nothing."""
+    if discovery is not None and taken.candidate is discovery.candidate and discovery.pieces > 1:
+        return "hint"
     lowers = taken.ratio + _SIGMAS * taken.ratio_error < 1.0
     elsewhere = without_flight is None or without_flight.ratio < 1.0
     return "finding" if lowers and elsewhere and share >= _MOST else "hint"

@@ -10,14 +10,16 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
-from brv_hypo.model.aero_table import TableIncrements
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import BASELINE, Column
+from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
@@ -30,6 +32,7 @@ from brv_hypo.residuals.restore import saved
 from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
 
 _FEW_SAMPLES = 25.0
+_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, SlopeSchedule.name, SlopeCourse.name)
 
 
 @dataclass(frozen=True)
@@ -145,10 +148,10 @@ class _Coefficients:
 
 
 def _with_increments(here: Look, model: Model, values: FloatArray, covariance: FloatArray) -> _Coefficients:
-    """The model's columns, and the increments to its table after them, which are known by a prior in the fit."""
+    """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
     count, always = len(model.columns), TimeFunction("constant")
     items = here.problem.rows.nuisances.items
-    places = [k for k, item in enumerate(items) if item.name == TableIncrements.name]
+    places = [k for k, item in enumerate(items) if item.name in TOLERATED]
     scale = np.array([*np.ones(count), *(items[k].size for k in places)])
     chosen = np.array([*range(count), *(count + k for k in places)], dtype=int)
     more = (Column(items[k].name, items[k].component, (), always, items[k].units) for k in places)
@@ -221,7 +224,7 @@ def _f_ratio(value: float, sigma: float) -> float:
 
 
 def _owner(column: Column) -> str:
-    return BASELINE if column.mechanism in ("static", "pitch damping") else column.mechanism
+    return BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
 
 
 def _channel(seen: Seen, column: Column) -> str:

@@ -44,6 +44,7 @@ class MachStiffness(Mechanism):
     kind = "aerodynamic"
     time_variation = ("constant",)
     wind_fixed = True
+    follows = "mach"
 
     degree: int = 3
 

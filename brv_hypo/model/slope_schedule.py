@@ -1,0 +1,102 @@
+"""A smooth change of the static slope with Mach number and angle of attack: a Gaussian process, by its leading terms.
+
+The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2;
+cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.
+30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can tell
+for other effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.motion.motion import Motion
+
+# Standard deviation of the slope's change along Mach numbers, over its mean, and the ratio of Mach numbers, as a
+# logarithm, over which it changes: blunt and slender shapes change by such shares within a doubling.
+RELATIVE = 1.0
+LENGTH = 0.7
+# Angle of attack (rad) at which the bend's change is as large as the slope's: about ten degrees.
+BENT = 0.2
+# Shares of the first term's prior, and of the process's own size, below which a term says nothing; the most of them.
+_SMALLEST = 3e-3
+_NOTHING = 1e-3
+_MOST = 24
+
+
+class SlopeSchedule(Mechanism):
+    """C_N' += alpha sum_k (c_k + b_k alpha^2) cos(k pi x), x = ln(Mach / low) / ln(high / low), with Gaussian priors.
+
+    `low`, `high` are the Mach numbers between which it runs; beyond it keeps its last value. `size` (1/rad) is the
+    standard deviation of the slope's change at a Mach number.
+    """
+
+    name = "slope_schedule"
+    title = "static slope by Mach number"
+    claims = "a slope of the in-plane moment that changes smoothly with Mach number"
+    source = "Matern prior over ln(Mach)"
+    wind_fixed = True
+    time_variation = ("constant",)
+
+    low: float
+    high: float
+    size: float
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term for each cosine, times alpha, and one times its cube."""
+        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
+        nothing = np.zeros_like(motion.alpha)
+        return tuple(
+            Term(f"{name} cos {k}", motion.alpha**power * np.cos(k * np.pi * place), nothing, units)
+            for name, power, units in (("C_Nalpha", 1, "1/rad"), ("C_Nalpha3", 3, "1/rad^3"))
+            for k in range(1, self.sizes.size + 1)
+        )
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
+        """Standard deviation (1/rad, 1/rad^3) of each coefficient."""
+        return (*self.sizes.tolist(), *(self.sizes / BENT**2).tolist())
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Never: the schedule is the design's."""
+        return False
+
+    def course(self, coefficients: Sequence[float]) -> SlopeCourse:
+        """The schedule with these coefficients (terms,), as one term."""
+        return SlopeCourse(low=self.low, high=self.high, size=self.size, coefficients=tuple(coefficients))
+
+    @property
+    def sizes(self) -> FloatArray:
+        """Prior sigmas (cosines,) of the slope's terms in 1/rad; none where the range is too narrow for any."""
+        waves = np.pi * np.arange(1, _MOST + 1) / self._range
+        rate = np.sqrt(5.0) / LENGTH
+        density = 16.0 / 3.0 * rate**5 / (rate**2 + waves**2) ** 3
+        sigmas = self.size * np.sqrt(2.0 / self._range * density)
+        return np.asarray(sigmas[sigmas > max(_SMALLEST * sigmas[0], _NOTHING * self.size)], dtype=float)
+
+    @property
+    def _range(self) -> float:
+        return float(np.log(self.high / self.low))
+
+
+class SlopeCourse(SlopeSchedule):
+    """A schedule whose coefficients are known, as one term; its own coefficient is 1 where they are right."""
+
+    name = "slope_course"
+    title = "static slope by a known schedule"
+
+    coefficients: tuple[float, ...]
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The sum of the schedule's terms."""
+        parts = zip(self.coefficients, super().terms(motion, theta), strict=True)
+        total = np.sum([value * term.in_plane for value, term in parts], axis=0)
+        return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
+        """None: the course is known."""
+        return None

@@ -1,0 +1,127 @@
+"""The baseline that a trace starts from: constant coefficients, a stiffness by Mach number, or a user's table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.carried import carried_mechanisms
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.columns import Column
+from brv_hypo.model.slope_schedule import RELATIVE, SlopeSchedule
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.build import baseline_columns
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.residuals.config import Baseline
+from brv_hypo.residuals.linearisation import Model, Seen
+
+# Degree of the scheduled stiffness in Mach number, and the relative span of the quantity that can tell it.
+_SLOPE_DEGREE = 2
+_SMALLEST_SPAN = 0.01
+# Decades (rms) by which Reynolds number has to leave a smooth function of Mach number to be a quantity of its own.
+_INDEPENDENT = 0.1
+_SMOOTH_DEGREE = 3
+# What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit.
+TOLERATED = (TableIncrements.name, SlopeSchedule.name)
+
+
+def start_model(
+    flights: Sequence[Flight],
+    mechanisms: Sequence[Mechanism],
+    baseline: Baseline = "constant",
+    aero: AeroTable | None = None,
+) -> Model:
+    """The baseline alone: with constant coefficients, with a stiffness that follows Mach and Reynolds number, or with
+    that of a table.
+
+    Raises UnanswerableError where a record has no Mach number at which a table could be read.
+    """
+    table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))
+    if table and any(flight.mach is None or not np.all(np.isfinite(flight.mach)) for flight in flights):
+        raise UnanswerableError(
+            "a record has no Mach number, at which an aerodynamic table is read. Add mach or altitude to it."
+        )
+    static = static_moment(flights, "constant" if table else baseline)
+    return Model({m.name: m for m in (static, PitchDamping(), *table, *mechanisms)}, ())
+
+
+def starting_columns(model: Model, frame: RateFrame) -> tuple[Column, ...]:
+    """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
+    columns = baseline_columns(frame)
+    table = model.mechanisms.get(TableSlope.name)
+    if table is None:
+        return columns
+    kept = tuple(column for column in columns if not column.term.startswith("C_Nalpha"))
+    term = table.terms(frame.motions[0], {})[0]
+    return (*kept, Column(table.name, term.name, (), TimeFunction("constant"), term.units))
+
+
+def has_schedule(model: Model) -> bool:
+    """Whether the static moment follows Mach number, by itself or by a table."""
+    static = model.mechanisms.get(StaticMoment.name)
+    own = isinstance(static, StaticMoment) and static.by == "mach"
+    return own or bool(model.mechanisms.keys() & {*TOLERATED, TableSlope.name})
+
+
+def scheduled(model: Model, seen: Seen) -> Model:
+    """The model with a smooth schedule of its slope by Mach number beside the coarse one that its columns have."""
+    mach = _span([flight.mach for flight in seen.flights])
+    if mach is None:
+        return model
+    values = seen.values(seen.whole, model.columns)
+    slopes = [float(v) for c, v in zip(model.columns, values, strict=True) if c.term == "C_Nalpha"]
+    schedule = SlopeSchedule(low=mach[0], high=mach[1], size=RELATIVE * abs(slopes[0])) if slopes else None
+    if schedule is None or not schedule.sizes.size:
+        return model
+    return replace(model, mechanisms={**model.mechanisms, schedule.name: schedule})
+
+
+def tolerated(model: Model, flight: Flight) -> tuple[Mechanism, ...]:
+    """The mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of the baseline.
+
+    What the model has as columns is known from elsewhere, and has none.
+    """
+    held = {column.mechanism for column in model.columns}
+    own = (model.mechanisms[name] for name in TOLERATED if name in model.mechanisms and name not in held)
+    return (*carried_mechanisms(flight), *own)
+
+
+def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:
+    """The static moment of a baseline; constant where the records' Mach number is missing or stands still."""
+    start = min(float(flight.time[0]) for flight in flights)
+    stop = max(float(flight.time[-1]) for flight in flights)
+    mach = _span([flight.mach for flight in flights]) if baseline == "scheduled" else None
+    if mach is None:
+        return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
+    decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
+    if decades is not None and not _reynolds_is_independent(flights):
+        decades = None
+    return StaticMoment(
+        start=mach[0], stop=mach[1], offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach", reynolds=decades
+    )
+
+
+def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
+    """The ends of what a quantity runs through on all flights; None where it is missing or stands still."""
+    known = [values for values in histories if values is not None and np.all(np.isfinite(values))]
+    if len(known) < len(histories):
+        return None
+    low, high = np.percentile(np.concatenate(known), [0.5, 99.5])
+    return (float(low), float(high)) if high - low > _SMALLEST_SPAN * abs(high) else None
+
+
+def _reynolds_is_independent(flights: Sequence[Flight]) -> bool:
+    """Whether the decades of Reynolds number leave a smooth function of the decades of Mach number, all told."""
+    mach, reynolds = (
+        np.concatenate([np.log10(getattr(flight, name)) for flight in flights]) for name in ("mach", "reynolds")
+    )
+    left = reynolds - Polynomial.fit(mach, reynolds, _SMOOTH_DEGREE)(mach)
+    return float(np.std(left)) > _INDEPENDENT
