@@ -141,6 +141,7 @@ class NeedsMach(Mechanism):
         return (Term("C", motion.mach * motion.alpha, np.zeros_like(motion.alpha)),)
 
 
+@pytest.mark.thorough
 def test_a_mechanism_without_its_channel_is_left_out_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     module = importlib.import_module("brv_hypo.ranking.compare")
     known = module.parse_hypothesis

@@ -75,6 +75,7 @@ def test_the_dump_is_the_contracts_json(clean: Trace) -> None:
     }  # fmt: skip
     assert set(step["candidates"][0]) >= {"effect", "kind", "f_ratio", "p_value_adjusted", "explains"}
     assert {"picture", "discovered"}.isdisjoint(content)
+    assert set(content["ml"]) >= {"status", "iterations", "log_likelihood", "terms", "seconds"}
 
 
 def test_an_unknown_effect_is_refused() -> None:
