@@ -64,12 +64,14 @@ def test_far_steps_are_left_alone() -> None:
 
 
 @pytest.mark.slow
-def test_the_optimum_of_a_wrong_model_is_the_same_in_fewer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown, model = stalled_aircraft(2.0)
+def test_the_optimum_of_a_very_wrong_model_is_the_same_in_fewer_steps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    flown, model = stalled_aircraft(6.0)
     segment = flown.simulate(480, seed=1)
     quick = fit(model.dynamics, model.outputs, [segment], model.truth)
     monkeypatch.setattr(acceleration, "_NEAR", 0.0)
-    plain = fit(model.dynamics, model.outputs, [segment], model.truth, max_iterations=200)
+    plain = fit(model.dynamics, model.outputs, [segment], model.truth, max_iterations=100)
     assert quick.converged, quick.message
     assert plain.converged, plain.message
     assert quick.iterations < 0.8 * plain.iterations
