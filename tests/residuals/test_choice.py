@@ -134,3 +134,32 @@ def test_errors_of_the_record_may_leave_the_moments_as_they_are(
     one: Any = SimpleNamespace(effect=effect)
     nothing: Any = None
     assert Tried(one, nothing, fell, ratio, 0.1, (1.0, 1.0), nothing, nothing).taken is taken
+
+
+@pytest.mark.parametrize(("p_value", "tried"), [(1e-9, ["lag"]), (1e-4, [])])
+def test_where_the_residual_is_white_only_what_is_beyond_doubt_counts(
+    monkeypatch: pytest.MonkeyPatch, p_value: float, tried: list[str]
+) -> None:
+    one = replace(candidate("lag", 90.0), p_value=p_value)
+    chosen([one], "lag", monkeypatch)  # puts the judge of the held-out part in place
+    nuisances = SimpleNamespace(items=(), bounded=())
+    problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
+    here: Any = SimpleNamespace(candidates=(one,), problem=problem)
+    any_state: Any = None
+    found = choose(here, any_state, None, 0.01, lambda each: any_state, residual_is_white=True)
+    assert [each.candidate.name for each in found.tried] == tried
+
+
+@pytest.mark.parametrize(("scheduled", "first"), [(True, "inplane"), (False, "mach_stiffness")])
+def test_a_schedule_comes_before_jumps_where_the_model_has_none(
+    monkeypatch: pytest.MonkeyPatch, scheduled: bool, first: str
+) -> None:
+    jumps = candidate("inplane", 90.0, mechanisms=(find("inplane"),), terms="C_N0")
+    schedule = candidate("mach_stiffness", 60.0, ACROSS, mechanisms=(find("mach_stiffness"),))
+    chosen([jumps, schedule], first, monkeypatch)
+    nuisances = SimpleNamespace(items=(), bounded=())
+    problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
+    here: Any = SimpleNamespace(candidates=(jumps, schedule), problem=problem)
+    any_state: Any = None
+    found = choose(here, any_state, None, 0.01, lambda each: any_state, scheduled=scheduled)
+    assert found.ranked[0].name == first
