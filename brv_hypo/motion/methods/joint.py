@@ -33,9 +33,9 @@ _ENOUGH = 0.1
 # Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
 _ROUGH = 0.01
 # They are linearised anew about what was found of them, at most so often, and again where that had moved the
-# crossflow by more than this share of its rms: then second-order terms show in the force.
+# crossflow by more than this share of its standard deviation.
 _LINEARISATIONS = 6
-_MOVED = 0.02
+_MOVED = 0.1
 
 
 def joint(
@@ -63,13 +63,12 @@ def _linearised(
     responses = telling(effect_responses(record, fit.crossflow, _normal_force(record, fit), perturbations))
     known = np.zeros(len(responses.effects))
     for _ in range(_LINEARISATIONS):
-        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
-        moved = np.sqrt(np.mean((responses.drift @ (fit.effects.value - known)) ** 2)) / np.mean(flight.velocity)
+        before, fit = fit.crossflow, _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
         responses = effect_responses(record, fit.crossflow, force, responses.effects)
-        if moved < _MOVED * np.sqrt(np.mean(np.abs(fit.crossflow) ** 2)):
+        if _size(fit.crossflow - before) < _MOVED * _size(np.hypot(*fit.sigmas())):
             break
     return TiedWalk(record, config, responses, known), fit
 
@@ -164,6 +163,10 @@ def _misfit(residual: ComplexArray, sigma: FloatArray) -> float:
     return float(np.median(np.abs(residual[seen]) / sigma[seen]) / np.sqrt(2.0 * np.log(2.0)))
 
 
+def _size(values: ComplexArray | FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
 def _rms(values: ComplexArray, sigma: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.abs(values[np.isfinite(sigma)]) ** 2)))
 
@@ -191,8 +194,7 @@ def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
 
 def _relative_error(fit: TiedFit, measured: BoolArray) -> float:
     radial, _ = fit.sigmas()
-    size = float(np.sqrt(np.mean(np.abs(fit.crossflow[measured]) ** 2)))
-    return float(np.sqrt(np.mean(radial[measured] ** 2))) / max(size, 1e-150)
+    return _size(radial[measured]) / max(_size(fit.crossflow[measured]), 1e-150)
 
 
 def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> WindHistory:
