@@ -50,9 +50,14 @@ def mirrored(flight: Flight) -> Flight:
     return _with_vectors(flight, lambda x, y, z: (x, -y, z), lambda x, y, z: (-x, y, -z))
 
 
-def without_scale_errors(flight: Flight) -> Flight:
-    """The flight with scale factors known exactly: those of sensors along y and z are no property of rolled axes."""
-    known = replace(flight.instruments, gyro_scale=EXACTLY, accel_scale=EXACTLY)
+def with_isotropic_errors(flight: Flight) -> Flight:
+    """The flight with tolerances that rolled axes have too.
+
+    Scales of gyros are as likely as their shears, into which rolled axes turn them; those of accelerometers, whose
+    block has no shears, are known exactly.
+    """
+    tolerances = flight.instruments
+    known = replace(tolerances, gyro_scale=tolerances.gyro_misalignment, accel_scale=EXACTLY)
     return replace(flight, instruments=known)
 
 
