@@ -21,7 +21,15 @@ from brv_hypo.ranking import CompareConfig, Comparison
 from brv_hypo.ranking.result import TermEstimate
 from tests.flight.records import ACCEPTED, UNITS
 from tests.invariance.chain import Case, Change, Distance, compared, distance, flight, original
-from tests.invariance.changes import NAMES, SI_UNITS, mirrored, rolled, shifted, with_isotropic_errors, written
+from tests.invariance.changes import (
+    NAMES,
+    SI_UNITS,
+    mirrored,
+    rolled,
+    shifted,
+    with_isotropic_errors,
+    written,
+)
 
 NOTHING = Distance(0.0, 0.0)
 # Of numbers of 53 bits, where the flight holds what is fitted to it.
