@@ -72,7 +72,11 @@ def _beside(count: int) -> list[str]:
 
 
 def _band(layer: Band) -> list[dict[str, Any]]:
-    """Two edges, the upper filled down to the lower; closed areas where the band has breaks."""
+    """Two edges, the upper filled down to the lower; closed areas where the band has breaks, none where it has no
+    width.
+    """
+    if not np.any(np.isfinite(layer.low)):
+        return []
     if not np.all(np.isfinite(layer.low)):
         return [_broken_band(layer)]
     edge = {**_over(layer.x), "type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
