@@ -6,6 +6,8 @@ import pytest
 
 from brv_hypo.docs import notebooks
 
+pytestmark = pytest.mark.thorough
+
 nbformat = pytest.importorskip("nbformat")
 nbclient = pytest.importorskip("nbclient")
 

@@ -15,6 +15,8 @@ import pytest
 
 from brv_hypo.docs import notebooks, topics
 
+pytestmark = pytest.mark.thorough
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE_FILES = ("page.css", "page.js", "manual.css", "manual.js", "plotly-basic.min.js.gz", "plotly-basic.LICENSE")
 

@@ -11,6 +11,8 @@ from brv_hypo import reconstruct
 from brv_hypo.motion.reconstruction import Reconstruction
 from tests.independent.flights import Made, make_flight
 
+pytestmark = pytest.mark.thorough
+
 
 @cache
 def flown(truth: str, factor: float) -> tuple[Made, Reconstruction]:

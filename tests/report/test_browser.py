@@ -51,7 +51,10 @@ ZOOM = """<script>(async () => {
 
 CHART = '<div class="chart"'
 
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")
+pytestmark = [
+    pytest.mark.skipif(BROWSER is None, reason="no chromium is installed"),
+    pytest.mark.thorough,
+]
 
 
 @pytest.fixture
