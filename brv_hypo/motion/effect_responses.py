@@ -25,7 +25,7 @@ from brv_hypo.motion.splines import running_integral
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
 STEP = 1e-3
 # Samples of perturbed records that are held at once, some 200 bytes each.
-_AT_ONCE = 200_000
+AT_ONCE = 200_000
 MOST_NAMED = 3  # errors told where none can be taken out
 
 
@@ -106,7 +106,7 @@ def effect_responses(
     if not effects:
         return no_responses(record)
     smooth = noise_free(record, force)
-    width = max(1, _AT_ONCE // record.time.size)
+    width = max(1, AT_ONCE // record.time.size)
     some = [
         _responses(smooth, crossflow, force, effects[first : first + width]) for first in range(0, len(effects), width)
     ]

@@ -35,7 +35,7 @@ from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.build import LinearisationPoint, point_of
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, refit, scanned_finely
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
@@ -91,7 +91,7 @@ def _compare(
         if point is None:
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms)}")
-        before = min(fits, key=lambda fit: fit.information).rss
+        before = likeliest(fits).rss
         del problem  # large, and about to be replaced
         problem = about(point, reconstructions, config)
         fits = _moved(problem, fits)
@@ -130,7 +130,7 @@ def _judged(
         Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
         for fit, error in zip(fits, errors, strict=True)
     ]
-    leader = min(fits, key=lambda fit: fit.information)
+    leader = likeliest(fits)
     repeated = stability(fits, without, REPETITIONS)
     null = next(fit for fit in fits if not fit.mechanisms)
     return judge(scores, misfit(problem, leader, null), repeated, limits(problem, hypotheses, fits))
@@ -166,7 +166,7 @@ def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float
     What a large moment does to the motion is not small: such errors would pose as something else. `before` is what the
     leader left about the last point but one: None where that has not become less.
     """
-    leader = min(fits, key=lambda fit: fit.information)
+    leader = likeliest(fits)
     null = next(fit for fit in fits if not fit.mechanisms)
     if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR or leader.rss > before - OTHER_FLOOR:
         return None
@@ -181,7 +181,7 @@ def _moved(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFi
 
 def with_efficiency(problem: Problem, fits: Sequence[HypothesisFit]) -> Problem:
     """The problem with the effective share of samples that the leader's residual shows."""
-    leader = refit(problem, min(fits, key=lambda fit: fit.information))
+    leader = refit(problem, likeliest(fits))
     return replace(problem, efficiency=problem.efficiency_of(leader.residual))
 
 

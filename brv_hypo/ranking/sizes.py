@@ -11,7 +11,7 @@ import numpy as np
 
 from brv_hypo.ranking.histories import in_plane_parts
 from brv_hypo.ranking.result import SizeSeries
-from brv_hypo.regression.fit import HypothesisFit, solved
+from brv_hypo.regression.fit import HypothesisFit, likeliest, solved
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.search import on_grid
@@ -26,7 +26,7 @@ def size_series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[SizeSe
     searched = [fit for fit in fits if fit.mechanisms]
     if not searched:
         return ()
-    leader = min(searched, key=lambda fit: fit.information)
+    leader = likeliest(searched)
     grid = on_grid(problem, leader.mechanisms, 1)
     reduced = Reduced(problem, grid.frame)
     sizes = sorted({min(grid.best, default=0), max(grid.best, default=0)} - {0, len(leader.selected)})

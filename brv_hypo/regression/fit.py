@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -146,9 +147,9 @@ def fit_hypothesis(
             starts.extend([settle(further, best.selected)] if further else [])
         if not starts:
             continue
-        challenger = _least(starts)
+        challenger = likeliest(starts)
         worse = 0 if best is None or challenger.information < best.information else worse + 1
-        best = challenger if best is None else _least([best, challenger])
+        best = challenger if best is None else likeliest([best, challenger])
         behind = size >= SIZES_TRIED and best.information > best_rival + OUT_OF_REACH
         if worse == PATIENCE or behind:
             break
@@ -156,7 +157,7 @@ def fit_hypothesis(
     if best.information > best_rival + OUT_OF_REACH:
         return replace(best, ended_early=True, grid=grid.factors)
     for _ in range(NARROWINGS if problem.refine else 0):
-        narrower = _least([settle(chosen, chosen) for chosen in narrowed(problem, best.frame, best.columns)])
+        narrower = likeliest([settle(chosen, chosen) for chosen in narrowed(problem, best.frame, best.columns)])
         if narrower.information >= best.information:
             break
         best = narrower
@@ -201,7 +202,8 @@ def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return fit
 
 
-def _least(fits: list[HypothesisFit]) -> HypothesisFit:
+def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
+    """The fit of the least criterion."""
     return min(fits, key=lambda fit: fit.information)
 
 

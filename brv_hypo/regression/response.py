@@ -21,7 +21,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.effect_responses import STEP
+from brv_hypo.motion.effect_responses import AT_ONCE, STEP
 from brv_hypo.motion.frames import (
     angle_of_attack,
     angle_rates,
@@ -54,8 +54,6 @@ Moved = TypeVar("Moved")
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
 _FEWEST_MODES, _MOST_MODES = 10, 40
-# Samples of perturbed records that are held at once, some 200 bytes each.
-_AT_ONCE = 200_000
 # What the sines may leave of the random walk, in standard deviations of alpha.
 _LEFT_OUT = 0.8
 
@@ -118,7 +116,7 @@ class LinearisedFlight:
         smooth = self._noise_free
         record = perturbed(smooth, effect.perturb(smooth.flight, component, value))
         seen = effect.perturb(self._as_modelled, component, value)
-        return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
+        return _reading(record, seen)
 
     @cached_property
     def _as_modelled(self) -> Flight:
@@ -164,9 +162,7 @@ class LinearisedFlight:
 
     @cached_property
     def _at_noise_free(self) -> Rows:
-        smooth, seen = self._noise_free, self._as_modelled
-        record = replace(smooth, flight=replace(smooth.flight, q=seen.q, r=seen.r))
-        (found,) = self._propagated([(record, self.start)])
+        (found,) = self._propagated([(_reading(self._noise_free, self._as_modelled), self.start)])
         return found
 
     def input_noise(self, error: InputError) -> list[Rows]:
@@ -301,6 +297,11 @@ class LinearisedFlight:
         return np.asarray(self.crossflow * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
 
 
+def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
+    """The record with the transverse rates of another flight; its motion stays."""
+    return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
+
+
 def in_batches(
     moved: Iterable[tuple[InertialRecord, Moved]],
 ) -> Iterator[list[tuple[InertialRecord, Moved]]]:
@@ -308,7 +309,7 @@ def in_batches(
     batch: list[tuple[InertialRecord, Moved]] = []
     for each in moved:
         time = each[0].flight.time
-        if batch and (len(batch) * time.size > _AT_ONCE or not np.array_equal(time, batch[0][0].flight.time)):
+        if batch and (len(batch) * time.size > AT_ONCE or not np.array_equal(time, batch[0][0].flight.time)):
             yield batch
             batch = []
         batch.append(each)

@@ -14,7 +14,7 @@ from scipy import stats
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.columns import Column, Theta, candidates, default_knots, theta_grid
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
@@ -67,7 +67,7 @@ def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -
     none.
     """
     fits = _on_grid(problem, mechanism)
-    return candidate_of(problem, null, _least(fits), mechanism.name, "mechanism") if fits else None
+    return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
 
 def refine_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
@@ -77,7 +77,7 @@ def refine_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanis
     chance.
     """
     problem = left_out.problem
-    refined = [_refined(problem, _least(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
+    refined = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
     return candidate_of(problem, null, _soundest(left_out, refined), mechanism.name, "mechanism")
 
 
@@ -95,7 +95,7 @@ def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -
 def _soundest(left_out: LeftOut, fits: Sequence[HypothesisFit]) -> HypothesisFit:
     """The best fit, those left aside that predict left-out stretches clearly worse than the best of them."""
     errors = [left_out.error(fit) for fit in fits]
-    return _least([fit for fit, error in zip(fits, errors, strict=True) if error <= _SOUND * min(errors)])
+    return likeliest([fit for fit, error in zip(fits, errors, strict=True) if error <= _SOUND * min(errors)])
 
 
 def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
@@ -253,10 +253,6 @@ def groups_of(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
     for column in columns:
         found.setdefault((column.vector, column.flight) if column.tied else column, []).append(column)
     return [tuple(group) for group in found.values()]
-
-
-def _least(fits: Sequence[HypothesisFit]) -> HypothesisFit:
-    return min(fits, key=lambda fit: fit.information)
 
 
 def _plausible(fit: HypothesisFit, bounds: Mapping[str, float]) -> bool:
