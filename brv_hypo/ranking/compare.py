@@ -22,7 +22,7 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import BOUND_SIGMAS, LINEARISATIONS, OTHER_FLOOR, REPETITIONS, SECOND_ORDER
+from brv_hypo.ranking.constants import BOUND_SIGMAS, LINEARISATIONS, LINEARISED_AGAIN, REPETITIONS, SETTLED
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds, within_bounds
@@ -168,7 +168,7 @@ def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float
     """
     leader = likeliest(fits)
     null = next(fit for fit in fits if not fit.mechanisms)
-    if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR or leader.rss > before - OTHER_FLOOR:
+    if null.rss - leader.rss <= LINEARISED_AGAIN or leader.rss > before - SETTLED:
         return None
     return point_of(problem, leader.frame, leader.columns, leader.mechanisms)
 
