@@ -87,7 +87,7 @@ def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
     return Noise(
         white(float(np.median([each.record.gyro_sigma for each in flights]))),
         white(float(np.median([np.median(each.record.force_sigma) for each in flights]))),
-        min(_thinning(each) for each in flights),
+        min(each.spacing(_PER_CYCLE) for each in flights),
     )
 
 
@@ -136,10 +136,3 @@ def free_moment(problem: Problem) -> tuple[RateFrame, tuple[Column, ...]]:
     always = TimeFunction("constant")
     names = [term.name for term in free.terms(frame.motions[0], {})]
     return frame, tuple(Column(free.name, name, (), always, "1") for name in names)
-
-
-def _thinning(flight: LinearisedFlight) -> int:
-    """Samples that may be averaged where a cycle of the fastest motion keeps `_PER_CYCLE` rows."""
-    motion = flight.reconstruction.motion
-    fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
-    return max(1, int(2.0 * np.pi / (fastest * flight.record.flight.step * _PER_CYCLE)))
