@@ -38,7 +38,10 @@ _PER_CYCLE = 12
 
 
 class FreeMoment(Mechanism):
-    """In-plane and out-of-plane moments, with alpha and without, body-fixed ones and damping, splines in time."""
+    """In-plane and out-of-plane moments, with alpha and without, body-fixed ones and damping, splines in time.
+
+    `theta` tells which of these shapes: all of them at once would be large.
+    """
 
     name = "free_moment"
     title = "a moment that is free but smooth"
@@ -51,26 +54,26 @@ class FreeMoment(Mechanism):
     splines: int
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """Each shape times each spline."""
+        """One shape times each spline."""
+        number = int(theta[_SHAPE])
+        inside, outside = self._shape(motion, number)
+        return tuple(
+            Term(f"{number} {k}", inside * course, outside * course)
+            for k, course in enumerate(self._courses(motion.time).T)
+        )
+
+    def _shape(self, motion: Motion, number: int) -> tuple[FloatArray, FloatArray]:
+        """One shape (n,), in plane and out of plane."""
         nothing, one = np.zeros_like(motion.alpha), np.ones_like(motion.alpha)
-        body = np.exp(1j * motion.windward_meridian)
+        if number < 3:
+            return ((one, nothing), (motion.alpha, nothing), (nothing, motion.alpha))[number]
+        if number < 5:
+            body = np.exp(1j * motion.windward_meridian)
+            return (body.real, body.imag) if number == 3 else (-body.imag, body.real)
         rate = plane_from_body(
             np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex), motion.windward_meridian
         )
-        shapes = (
-            (one, nothing),
-            (motion.alpha, nothing),
-            (nothing, motion.alpha),
-            (body.real, body.imag),
-            (-body.imag, body.real),
-            (rate.real, rate.imag),
-        )
-        courses = self._courses(motion.time)
-        return tuple(
-            Term(f"{number} {k}", inside * course, outside * course)
-            for number, (inside, outside) in enumerate(shapes)
-            for k, course in enumerate(courses.T)
-        )
+        return rate.real, rate.imag
 
     def _courses(self, time: FloatArray) -> FloatArray:
         """Cubic B-splines (n, splines) over the span."""
@@ -80,6 +83,7 @@ class FreeMoment(Mechanism):
 
 
 _SHAPES = 6
+_SHAPE = "shape"
 
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
@@ -135,5 +139,9 @@ def free_moment(problem: Problem) -> tuple[RateFrame, tuple[Column, ...]]:
     free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count)
     frame = problem.frame.with_mechanisms([free])
     always = TimeFunction("constant")
-    names = [term.name for term in free.terms(frame.motions[0], {})]
-    return frame, tuple(Column(free.name, name, (), always, "1") for name in names)
+    columns = tuple(
+        Column(free.name, f"{number} {k}", ((_SHAPE, float(number)),), always, "1")
+        for number in range(_SHAPES)
+        for k in range(count)
+    )
+    return frame, columns

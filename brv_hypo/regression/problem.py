@@ -266,11 +266,21 @@ class Problem:
 
     def _white_moments(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
         """Rows of the rates, so many columns at once that their histories stay small."""
-        width = max(1, AT_ONCE // self.frame.observed.size)
         out = np.empty((self.rows.rates, len(columns)))
-        for first in range(0, len(columns), width):
-            some = columns[first : first + width]
-            out[:, first : first + width] = self.rows.white_moments(frame.columns(some))
+        for some in self._batches(len(columns)):
+            out[:, some] = self.rows.white_moments(frame.columns(columns[some]))
+        return out
+
+    def _batches(self, count: int) -> list[slice]:
+        """So many columns at once that their histories stay small."""
+        width = max(1, AT_ONCE // self.frame.observed.size)
+        return [slice(first, first + width) for first in range(0, count, width)]
+
+    def _rates(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> ComplexArray:
+        """Rates (frame rows, ...) that moments with these coefficients (columns, ...) make."""
+        out = np.zeros((frame.observed.size, *values.shape[1:]), dtype=complex)
+        for some in self._batches(len(columns)):
+            out += frame.columns(columns[some]) @ values[some]
         return out
 
     def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
@@ -305,7 +315,7 @@ class Problem:
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
         of_others = self.rows.nuisances.histories.of(others)
         observed, force = (each.reshape(-1, *(1,) * (values.ndim - 1)) for each in (self.frame.observed, self.force))
-        rates = observed - frame.columns([columns[j] for j in moments]) @ values[moments]
+        rates = observed - self._rates(frame, [columns[j] for j in moments], values[moments])
         rates, force = rates - of_others.rates, force - of_others.force
         if given:
             more = side_by_side([self.given[columns[j].term] for j in given])

@@ -149,6 +149,7 @@ class TiedWalk:
             crossflow = body_crossflow(self.record, self.direction(start))
         coefficients: tuple[FloatArray, ...] = ()
         share, last = 1.0, np.inf
+        equations: WalkEquations | None = None
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
             axes = transverse_axes(direction)
@@ -156,6 +157,7 @@ class TiedWalk:
             xi = crossflow
             coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
             drift = _Drift(self.record, self.responses.drift, axes)
+            equations = None  # large, and about to be replaced
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
             solution = equations.solve(*self._priors(coefficients, start))
             shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
@@ -169,6 +171,7 @@ class TiedWalk:
             wander = np.sqrt(equations.walk_variance) / self.speed
             if np.all(np.abs(step) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
                 break
+        assert equations is not None
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
         return TiedFit(
             ties=ties,
