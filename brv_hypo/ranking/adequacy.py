@@ -23,7 +23,7 @@ from brv_hypo.ranking.constants import (
     OTHER_FLOOR,
     OTHER_SIZES,
     SECOND_ORDER,
-    SECOND_ORDER_ERRORS,
+    SECOND_ORDER_VALUES,
 )
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
@@ -76,7 +76,7 @@ def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:
     gain = max(smooth, share * _louder(fit.residual[: problem.rows.rates])) - OTHER_FLOOR
     gain -= SECOND_ORDER * brought
     asked = fit.residual[2 * problem.rows.rates :]
-    squares = max(float(asked @ asked) - SECOND_ORDER_ERRORS * brought, 0.0)
+    squares = max(float(asked @ asked) - SECOND_ORDER_VALUES * brought, 0.0)
     errors_p_value = stats.chi2.sf(squares, max(asked.size, 1))
     return Misfit(ratio, p_value, gain, float(errors_p_value))
 

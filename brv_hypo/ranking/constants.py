@@ -23,8 +23,9 @@ OTHER_FLOOR = 8.0
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
 # columns) may leave: 1.4 % of its contribution's rms. On those flights they leave less than shows, to falls of 22,000.
 SECOND_ORDER = 2e-4
-# The same share of what the errors that the data ask of record and vehicle may be more, in squares of tolerances.
-SECOND_ORDER_ERRORS = 5e-3
+# The same for values: of the squares of errors (in tolerances) that the data ask of record and vehicle, and of the
+# square of a coefficient, 7 % of itself. Not set by those flights: it only keeps names from being refused.
+SECOND_ORDER_VALUES = 5e-3
 # Fall of 2 ln L that the leader brings from which the problem is linearised about it.
 LINEARISED_AGAIN = 2400.0
 # Fall of 2 ln L of what the leader leaves below which another linearisation has changed nothing.

@@ -34,7 +34,7 @@ def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
     return Noise(
         white(float(np.median([each.record.gyro_sigma for each in flights]))),
         white(float(np.median([np.median(each.record.force_sigma) for each in flights]))),
-        min(_thinning(each) for each in flights),
+        min(each.spacing(_PER_CYCLE) for each in flights),
     )
 
 
@@ -47,10 +47,11 @@ def settled_noise(problem: Problem) -> Noise:
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
     design = plain.whole_design(frame, columns)
     scale = lengths(design)
-    left, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+    orthonormal, triangle = np.linalg.qr(design / scale)
+    left, singular, right = np.linalg.svd(triangle)
     kept = singular > _CUTOFF * singular[0]
-    basis = left[:, kept]
-    values = (right[kept].T / singular[kept]) @ (basis.T @ plain.raw_response) / scale
+    values = (right[kept].T / singular[kept]) @ (left[:, kept].T @ (orthonormal.T @ plain.raw_response)) / scale
+    basis = orthonormal if np.all(kept) else orthonormal @ left[:, kept]
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
     force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]
