@@ -22,7 +22,14 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import BOUND_SIGMAS, LINEARISATIONS, LINEARISED_AGAIN, REPETITIONS, SETTLED
+from brv_hypo.ranking.constants import (
+    BOUND_SIGMAS,
+    LINEARISATIONS,
+    LINEARISED_AGAIN,
+    REPETITIONS,
+    SETTLED,
+    SETTLED_ERRORS,
+)
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds, within_bounds
@@ -34,7 +41,7 @@ from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
-from brv_hypo.regression.build import LinearisationPoint, point_of
+from brv_hypo.regression.build import LinearisationPoint, farthest_off, point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
     fit_hypothesis,
@@ -168,16 +175,19 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
 
 
 def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float) -> LinearisationPoint | None:
-    """The leader's fit, where it explains so much that errors of second order about the last point may show.
+    """The leader's fit, where errors of second order about the last point may show: they would pose as something else.
 
-    What a large moment does to the motion is not small: such errors would pose as something else. `before` is what the
-    leader left about the last point but one: None where that has not become less.
+    What a large moment does to the motion is not small, nor are errors of the record that differ from those about which
+    the problem is linear. `before` is what the leader left about the last point but one: None where that has not become
+    less.
     """
     leader = likeliest(fits)
     null = next(fit for fit in fits if not fit.mechanisms)
-    if null.rss - leader.rss <= LINEARISED_AGAIN or leader.rss > before - SETTLED:
+    if leader.rss > before - SETTLED:
         return None
-    return point_of(problem, leader.frame, leader.columns, leader.mechanisms)
+    point = point_of(problem, leader.frame, leader.columns, leader.mechanisms)
+    far = farthest_off(problem, point.taken) >= SETTLED_ERRORS
+    return point if far or null.rss - leader.rss > LINEARISED_AGAIN else None
 
 
 def _moved(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:

@@ -26,6 +26,10 @@ SECOND_ORDER = 2e-4
 # The same for values: of the squares of errors (in tolerances) that the data ask of record and vehicle, and of the
 # square of a coefficient, 7 % of itself. Not set by those flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3
+# How often a record is linearised about the errors that it shows, and the tolerances by which the next estimate of one
+# of them may differ before it is done again: 4 left 450 in 2 ln L, 3 left 13, below 1 nothing (industrial instruments).
+MOST_LINEARISATIONS = 4
+SETTLED_ERRORS = 1.0
 # Fall of 2 ln L that the leader brings from which the problem is linearised about it.
 LINEARISED_AGAIN = 2400.0
 # Fall of 2 ln L of what the leader leaves below which another linearisation has changed nothing.

@@ -15,13 +15,14 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import SLOPE_DEGREE, WAVERING_SPEED
+from brv_hypo.ranking.constants import MOST_LINEARISATIONS, SETTLED_ERRORS, SLOPE_DEGREE, WAVERING_SPEED
 from brv_hypo.regression.build import (
     LinearisationPoint,
     baseline_columns,
     baseline_point,
     build_problem,
     errors_found,
+    farthest_off,
 )
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.noise import settled_noise
@@ -35,7 +36,7 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried.
 
     What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
-    again where what the data say of them is taken out.
+    again where what the data say of them is taken out, until they say the same.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < SMALLEST_RECORD:
@@ -43,13 +44,14 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
-    return about(_first_point(reconstructions, config), reconstructions, config)
-
-
-def _first_point(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> LinearisationPoint:
-    """What the baseline and the errors are as the records stand."""
     problem = _problem(reconstructions, config)
-    return baseline_point(problem, errors_found(problem))
+    found = errors_found(problem)
+    for _ in range(MOST_LINEARISATIONS):
+        problem = about(baseline_point(problem, found), reconstructions, config)
+        found = errors_found(problem)
+        if farthest_off(problem, found) < SETTLED_ERRORS:
+            break
+    return problem
 
 
 def about(

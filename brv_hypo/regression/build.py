@@ -113,6 +113,16 @@ def errors_found(problem: Problem) -> tuple[Errors, ...]:
     return _within_reach(problem, others)
 
 
+def farthest_off(problem: Problem, errors: Sequence[Errors]) -> float:
+    """The largest difference, in tolerances, of errors (SI, one mapping a flight) from those that were taken out."""
+    off = [0.0]
+    for item in problem.rows.nuisances.items:
+        if item.taken_out is not None and item.flight is not None and np.isfinite(item.present):
+            value = errors[item.flight].get((item.name, item.component), 0.0)
+            off.append(abs(value - item.taken_out) / item.size)
+    return max(off)
+
+
 def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
     """Fitted errors (unknowns,) in SI, one mapping a flight; scaled down to where their tolerances make them probable.
 

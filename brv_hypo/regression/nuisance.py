@@ -26,7 +26,7 @@ class Nuisance:
 
     `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the
     linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `taken_out` is
-    what was taken out of the record before, in `units`.
+    what was taken out of the record before, in `units`; None for what is not of the record.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Nuisance:
     units: str
     size: float
     present: float
-    taken_out: float = 0.0
+    taken_out: float | None = None
 
     @property
     def label(self) -> str:
@@ -75,7 +75,7 @@ class Nuisances:
         found: list[dict[tuple[str, str], float]] = [{} for _ in range(flights)]
         for item, value in zip(self.items, fitted, strict=True):
             for own in found if item.flight is None else (found[item.flight],):
-                own[item.name, item.component] = float(value) * item.size + item.taken_out
+                own[item.name, item.component] = float(value) * item.size + (item.taken_out or 0.0)
         return tuple(found)
 
 

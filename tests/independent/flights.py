@@ -139,16 +139,16 @@ def make_flight(
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join(TRUTHS)}")
     craft = CRAFTS[vehicle] if isinstance(vehicle, str) else vehicle
     craft = replace(craft, duration=duration or craft.duration, sample_rate=sample_rate or craft.sample_rate)
-    start = start or draw_start(craft, _stream(seed, "start"))
-    drawn = draw_errors(grade, factor, _stream(seed, "errors"), errors)
+    start = start or draw_start(craft, stream(seed, "start"))
+    drawn = draw_errors(grade, factor, stream(seed, "errors"), errors)
     noise = noise.louder(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate
-    nominal, share = _nominal(craft, start, truth, time, _stream(seed, "mechanism"), region, values)
+    nominal, share = _nominal(craft, start, truth, time, stream(seed, "mechanism"), region, values)
     planted = replace(nominal, amplitude=amplitude * nominal.amplitude)
     body = flown(craft, start, drawn, planted, max(PAD, 1.5 * abs(drawn.time_skew)))
     true = _truth(body, time, drawn, noise, share)
     flight = _record(
-        true, body.history, grade, _stream(seed, "noise"), f"independent {craft.name}, seed {seed}"
+        true, body.history, grade, stream(seed, "noise"), f"independent {craft.name}, seed {seed}"
     )
     return Made(flight, truth, amplitude, craft.name, seed, grade, true)
 
@@ -162,7 +162,7 @@ def draw_flight(seed: int, **options: Any) -> Made:
     return make_flight(**{**drawn, "seed": seed, **options})
 
 
-def _stream(seed: int, purpose: str) -> np.random.Generator:
+def stream(seed: int, purpose: str) -> np.random.Generator:
     return np.random.default_rng([seed, _STREAMS[purpose]])
 
 
