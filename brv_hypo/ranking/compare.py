@@ -20,7 +20,7 @@ from brv_hypo.model.columns import theta_grid
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.adequacy import misfit
+from brv_hypo.ranking.adequacy import Misfit, misfit
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.constants import (
     BOUND_SIGMAS,
@@ -97,20 +97,7 @@ def _compare(
     reconstructed = clock.perf_counter()
     hypotheses, warnings = answerable(reconstructions, hypotheses)
     say("linearising what the record may err by")
-    problem = prepare(reconstructions, config)
-    fits = _fitted(problem, hypotheses, say)
-    before = math.inf
-    for _ in range(LINEARISATIONS):
-        point = _about_leader(problem, fits, before)
-        if point is None:
-            break
-        say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms)}")
-        before = likeliest(fits).rss
-        fits = [replace(fit, frame=replace(fit.frame)) for fit in fits]
-        del problem  # large, like the shapes that frames keep, and about to be replaced
-        problem = about(point, reconstructions, config)
-        fits = _moved(problem, fits)
-    problem, fits = _with_errors(problem, fits)
+    problem, fits = _searched(reconstructions, config, hypotheses, say)
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     leaving = LeavingOut(problem)
@@ -132,6 +119,37 @@ def _compare(
     return comparison.model_copy(update=histories)
 
 
+def _searched(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
+) -> tuple[Problem, list[HypothesisFit]]:
+    """The problem linearised where the data say, and every hypothesis fitted in it."""
+    problem = prepare(reconstructions, config)
+    fits = _fitted(problem, hypotheses, say)
+    moved, before = False, math.inf
+    for _ in range(LINEARISATIONS):
+        point = _about_leader(problem, fits, before)
+        if point is None:
+            break
+        say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
+        before = likeliest(fits).rss
+        fits = [replace(fit, frame=replace(fit.frame)) for fit in fits]
+        del problem  # large, like the shapes that frames keep, and about to be replaced
+        problem = about(point, reconstructions, config)
+        fits, moved = _moved(problem, fits), True
+    problem, fits = _with_errors(problem, fits)
+    if moved and _left(problem, fits).gain > 0.0:
+        say("searching again where the problem is linear now")
+        anew = _fitted(problem, hypotheses, say)
+        best = [min(pair, key=lambda fit: fit.information) for pair in zip(fits, anew, strict=True)]
+        problem, fits = _with_errors(problem, best)
+    return problem, fits
+
+
+def _left(problem: Problem, fits: Sequence[HypothesisFit]) -> Misfit:
+    """What the leader leaves."""
+    return misfit(problem, likeliest(fits), next(fit for fit in fits if not fit.mechanisms))
+
+
 def _judged(
     problem: Problem,
     hypotheses: Hypotheses,
@@ -144,10 +162,8 @@ def _judged(
         Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
         for fit, error in zip(fits, errors, strict=True)
     ]
-    leader = likeliest(fits)
     repeated = stability(fits, without, REPETITIONS)
-    null = next(fit for fit in fits if not fit.mechanisms)
-    return judge(scores, misfit(problem, leader, null), repeated, limits(problem, hypotheses, fits))
+    return judge(scores, _left(problem, fits), repeated, limits(problem, hypotheses, fits))
 
 
 def _impossible(fit: HypothesisFit) -> str | None:
