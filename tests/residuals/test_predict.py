@@ -132,6 +132,7 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
     assert "--refit instruments" not in predicted.reason
 
 
+@pytest.mark.thorough
 def test_what_trace_returned_is_a_model(traced: Trace, sister: Flight, predicted: Prediction) -> None:
     assert predict(sister, traced, ("trim",)).error == predicted.error
 
