@@ -140,7 +140,7 @@ def make_flight(
     craft = replace(craft, duration=duration or craft.duration, sample_rate=sample_rate or craft.sample_rate)
     start = draw_start(craft, _stream(seed, "start"))
     drawn = draw_errors(grade, factor, _stream(seed, "errors"), errors)
-    noise = Noise(**{name: noise_factor * size for name, size in vars(noise).items()})
+    noise = noise.louder(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate
     nominal, share = _nominal(craft, start, truth, time, _stream(seed, "mechanism"), region, values)
     planted = replace(nominal, amplitude=amplitude * nominal.amplitude)
@@ -261,8 +261,8 @@ def _record(true: TrueMotion, history: History, grade: str, rng: np.random.Gener
     noise, errors, time = true.noise, true.errors, true.time
     vehicle = true.craft.vehicle
     rates = sensed_rates(lambda times: history.many(times)[:, 10:13], time, errors)
-    rates = rates + noise.gyro * rng.standard_normal(rates.shape)
-    force = sensed_force(true.force, errors) + noise.accel * rng.standard_normal(rates.shape)
+    rates = rates + noise.gyro * noise.inertial(rng, time.size)
+    force = sensed_force(true.force, errors) + noise.accel * noise.inertial(rng, time.size)
     velocity = true.velocity + noise.velocity * rng.standard_normal(time.size)
     scale = 1.0 + errors.dynamic_pressure_scale
     pressure = true.dynamic_pressure * scale * (1.0 + noise.dynamic_pressure * rng.standard_normal(time.size))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from tests.independent.air import WIND_TERMS
 
@@ -102,13 +103,36 @@ def draw_errors(
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise, 1-sigma: rad/s, m/s^2, m/s, relative, m."""
+    """Noise, 1-sigma: rad/s, m/s^2, m/s, relative, m; `colour` correlates neighbouring samples of the inertial unit.
+
+    With a colour, gyros and accelerometers have first-order autoregressive noise of the same 1-sigma.
+    """
 
     gyro: float = 0.02 * _DEGREE
     accel: float = 0.05
     velocity: float = 0.5
     dynamic_pressure: float = 1e-3
     altitude: float = 5.0
+    colour: float = 0.0
+
+    def louder(self, factor: float) -> Noise:
+        """The same noise, so many times as large."""
+        return Noise(
+            factor * self.gyro,
+            factor * self.accel,
+            factor * self.velocity,
+            factor * self.dynamic_pressure,
+            factor * self.altitude,
+            self.colour,
+        )
+
+    def inertial(self, rng: np.random.Generator, samples: int) -> np.ndarray:
+        """Noise of unit variance (samples, 3) of three sensors."""
+        fresh = rng.standard_normal((samples, 3))
+        if self.colour == 0.0:
+            return fresh
+        fresh[1:] *= np.sqrt(1.0 - self.colour**2)
+        return np.asarray(lfilter([1.0], [1.0, -self.colour], fresh, axis=0))
 
 
 def gyro_matrix(errors: Errors) -> np.ndarray:

@@ -93,8 +93,12 @@ class Ground:
         return _grown(grown, np.array(true.region), self.time)[:, 0]
 
     def whitened(self, rates: np.ndarray) -> np.ndarray:
-        """Real rows (2n, ...) in units of the noise."""
-        return np.concatenate([rates.real, rates.imag]) / self.sigma
+        """Real rows (2n, ...) in units of the noise; coloured noise is of the sensors, so in axes that roll."""
+        colour = self.made.true.noise.colour
+        sensed = (rates.T * self.turn.conj()).T if colour else rates
+        fresh = sensed.copy()
+        fresh[1:] = (sensed[1:] - colour * sensed[:-1]) / np.sqrt(1.0 - colour**2)
+        return np.concatenate([fresh.real, fresh.imag]) / self.sigma
 
     def project(self, columns: np.ndarray) -> np.ndarray:
         """Columns (2n, m) less what baseline and record effects hold: (2n + priors, m)."""

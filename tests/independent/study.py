@@ -4,6 +4,8 @@ By hand: python -m tests.independent.study --seed 1000 --flights 120 --jobs 2
 
 Flight k has seed SEED + k; none and the five mechanisms take turns (`--unlisted N`: every N-th flight has a mechanism
 that is not in the list); vehicle and amplitude (log-uniform, 0.3 % to 100 % of nominal) are drawn from the seed.
+`--grade mixed` draws the grade too, `--coloured` the correlation of neighbouring samples of the
+inertial unit's noise, which then is as likely white as coloured.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from joblib import Parallel, delayed
 
 from brv_hypo import compare, reconstruct
 from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking.verdict import OTHER
 from tests.independent.flights import Made, draw_flight
+from tests.independent.instruments import GRADES, Noise
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import Known, judge
 
@@ -28,6 +32,16 @@ PARTED = 10.0
 DETECTED = 25.0
 # Share of what was planted, in squares, from which a listed mechanism is said to reproduce it.
 REPRODUCED = 0.9
+# F from one to three detection limits, between which limits are neither idle nor sure.
+LIMITS_TRIED = (DETECTED, 9.0 * DETECTED)
+# 95 %, one-sided.
+ONE_SIDED = 1.645
+MIXED = "mixed"
+# Correlation of neighbouring samples that is drawn.
+COLOURS = (0.3, 0.9)
+# Bins of the expected calibration error.
+BINS = 10
+_STREAM = 5
 
 
 @dataclass(frozen=True)
@@ -36,7 +50,7 @@ class Outcome:
 
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism;
     `reproduced` the share of what was planted, in squares, that the nearest listed mechanism reproduces on the true
-    motion. `stated` are stated over true rms errors of alpha and meridian.
+    motion. `stated` are stated over true rms errors of alpha and meridian; `leads` has the probability `chance`.
     """
 
     seed: int
@@ -49,19 +63,26 @@ class Outcome:
     outcome: str
     winner: str | None
     equivalent: tuple[str, ...]
+    leads: str
     chance: float
     limit: float
     stated: tuple[float, float]
 
 
-def fly(seed: int, number: int, grade: str, factor: float, unlisted: int) -> Outcome | str:
+def fly(
+    seed: int, number: int, grade: str, factor: float, unlisted: int, coloured: bool = False
+) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where none came of it."""
     names = ("none", *NAMES)
     truth = names[number % len(names)]
     if unlisted and number % unlisted == unlisted - 1:
         truth = UNLISTED[(number // unlisted) % len(UNLISTED)]
+    rng = np.random.default_rng([seed, _STREAM])
+    drawn_grade, colour = str(rng.choice(GRADES)), float(rng.uniform(*COLOURS))
+    noise = Noise(colour=colour if coloured and rng.random() < 0.5 else 0.0)
+    grade = drawn_grade if grade == MIXED else grade
     try:
-        made = draw_flight(seed, truth=truth, grade=grade, factor=factor)
+        made = draw_flight(seed, truth=truth, grade=grade, factor=factor, noise=noise)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = compare([made.flight], CompareConfig(mechanisms=NAMES, maximum_likelihood="none"))
@@ -79,6 +100,7 @@ def fly(seed: int, number: int, grade: str, factor: float, unlisted: int) -> Out
         verdict.outcome,
         verdict.winner,
         verdict.equivalent,
+        max(verdict.probability, key=verdict.probability.__getitem__, default="record fault"),
         max(verdict.probability.values(), default=0.0),
         limits.get(truth, np.nan),
         _stated(made),
@@ -122,15 +144,29 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     parted = [o for o in listed if o.parted_by >= PARTED]
     yield _count(f"parted by 2 ln L >= {PARTED:g}: the truth wins", [o.winner == o.truth for o in parted])
     seen = [o for o in listed if o.f_ratio >= DETECTED]
-    yield _count("above the detection limit: winner or in `equivalent`", [o.truth in o.equivalent for o in seen])
+    yield _count(
+        "above the detection limit: winner or in `equivalent`", [o.truth in o.equivalent for o in seen]
+    )
     yield _count("above the detection limit: 'none adequate'", [o.outcome == "none adequate" for o in seen])
     yield _count("planted: the limit covers the share", [o.share <= o.limit for o in listed])
+    tried = [o for o in listed if LIMITS_TRIED[0] <= o.f_ratio <= LIMITS_TRIED[1]]
+    yield _count(
+        "between one and three detection limits: the limit covers the share",
+        [o.share <= o.limit for o in tried],
+    )
+    yield (
+        f"limit over the oracle's: median {_median([o.limit / _known_limit(o) for o in seen]):.2f}; names that stand "
+        f"above the detection limit: median {_median([len(o.equivalent) for o in seen]):.0f}"
+    )
     apart = [o for o in other if o.f_ratio >= DETECTED and not o.reproduced >= REPRODUCED]
     yield _count(
         "outside the list, above the detection limit, not reproduced: 'none adequate' or undecided",
         [o.winner is None for o in apart],
     )
-    yield _count("outside the list, all: a mechanism is named", [o.winner not in (None, "none") for o in other])
+    yield _count(
+        "outside the list, all: a mechanism is named", [o.winner not in (None, "none") for o in other]
+    )
+    yield f"expected calibration error, above the detection limit: {_calibration_error([*seen, *apart]):.3f}"
     yield _count("records refused", [o.outcome == "record fault" for o in outcomes])
     for k, what in enumerate(("alpha", "meridian")):
         ratios = np.array([o.stated[k] for o in outcomes])
@@ -138,6 +174,29 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
             f"stated over true error of {what}: median {np.median(ratios):.2f}, "
             f"at least half in {np.mean(ratios >= 0.5):.0%}"
         )
+
+
+def _known_limit(outcome: Outcome) -> float:
+    """Share that the oracle allows at 95 %, on the average."""
+    return outcome.share * (1.0 + ONE_SIDED / np.sqrt(outcome.f_ratio))
+
+
+def _median(values: Sequence[float]) -> float:
+    return float(np.median(values)) if values else np.nan
+
+
+def _calibration_error(outcomes: Sequence[Outcome]) -> float:
+    """Mean distance of stated from true share of right leaders, over bins of the leader's probability (Naeini 2015).
+
+    "Something else" is right where what was planted is not in the list.
+    """
+    if not outcomes:
+        return np.nan
+    chances = np.array([o.chance for o in outcomes])
+    right = np.array([o.leads == (o.truth if o.truth in LISTED else OTHER) for o in outcomes])
+    bins = np.minimum((chances * BINS).astype(int), BINS - 1)
+    gaps = [np.abs(np.sum(chances[bins == k]) - np.sum(right[bins == k])) for k in range(BINS)]
+    return float(np.sum(gaps) / chances.size)
 
 
 def _count(what: str, hits: Sequence[bool]) -> str:
@@ -150,14 +209,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--flights", type=int, default=60)
-    parser.add_argument("--grade", default="tactical")
+    parser.add_argument("--grade", default="tactical", choices=[*GRADES, MIXED])
+    parser.add_argument("--coloured", action="store_true", help="every flight's noise is as likely coloured as white")
     parser.add_argument("--factor", type=float, default=1.0, help="true errors over the stated tolerances")
     parser.add_argument("--unlisted", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("-v", "--verbose", action="store_true")
     given = parser.parse_args()
     runs = (
-        delayed(fly)(given.seed + k, k, given.grade, given.factor, given.unlisted) for k in range(given.flights)
+        delayed(fly)(given.seed + k, k, given.grade, given.factor, given.unlisted, given.coloured)
+        for k in range(given.flights)
     )
     outcomes: list[Outcome] = []
     for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
