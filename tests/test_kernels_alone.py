@@ -61,7 +61,7 @@ def test_they_import_without_the_rest_and_without_its_dependencies(empty: Path) 
     ("files", "chosen"),
     [
         (
-            ("subset/test_dependent_columns.py", "likelihood/test_hold.py", "likelihood/test_initial.py"),
+            ("subset/test_dependent_columns.py", "likelihood/test_hold.py"),
             "not slow and not thorough",
         ),
         pytest.param(("likelihood", "subset"), "slow or not slow", marks=pytest.mark.slow),

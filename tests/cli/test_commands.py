@@ -23,7 +23,7 @@ def strict_json(text):
 def planted(brv_hypo, tmp_path_factory):
     """A simulation with a body-fixed moment chosen by name: the finished command, and its flight."""
     folder = tmp_path_factory.mktemp("planted")
-    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0")
+    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0\nstep: 0.01")
     done = brv_hypo("simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=folder)
     assert done.returncode == 0, done.stderr
     return done, folder / "f.h5"

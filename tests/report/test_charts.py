@@ -24,7 +24,7 @@ from brv_hypo.simulation import load_config, simulate_batch
 
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    cone = load_config("research_cone").model_copy(update={"duration": 3.0, "sample_rate": 100.0})
+    cone = load_config("research_cone").model_copy(update={"duration": 2.0, "sample_rate": 100.0, "step": 0.01})
     flights = [simulated.flight for simulated in simulate_batch(cone, seeds=(5, 6))]
     return compare(flights, CompareConfig(mechanisms=("bodyfixed",)))
 
