@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
+from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_document
 from brv_hypo.report.provenance import provenance
-from brv_hypo.residuals import Prediction, Trace, predict
+from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import simulate
 from tests.chains import TRIM, traced_trim, trimmed_cone
+from tests.shared_data import shared_file
 
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
 
@@ -128,8 +130,32 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
         column["value"] *= -2.0
     said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
     assert "The frozen model does not hold here, and leaves" in said
-    assert "--refit instruments" in said
-    assert "--refit instruments" not in predicted.reason
+    assert "`--refit trim,instruments` lets this flight have its own" in said
+    assert "--refit" not in predicted.reason
+
+
+def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(
+    traced: Trace, sister: Flight, predicted: Prediction
+) -> None:
+    """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
+    frozen = predict(sister, traced.model.definition)
+    assert frozen.refitted == ()
+    assert frozen.error.frozen > 2.0 * predicted.error.frozen
+    assert "`--refit trim,instruments` lets this flight have its own, and leaves about" in frozen.reason
+
+
+@pytest.mark.shared
+@pytest.mark.thorough
+def test_on_a_measured_record_a_held_model_far_off_is_told_with_the_remedy() -> None:
+    """Found on the first half of the entry, asked of all of it."""
+    entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
+    model = trace(entry.window(None, 0.5 * (entry.time[0] + entry.time[-1])), settings).model.definition
+    held, fitted = (predict(entry, model, refit) for refit in ((), ("instruments",)))
+    assert held.ratio > 1.0
+    assert fitted.error.frozen < 0.5 * held.error.frozen
+    assert "`--refit instruments` lets this flight have its own" in held.reason
+    assert "--refit" not in fitted.reason
 
 
 @pytest.mark.thorough
