@@ -313,8 +313,8 @@ def _held_too_much(shares: _Shares, remedy: str) -> str:
     if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
         return ""
     return (
-        f" Over the whole record it leaves {shares.left:.3g} of the mean square. Errors of the record were taken as none, "
-        "and those of the vehicle as on the flights that the model was found on; "
+        f" Over the whole record it leaves {shares.left:.3g} of the mean square. Errors of the record were taken as "
+        "none, and those of the vehicle as on the flights that the model was found on; "
         f"`--refit {remedy}` lets this flight have its own"
         + (f", and leaves about {shares.eased:.2g}." if much else ".")
     )

@@ -305,3 +305,27 @@ def test_import_takes_either_a_map_or_a_guess(brv_hypo, tmp_path):
         done = brv_hypo("import", "log.csv", *arguments, cwd=tmp_path)
         assert done.returncode == 2
         assert "either --map" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "picture"),
+    [
+        (("compare",), "probability.svg"),
+        (("compare",), "moments.png"),
+        (("trace",), "residuals.png"),
+        (("reconstruct",), "rates.png"),
+        (("predict", "--model", "model.json"), "band.svg"),
+    ],
+)
+def test_a_picture_that_stands_already_is_refused_before_any_work(brv_hypo, tmp_path, command, picture):
+    """Not even the flight, which is none, has been looked at."""
+    (tmp_path / "none.h5").write_text("no flight")
+    (tmp_path / "model.json").write_text("{}")
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / picture).write_text("mine")
+    done = brv_hypo(command[0], "none.h5", *command[1:], "--figures", "figures", cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"{picture} exists already" in done.stderr
+    forced = brv_hypo(command[0], "none.h5", *command[1:], "--figures", "figures", "--force", cwd=tmp_path)
+    assert f"{picture} exists already" not in forced.stderr
+    assert (tmp_path / "figures" / picture).read_text() == "mine"

@@ -11,9 +11,10 @@ import pytest
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.chart_names import PREDICTION
 from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.pages import page
-from brv_hypo.report.prediction import band_chart, prediction_document
+from brv_hypo.report.prediction import band_chart, prediction_charts, prediction_document
 from brv_hypo.report.provenance import provenance
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
@@ -172,5 +173,6 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
+    assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION)
     assert [panel.title for panel in chart.panels] == list(BODY)
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
