@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
+from scipy.signal import oaconvolve, savgol_filter
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
 
 _ORDERS = (2, 4, 6)
 # Squared bias is weighed so much against variance: later statistics know the variance, but not the bias.
@@ -17,6 +21,8 @@ _PAST_VALLEY = 3.0
 # Standard errors by which the bias against a noisy reference must show, and how far its noise is correlated.
 _DOUBT = 4.0
 _CORRELATED = 4.0
+# Weights from which on a filter is quicker by Fourier transforms.
+_WIDE = 400
 
 
 @dataclass(frozen=True)
@@ -95,7 +101,7 @@ class _Filter:
         width, half_width = self.middle.size, self.middle.size // 2
         first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
         mirrored = last[::-1] * np.sign(self.middle @ self.middle[::-1])
-        answer = np.concatenate([first, np.correlate(piece, self.middle, "valid"), mirrored])
+        answer = np.concatenate([first, _correlated(piece, self.middle), mirrored])
         ends = np.linalg.norm(self.places, axis=1)
         inside = np.full(piece.size - 2 * half_width, np.linalg.norm(self.middle))
         return answer, np.concatenate([ends, inside, ends[::-1]])
@@ -118,6 +124,26 @@ def _filter(order: int, half_width: int, derivative: int) -> _Filter:
 def _middle(order: int, half_width: int) -> FloatArray:
     """Weights (2 half_width + 1,) of the derivative per sample in the middle of the window."""
     return _filter(order, half_width, 1).middle
+
+
+def _correlated(values: Values, weights: FloatArray) -> Values:
+    """Sums of `values` (n,) under `weights` (m,), wherever all weights lie within (n - m + 1,)."""
+    if weights.size < _WIDE:
+        return np.correlate(values, weights, "valid")
+    return np.asarray(oaconvolve(values, weights[::-1], mode="valid"))
+
+
+def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> FloatArray:
+    """First derivatives of `rows` (..., n) by the filter of this order and width, as `differentiate` finds them."""
+    width = 2 * half_width + 1
+    if width < _WIDE:
+        return np.asarray(savgol_filter(rows, width, order, 1, step))
+    weights = _middle(order, half_width).reshape((1,) * (rows.ndim - 1) + (-1,))
+    out = np.empty_like(rows)
+    out[..., half_width:-half_width] = oaconvolve(rows, weights[..., ::-1], mode="valid", axes=-1) / step
+    for end, own in ((slice(width), slice(half_width)), (slice(-width, None), slice(-half_width, None))):
+        out[..., own] = savgol_filter(rows[..., end], width, order, 1, step)[..., own]
+    return out
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
@@ -181,7 +207,7 @@ def _squared_bias(
     for parts in pieces:
         if parts[0].size >= difference.size:
             count += parts[0].size - difference.size + 1
-            gaps = [np.correlate(part, difference, "valid") for part in parts if part is not None]
+            gaps = [_correlated(part, difference) for part in parts if part is not None]
             power += sum(float(gap @ gap) for gap in gaps)
     noise = 2.0 * sigma**2 * float(difference @ difference)
     excess = power / count - noise

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
@@ -20,6 +21,8 @@ from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
 from brv_hypo.motion.splines import running_integral
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
 
 # Width of differences, in standard deviations: what is of second order in it would tell apart errors that the record
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
@@ -30,20 +33,37 @@ MOST_NAMED = 3  # errors told where none can be taken out
 
 
 @dataclass(frozen=True)
+class Responses(Generic[Values]):
+    """One quantity's changes by those effects, `which` (m,), that change it at all: `values` (n, m)."""
+
+    which: IntArray
+    values: Values
+
+    def of(self, effects: FloatArray) -> Values:
+        """The change (n,) by effects of these sizes (k,)."""
+        return np.asarray(self.values @ effects[self.which])
+
+    def variance(self, covariance: FloatArray) -> FloatArray:
+        """Variance (n,) of both parts by effects of that covariance (k, k)."""
+        own = covariance[np.ix_(self.which, self.which)]
+        return projected_variance(self.values.real, own) + projected_variance(self.values.imag, own)
+
+
+@dataclass(frozen=True)
 class EffectResponses:
-    """Changes of what the record says, for an error of each effect of one standard deviation.
+    """Changes of what the record says, for an error of each of k effects of one standard deviation.
 
     `drift` (n, 3, k) m/s: the velocity relative to the air in the axes of the first sample, as the body sees
-    it; `force` (n, k) m/s^2: the transverse force; `pressure` (n, k): the dynamic pressure over itself, which the
-    normal force follows as it follows its slope; `moment` (n, k): C_m + i C_n. The truth lies below the record by that
+    it; `force` m/s^2: the transverse force; `pressure`: the dynamic pressure over itself, which the
+    normal force follows as it follows its slope; `moment`: C_m + i C_n. The truth lies below the record by that
     much, times the error.
     """
 
     effects: tuple[Perturbation, ...]
     drift: FloatArray
-    force: ComplexArray
-    pressure: FloatArray
-    moment: ComplexArray
+    force: Responses[ComplexArray]
+    pressure: Responses[FloatArray]
+    moment: Responses[ComplexArray]
 
 
 @dataclass(frozen=True)
@@ -67,8 +87,9 @@ def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
 def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
     n = record.time.size
-    nothing = np.zeros((n, 0), dtype=complex)
-    return EffectResponses((), np.zeros((n, 3, 0)), nothing, nothing.real, nothing)
+    none, nothing = np.zeros(0, dtype=np.int64), np.zeros((n, 0))
+    unchanged: Responses[ComplexArray] = Responses(none, nothing.astype(complex))
+    return EffectResponses((), np.zeros((n, 3, 0)), unchanged, Responses(none, nothing), unchanged)
 
 
 def as_expected(responses: EffectResponses) -> EffectFit:
@@ -105,45 +126,58 @@ def effect_responses(
     """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
     if not effects:
         return no_responses(record)
-    smooth = noise_free(record, force)
-    width = max(1, AT_ONCE // record.time.size)
-    some = [
-        _responses(smooth, crossflow, force, effects[first : first + width]) for first in range(0, len(effects), width)
-    ]
+    smooth, n = noise_free(record, force), record.time.size
+    width = max(1, AT_ONCE // n)
+    drift = np.empty((n, 3, len(effects)))
+    forces, pressures, moments = _Gathered(), _Gathered(), _Gathered()
+    for first in range(0, len(effects), width):
+        some = effects[first : first + width]
+        records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in some]
+        drift[:, :, first : first + width] = _drift(smooth, crossflow, records)
+        for k, moved in enumerate(records, start=first):
+            forces.add(k, moved.transverse_force - smooth.transverse_force)
+            pressures.add(k, moved.force_scale / smooth.force_scale - 1.0)
+            moments.add(k, moved.moment - smooth.moment)
+    drift /= STEP
     return EffectResponses(
-        effects=tuple(effects),
-        drift=np.concatenate([each.drift for each in some], axis=2),
-        force=np.concatenate([each.force for each in some], axis=1),
-        pressure=np.concatenate([each.pressure for each in some], axis=1),
-        moment=np.concatenate([each.moment for each in some], axis=1),
+        tuple(effects), drift, forces.over(n, complex), pressures.over(n, float), moments.over(n, complex)
     )
 
 
-def _responses(
-    smooth: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
-) -> EffectResponses:
-    """Those of some effects on a noise-free record."""
-    records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in effects]
-    pressure = np.stack([r.force_scale / smooth.force_scale - 1.0 for r in records], axis=1)
-    forces = np.stack([r.transverse_force - smooth.transverse_force for r in records], axis=1)
-    return EffectResponses(
-        effects=tuple(effects),
-        drift=_drift(smooth, crossflow, records) / STEP,
-        force=forces / STEP,
-        pressure=pressure / STEP,
-        moment=np.stack([r.moment - smooth.moment for r in records], axis=1) / STEP,
-    )
+class _Gathered:
+    """Changes of one quantity, effect by effect; those that are none are not kept."""
+
+    def __init__(self) -> None:
+        self._found: dict[int, Any] = {}
+
+    def add(self, effect: int, change: Any) -> None:
+        """The change (n,) by one effect."""
+        if np.any(change):
+            self._found[effect] = change
+
+    def over(self, samples: int, kind: type) -> Responses[Any]:
+        """All of them per unit of the effects, which are let go one by one."""
+        which = np.array(list(self._found), dtype=np.int64)
+        values: Any = np.empty((samples, which.size), dtype=kind, order="F")
+        for place, effect in enumerate(which.tolist()):
+            np.divide(self._found.pop(effect), STEP, out=values[:, place])
+        return Responses(which, values)
 
 
 def telling(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything."""
-    drift, force, pressure, moment = responses.drift, responses.force, responses.pressure, responses.moment
-    tells = np.any(drift != 0.0, axis=(0, 1))
-    for each in (force, pressure, moment):
-        tells |= np.any(each != 0.0, axis=0)
-    kept = tuple(effect for effect, tell in zip(responses.effects, tells, strict=True) if tell)
+    tells = np.any(responses.drift != 0.0, axis=(0, 1))
+    for each in (responses.force, responses.pressure, responses.moment):
+        tells[each.which] = True
+    if np.all(tells):
+        return responses
+    place = np.cumsum(tells) - 1
     return EffectResponses(
-        kept, drift[:, :, tells], force[:, tells], pressure[:, tells], moment[:, tells]
+        tuple(effect for effect, tell in zip(responses.effects, tells, strict=True) if tell),
+        responses.drift[:, :, tells],
+        replace(responses.force, which=place[responses.force.which]),
+        replace(responses.pressure, which=place[responses.pressure.which]),
+        replace(responses.moment, which=place[responses.moment.which]),
     )
 
 

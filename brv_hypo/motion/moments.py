@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.motion.effect_responses import EffectFit, projected_variance
+from brv_hypo.motion.effect_responses import EffectFit
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import MomentEstimate
 
@@ -19,11 +19,10 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
     """
     spin = record.spin_rate
     noise = np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale
-    rows = effects.responses.moment
-    unknown = sum(projected_variance(part, effects.covariance) for part in (rows.real, rows.imag))
+    responses = effects.responses.moment
     return MomentEstimate(
-        body=record.moment - rows @ (effects.value - effects.known),
-        sigma=np.sqrt(noise**2 + 0.5 * unknown),
+        body=record.moment - responses.of(effects.value - effects.known),
+        sigma=np.sqrt(noise**2 + 0.5 * responses.variance(effects.covariance)),
         noise_sigma=np.asarray(noise),
         usable=record.measured & spin.interior,
         filter_half_width=spin.half_width,

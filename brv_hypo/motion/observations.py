@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.motion.effect_responses import EffectResponses
+from brv_hypo.motion.effect_responses import EffectResponses, Responses
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
 
@@ -31,10 +31,10 @@ class TieModel:
     """One kind of observation of the crossflow.
 
     `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance;
-    `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` (n, e) what
-    errors of the record of one standard deviation add to the observation at the same crossflow, and `factors` (n, e)
-    what share they add to its scale; `sigma` (n,), inf where nothing is seen; `complex_slope`: whether the slope's
-    coefficients are complex.
+    `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` what
+    errors of the record of one standard deviation add to the observation at the same crossflow, and `factors`
+    what share they add to its scale, where they do; `sigma` (n,), inf where nothing is seen; `complex_slope`: whether
+    the slope's coefficients are complex.
     """
 
     name: str
@@ -42,8 +42,8 @@ class TieModel:
     scale: ComplexArray
     slope_basis: FloatArray
     nuisance: ComplexArray
-    effects: ComplexArray
-    factors: FloatArray
+    effects: Responses[ComplexArray]
+    factors: Responses[FloatArray] | None
     sigma: FloatArray
     complex_slope: bool
 
@@ -66,13 +66,18 @@ class TieModel:
         parts = [slopes, 1j * slopes] if self.complex_slope else [slopes]
         return np.concatenate([*parts, self.nuisance], axis=1)
 
-    def effect_columns(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
-        """What errors of the record add to the observation less what the model makes of them (n, e).
+    def tied(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
+        """What the model makes of the crossflow alone (n,)."""
+        return np.asarray(self.scale * self.slope(coefficients) * effective(xi))
+
+    def add_effects(self, columns: ComplexArray, rows: slice, tied: ComplexArray) -> None:
+        """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
 
         An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
         """
-        tied = self.scale * self.slope(coefficients) * effective(xi)
-        return np.asarray(self.effects - self.factors * tied[:, None])
+        columns[:, self.effects.which] += self.effects.values[rows]
+        if self.factors is not None:
+            columns[:, self.factors.which] -= self.factors.values[rows] * tied[rows, np.newaxis]
 
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
         """The same model with a slope of `count` coefficients in time."""
@@ -115,7 +120,7 @@ def moment_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.stack([ones, 1j * ones, rate], axis=1),
         effects=responses.moment,
-        factors=np.zeros(responses.moment.shape),
+        factors=None,
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
         complex_slope=True,
     )

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 
@@ -22,6 +24,15 @@ _RIDGE = 1e-11
 # All steps together vary by this share at least of the variance that the ties leave of one level, which changes
 # no answer: steps without noise, of rates that were computed, make the information singular in double precision.
 _LEAST_WANDER = 1e-4
+# Samples of all columns that are held at once.
+_BLOCK = 20_000
+
+
+class Columns(Protocol):
+    """Columns (n, k) that need not all exist at once: an array, or what makes the rows that are asked for."""
+
+    def __getitem__(self, rows: slice, /) -> ComplexArray:
+        """These rows of all columns."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +44,7 @@ class Tie:
 
     residual: ComplexArray
     gain: ComplexArray
-    columns: ComplexArray
+    columns: Columns
     sigma: FloatArray
 
 
@@ -41,16 +52,20 @@ class Tie:
 class WalkEquations:
     """The problem once the walk is eliminated: normal equations of the globals.
 
-    `walk` (n,) at theta = 0 and `sensitivity` (n, k), its change per unit of each global; `walk_variance`
-    (n,) per part, given the globals; `gram` (k + 1, k + 1): inner products of residual (first) and columns,
-    whitened.
+    `answer` (n, 2 k + 2): the walk at theta = 0 and less its change per unit of each global, real parts before
+    imaginary ones; `walk_variance` (n,) per part, given the globals; `gram` (k + 1, k + 1): inner products of residual
+    (first) and columns, whitened.
     """
 
     ties: tuple[Tie, ...]
-    walk: ComplexArray
-    sensitivity: ComplexArray
+    answer: FloatArray
     walk_variance: FloatArray
     gram: FloatArray
+
+    def sensitivity(self, rows: slice = slice(None)) -> ComplexArray:
+        """Change of the walk per unit of each global (rows, k)."""
+        count = self.gram.shape[0]
+        return np.asarray(-(self.answer[rows, 1:count] + 1j * self.answer[rows, count + 1 :]))
 
     def solve(self, mean: FloatArray, information: FloatArray) -> WalkSolution:
         """Walk and globals with Gaussian priors of the globals: mean (k,), information (k,), 0 where free."""
@@ -61,12 +76,15 @@ class WalkEquations:
         theta = covariance @ (self.gram[1:, 0] + information * mean)
         cost = self.gram[0, 0] - 2.0 * theta @ self.gram[1:, 0] + theta @ self.gram[1:, 1:] @ theta
         cost += float(information @ (theta - mean) ** 2)
-        return WalkSolution(self.walk + self.sensitivity @ theta, theta, covariance, float(cost))
+        weights = np.append(1.0, -theta)
+        walk = self.answer[:, : weights.size] @ weights + 1j * (self.answer[:, weights.size :] @ weights)
+        return WalkSolution(walk, theta, covariance, float(cost))
 
     def residual(self, index: int, solution: WalkSolution) -> ComplexArray:
         """What the solution leaves of the tie number `index`, (n,)."""
         tie = self.ties[index]
-        return np.asarray(tie.residual - tie.columns @ solution.theta - tie.gain * solution.walk)
+        fitted = [tie.columns[rows] @ solution.theta for rows in blocks(tie.residual.size)]
+        return np.asarray(tie.residual - np.concatenate(fitted) - tie.gain * solution.walk)
 
 
 @dataclass(frozen=True)
@@ -82,6 +100,11 @@ class WalkSolution:
     cost: float
 
 
+def blocks(samples: int) -> list[slice]:
+    """All samples, as many at once as are held of many columns."""
+    return [slice(first, min(first + _BLOCK, samples)) for first in range(0, samples, _BLOCK)]
+
+
 def walk_equations(ties: Sequence[Tie], step_variance: FloatArray, start_variance: float) -> WalkEquations:
     """Eliminate the walk, which starts at 0 with `start_variance`; `step_variance` (n - 1,) per part."""
     n = ties[0].residual.size
@@ -93,19 +116,30 @@ def walk_equations(ties: Sequence[Tie], step_variance: FloatArray, start_varianc
     information[1, :-1] += steps
     information[1, 1:] += steps
     information[0, 1:] = -steps
-    stacked = [np.column_stack([tie.residual, tie.columns]) for tie in ties]
-    weighted = [values / (tie.sigma**2)[:, None] for tie, values in zip(ties, stacked, strict=True)]
-    seen = sum(np.conj(tie.gain)[:, None] * values for tie, values in zip(ties, weighted, strict=True))
-    answer = _solve_complex((cholesky_banded(information), False), np.asarray(seen))
-    gram = sum((np.conj(raw).T @ values).real for raw, values in zip(stacked, weighted, strict=True))
-    gram = np.asarray(gram - (np.conj(seen).T @ answer).real)
-    return WalkEquations(tuple(ties), answer[:, 0], -answer[:, 1:], _inverse_diagonal(information), gram)
+    gram, seen = _normal_equations(ties)
+    factor = cholesky_banded(information)
+    half, _ = dtbtrs(factor, seen, uplo="U", trans="T", overwrite_b=True)
+    for part in (half[:, : gram.shape[0]], half[:, gram.shape[0] :]):
+        gram -= part.T @ part
+    answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
+    return WalkEquations(tuple(ties), answer, _inverse_diagonal(information), gram)
 
 
-def _solve_complex(factor: tuple[FloatArray, bool], right: ComplexArray) -> ComplexArray:
-    both = cho_solve_banded(factor, np.concatenate([right.real, right.imag], axis=1))
-    k = right.shape[1]
-    return np.asarray(both[:, :k] + 1j * both[:, k:])
+def _normal_equations(ties: Sequence[Tie]) -> tuple[FloatArray, FloatArray]:
+    """Inner products (k + 1, k + 1) of residual and columns, whitened; and what the walk sees of them (n, 2 k + 2)."""
+    n, count = ties[0].residual.size, ties[0].columns[:1].shape[1] + 1
+    gram, seen = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
+    for tie in ties:
+        gain = np.conj(tie.gain) / tie.sigma
+        for rows in blocks(n):
+            white = np.column_stack([tie.residual[rows], tie.columns[rows]])
+            white /= tie.sigma[rows, np.newaxis]
+            both = np.concatenate([white.real, white.imag])
+            gram += both.T @ both
+            white *= gain[rows, np.newaxis]
+            seen[rows, :count] += white.real
+            seen[rows, count:] += white.imag
+    return gram, seen
 
 
 def _inverse_diagonal(band: FloatArray) -> FloatArray:

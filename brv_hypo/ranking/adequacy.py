@@ -1,23 +1,33 @@
 """Whether a hypothesis leaves only what instruments and reconstruction explain, or something outside the list acts.
 
-"Something else" is a moment of any smooth form beside the hypothesis, with a Gaussian prior on its size; the size is
-averaged over from the detection limit upwards. Its marginal likelihood competes with the named hypotheses. What is
-not smooth shows as rates that are louder than their noise.
+"Something else" is a moment beside the hypothesis that is smooth in time, of one shape that a body may have or of all
+ordinary ones together, with a Gaussian prior on its size; shape and size, from the detection limit upwards, are
+averaged over. Its marginal likelihood competes with the named hypotheses. What has none of these shapes shows as
+rates that are louder than their noise.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.constants import DETECTABLE, LEVEL_SIGMAS, OTHER_FLOOR, OTHER_SIZES, SECOND_ORDER
+from brv_hypo.ranking.constants import (
+    DETECTABLE,
+    LEVEL_SIGMAS,
+    OTHER_FLOOR,
+    OTHER_SIZES,
+    SECOND_ORDER,
+    SECOND_ORDER_VALUES,
+)
 from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
 from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.noise import free_moment
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.whitening import MEDIAN_EFFICIENCY
 
@@ -41,30 +51,47 @@ class Misfit:
     errors_p_value: float = 1.0
 
 
+class _Beside(NamedTuple):
+    """A free moment beside a fit: how well each direction of it is seen, and what the residual has there."""
+
+    seen: FloatArray
+    found: FloatArray
+
+
 def misfit(problem: Problem, fit: HypothesisFit, null: HypothesisFit) -> Misfit:
-    """Test what a fit leaves against a free, smooth moment beside it, at the noise that the record itself has.
+    """Test what a fit leaves against free, smooth moments beside it, at the noise that the record itself has.
 
     `null` is the fit of the baseline alone.
     """
-    base = problem.design(fit.frame, fit.columns)
-    basis = np.linalg.qr(base / lengths(base))[0]
-    free = _free_columns(problem)
-    free = free - basis @ (basis.T @ free)
-    left, seen, _ = np.linalg.svd(free, full_matrices=False)
-    kept = seen > _UNSEEN * seen[0]
-    seen, found = seen[kept], left[:, kept].T @ fit.residual
+    beside = list(_beside(problem, fit))
+    found = beside[0].found
     ratio = float(np.sqrt(fit.rss / problem.samples))
     rest = max(fit.rss - float(found @ found), 1e-300)
     free_samples = max(problem.samples - fit.parameters - found.size, 1)
     f_ratio = (float(found @ found) / found.size) / (rest / free_samples)
     share = problem.efficiency
     p_value = float(stats.f.sf(f_ratio, found.size, max(free_samples * share, 1.0)))
-    second_order = SECOND_ORDER * share * max(null.rss - fit.rss, 0.0)
-    smooth = _gain(found * np.sqrt(share), seen * np.sqrt(share))
-    gain = max(smooth, share * _louder(fit.residual[: problem.rows.rates])) - OTHER_FLOOR - second_order
+    brought = share * max(null.rss - fit.rss, 0.0)
+    smooth = _gain([_Beside(np.sqrt(share) * each.seen, np.sqrt(share) * each.found) for each in beside])
+    gain = max(smooth, share * _louder(fit.residual[: problem.rows.rates])) - OTHER_FLOOR
+    gain -= SECOND_ORDER * brought
     asked = fit.residual[2 * problem.rows.rates :]
-    errors_p_value = stats.chi2.sf(max(float(asked @ asked) - second_order, 0.0), max(asked.size, 1))
+    squares = max(float(asked @ asked) - SECOND_ORDER_VALUES * brought, 0.0)
+    errors_p_value = stats.chi2.sf(squares, max(asked.size, 1))
     return Misfit(ratio, p_value, gain, float(errors_p_value))
+
+
+def _beside(problem: Problem, fit: HypothesisFit) -> Iterator[_Beside]:
+    """The ordinary shapes together, then every shape alone, each of unit rms moment."""
+    base = problem.design(fit.frame, fit.columns)
+    basis = np.linalg.qr(base / lengths(base))[0]
+    for shapes in (ORDINARY, *((shape,) for shape in SHAPES)):
+        frame, columns = free_moment(problem, shapes)
+        sizes = np.sqrt(np.mean(np.abs(frame.moments(columns)) ** 2, axis=0))
+        free = problem.design(frame, columns) / np.where(sizes > 0.0, sizes, 1.0)
+        left, seen, _ = np.linalg.svd(free - basis @ (basis.T @ free), full_matrices=False)
+        kept = seen > _UNSEEN * seen[0]
+        yield _Beside(seen[kept], left[:, kept].T @ fit.residual)
 
 
 def _louder(rates: FloatArray) -> float:
@@ -73,19 +100,12 @@ def _louder(rates: FloatArray) -> float:
     return float(rates @ rates - rates.size * (1.0 + LEVEL_SIGMAS * level_error))
 
 
-def _gain(found: FloatArray, seen: FloatArray) -> float:
-    """2 ln of the marginal likelihood ratio, averaged over sizes of the free moment."""
-    weakest = DETECTABLE / float(np.sum(seen**2))
+def _gain(beside: Sequence[_Beside]) -> float:
+    """2 ln of the marginal likelihood ratio, averaged over shapes and sizes of the free moment."""
     gains = []
-    for power in range(OTHER_SIZES):
-        strength = weakest * 4.0**power * seen**2
-        gains.append(float(np.sum(strength / (1.0 + strength) * found**2 - np.log1p(strength))))
+    for seen, found in beside:
+        weakest = DETECTABLE / float(np.sum(seen**2))
+        for power in range(OTHER_SIZES):
+            strength = weakest * 4.0**power * seen**2
+            gains.append(float(np.sum(strength / (1.0 + strength) * found**2 - np.log1p(strength))))
     return 2.0 * float(logsumexp(0.5 * np.array(gains)) - np.log(len(gains)))
-
-
-def _free_columns(problem: Problem) -> FloatArray:
-    """Columns of the free moment (rows, columns), each of unit rms moment."""
-    frame, columns = free_moment(problem)
-    sizes = np.sqrt(np.mean(np.abs(frame.moments(columns)) ** 2, axis=0))
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
-    return np.asarray(problem.design(frame, columns) / sizes, dtype=float)

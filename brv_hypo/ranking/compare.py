@@ -22,7 +22,7 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import misfit
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import BOUND_SIGMAS, LINEARISATIONS, OTHER_FLOOR, REPETITIONS, SECOND_ORDER
+from brv_hypo.ranking.constants import BOUND_SIGMAS, LINEARISATIONS, LINEARISED_AGAIN, REPETITIONS, SETTLED
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds, within_bounds
@@ -35,7 +35,14 @@ from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.build import LinearisationPoint, point_of
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, refit, scanned_finely
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    likeliest,
+    renewed,
+    scanned_finely,
+    with_errors,
+)
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
@@ -92,11 +99,11 @@ def _compare(
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms)}")
         before = likeliest(fits).rss
-        del problem  # large, and about to be replaced
+        fits = [replace(fit, frame=replace(fit.frame)) for fit in fits]
+        del problem  # large, like the shapes that frames keep, and about to be replaced
         problem = about(point, reconstructions, config)
         fits = _moved(problem, fits)
-    problem = with_efficiency(problem, fits)
-    fits = [within_bounds(refit(problem, fit)) for fit in fits]
+    problem, fits = _with_errors(problem, fits)
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     leaving = LeavingOut(problem)
@@ -151,7 +158,7 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
         (fit_hypothesis(rough, *each, grid=grids.get(each[0])) for each in hypotheses.items()),
         key=lambda fit: fit.information,
     )
-    problem = with_efficiency(problem, first)
+    problem = _with_efficiency(problem, renewed(problem, likeliest(first)))
     fits: list[HypothesisFit] = []
     for each in first:
         say(f"fitting {each.name}")
@@ -168,7 +175,7 @@ def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float
     """
     leader = likeliest(fits)
     null = next(fit for fit in fits if not fit.mechanisms)
-    if SECOND_ORDER * (null.rss - leader.rss) <= OTHER_FLOOR or leader.rss > before - OTHER_FLOOR:
+    if null.rss - leader.rss <= LINEARISED_AGAIN or leader.rss > before - SETTLED:
         return None
     return point_of(problem, leader.frame, leader.columns, leader.mechanisms)
 
@@ -176,12 +183,21 @@ def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float
 def _moved(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
     """The fits about another point: knots and delays come from where they lie."""
     at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-    return [scanned_finely(problem, refit(problem, fit)) for fit in at]
+    return [scanned_finely(problem, renewed(problem, fit)) for fit in at]
 
 
-def with_efficiency(problem: Problem, fits: Sequence[HypothesisFit]) -> Problem:
+def _with_errors(
+    problem: Problem, fits: Sequence[HypothesisFit]
+) -> tuple[Problem, list[HypothesisFit]]:
+    """The fits with the uncertainty of their coefficients, and the problem at the sample size that goes with it."""
+    leader = likeliest(fits)
+    anew = {fit.name: renewed(problem, fit) for fit in fits}
+    problem = _with_efficiency(problem, anew[leader.name])
+    return problem, [within_bounds(with_errors(problem, fit)) for fit in anew.values()]
+
+
+def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:
     """The problem with the effective share of samples that the leader's residual shows."""
-    leader = refit(problem, likeliest(fits))
     return replace(problem, efficiency=problem.efficiency_of(leader.residual))
 
 

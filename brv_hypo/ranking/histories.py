@@ -15,6 +15,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification import Identification, coefficient_histories
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.history import recorded
+from brv_hypo.ranking.drawn import drawn
 from brv_hypo.ranking.result import CoefficientSeries
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
@@ -47,9 +48,9 @@ def _by_likelihood(name: str, found: Identification) -> list[CoefficientSeries]:
             method="maximum likelihood",
             flight=history.flight,
             name=history.name,
-            time_s=tuple(history.time.tolist()),
-            value=tuple(history.value.tolist()),
-            std_error=tuple(history.std_error.tolist()),
+            time_s=tuple(history.time[drawn(history.time.size)].tolist()),
+            value=tuple(history.value[drawn(history.time.size)].tolist()),
+            std_error=tuple(history.std_error[drawn(history.time.size)].tolist()),
         )
         for history in coefficient_histories(found)
     ]
@@ -77,16 +78,18 @@ def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
     }
     found = []
     for segment, (a, b) in zip(fit.frame.segments, fit.frame.pieces, strict=True):
-        for name, f in rows.items():
-            variance = np.einsum("nj,jk,nk->n", f[a:b], fit.covariance, f[a:b])
+        shown = drawn(b - a)
+        for name, whole in rows.items():
+            f = whole[a:b][shown]
+            variance = np.einsum("nj,jk,nk->n", f, fit.covariance, f)
             found.append(
                 CoefficientSeries(
                     mechanism=fit.name,
                     method="regression",
                     flight=segment.flight,
                     name=name,
-                    time_s=tuple(segment.time.tolist()),
-                    value=tuple((f[a:b] @ fit.values).tolist()),
+                    time_s=tuple(segment.time[shown].tolist()),
+                    value=tuple((f @ fit.values).tolist()),
                     std_error=tuple(np.sqrt(np.maximum(variance, 0.0)).tolist()),
                 )
             )

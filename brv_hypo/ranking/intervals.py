@@ -11,7 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.ranking.constants import SECOND_ORDER
+from brv_hypo.ranking.constants import SECOND_ORDER_VALUES
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.search import SAME_THETA
 
@@ -140,7 +140,7 @@ def out_of_bounds(fit: HypothesisFit) -> Excess | None:
 
 def _excess(interval: Interval, net: NetValue, low: float, high: float) -> Excess:
     beyond = max(low - net.value, net.value - high, 0.0)
-    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER) * net.value)
+    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * net.value)
     return Excess(
         float(beyond / max(error, 1e-300)),
         f"{net.term} = {net.value:.3g} from {interval.start:.2f} to {interval.stop:.2f} s, "

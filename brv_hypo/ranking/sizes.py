@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from brv_hypo.ranking.drawn import drawn
 from brv_hypo.ranking.histories import in_plane_parts
 from brv_hypo.ranking.result import SizeSeries
 from brv_hypo.regression.fit import HypothesisFit, likeliest, solved
@@ -47,15 +48,19 @@ def _of(fit: HypothesisFit, chosen: bool) -> list[SizeSeries]:
             for segment, (a, b) in zip(fit.frame.segments, fit.frame.pieces, strict=True)
             if segment.flight == flight
         ]
+        time, zero, rise = (
+            np.concatenate([part[drawn(part.size)] for part in parts])
+            for parts in zip(*((time, at_zero[rows], slope[rows]) for time, rows in own), strict=True)
+        )
         found.append(
             SizeSeries(
                 mechanism=fit.name,
                 n_terms=len(fit.selected),
                 chosen=chosen,
                 flight=flight,
-                time_s=tuple(np.concatenate([time for time, _ in own]).tolist()),
-                at_zero=tuple(np.concatenate([at_zero[rows] for _, rows in own]).tolist()),
-                slope=tuple(np.concatenate([slope[rows] for _, rows in own]).tolist()),
+                time_s=tuple(time.tolist()),
+                at_zero=tuple(zero.tolist()),
+                slope=tuple(rise.tolist()),
             )
         )
     return found

@@ -14,6 +14,7 @@ from brv_hypo.model.columns import BASELINE, Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.disagreement import criteria_disagree, stepwise_differences
+from brv_hypo.ranking.drawn import drawn
 from brv_hypo.ranking.intervals import Interval, intervals
 from brv_hypo.ranking.likelihood import Likelihoods
 from brv_hypo.ranking.result import (
@@ -314,10 +315,9 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
     predicted = {fit.name: fit.frame.moments(fit.columns) @ fit.values for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):
-        rows = np.flatnonzero(frame.flight_of_row == index)
-        kept = np.concatenate(
-            [np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == index]
-        )
+        pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]
+        rows = np.concatenate([np.arange(a, b)[drawn(b - a)] for _, (a, b) in pieces])
+        kept = np.concatenate([np.arange(s.rows.start, s.rows.stop)[drawn(b - a)] for s, (a, b) in pieces])
         phi_w = motion.windward_meridian[kept]
 
         def plane(

@@ -44,7 +44,7 @@ class HypothesisFit:
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots
-    with `nonlinear_errors`; both uncertainties are empty until `refit`. `bound_cost` is the fall of 2 ln L where
+    with `nonlinear_errors`; both uncertainties are empty until `with_errors`. `bound_cost` is the fall of 2 ln L where
     coefficients are held within their mechanism's bounds. `grid` is what the search began from.
     """
 
@@ -166,19 +166,33 @@ def fit_hypothesis(
 
 def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same columns fitted under the problem's noise model, with their uncertainty."""
+    return with_errors(problem, renewed(problem, fit))
+
+
+def renewed(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same columns fitted under the problem's noise model."""
     known = frozenset(fit.selected)
-    renewed = _settled(
+    found = _settled(
         Reduced(problem, fit.frame), fit.name, fit.mechanisms, fit.columns, fit.searched, known
     )
-    renewed = replace(renewed, ended_early=fit.ended_early, grid=fit.grid)
-    design = problem.design(renewed.frame, renewed.columns)
-    if renewed.nonlinear:
-        slopes = prediction_slopes(renewed.nonlinear, renewed.columns, renewed.values, renewed.frame)
+    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+
+
+def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the uncertainty of its coefficients, delays and knots, at the problem's effective sample size."""
+    design = problem.design(fit.frame, fit.columns)
+    if fit.nonlinear:
+        slopes = prediction_slopes(fit.nonlinear, fit.columns, fit.values, fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
-    covariance = covariance_of(design, renewed.residual, problem.samples, problem.efficiency)
-    linear = renewed.values.size
+    covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
+    linear = fit.values.size
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))[linear:]
-    return replace(renewed, covariance=covariance[:linear, :linear], nonlinear_errors=tuple(errors.tolist()))
+    return replace(
+        fit,
+        efficiency=problem.efficiency,
+        covariance=covariance[:linear, :linear],
+        nonlinear_errors=tuple(errors.tolist()),
+    )
 
 
 def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

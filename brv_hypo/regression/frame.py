@@ -30,12 +30,17 @@ Piece = tuple[int, int]
 # Rows of shapes that are kept, of all mechanisms and thetas together: some 100 bytes each.
 _KEPT_VALUES = 1_000_000
 
+_Key = tuple[str, Theta]
+"""A mechanism's name and its nonlinear parameters."""
+
 
 @dataclass(frozen=True)
 class _Shapes:
-    """A mechanism's unit moments, C_N' + i C_Z' (n, terms) a flight, and their antiderivatives, one a segment."""
+    """Unit moments of one mechanism at one or several thetas, C_N' + i C_Z' (n, terms) a flight, and their
+    antiderivatives, one a segment. `position` is where the term of a theta stands.
+    """
 
-    position: Mapping[str, int]
+    position: Mapping[tuple[Theta, str], int]
     plane: tuple[ComplexArray, ...]
     integrals: tuple[Integrals, ...]
 
@@ -53,7 +58,7 @@ class RateFrame:
     mechanisms: Mapping[str, Mechanism]
 
     @cached_property
-    def _evaluated(self) -> OrderedDict[tuple[str, Theta], _Shapes]:
+    def _evaluated(self) -> OrderedDict[_Key, _Shapes]:
         """Shapes that were asked for lately, the latest last."""
         return OrderedDict()
 
@@ -160,27 +165,48 @@ class RateFrame:
         return out
 
     def _by_shape(self, columns: Sequence[Column]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
-        """Mechanism and theta in turn: their shapes, the columns of them, and which term each column has."""
-        groups: dict[tuple[str, Theta], list[int]] = {}
+        """Shapes in turn, the columns of them, and which term each column has."""
+        groups: dict[_Key, list[int]] = {}
         for j, column in enumerate(columns):
             groups.setdefault((column.mechanism, column.theta), []).append(j)
-        for key, members in groups.items():
-            if key not in self._evaluated:
-                self._evaluated[key] = self._evaluate(*key)
-                if len(self._evaluated) > max(_KEPT_VALUES // self.observed.size, 2):
-                    self._evaluated.popitem(last=False)
-            self._evaluated.move_to_end(key)
-            shapes = self._evaluated[key]
-            yield shapes, members, np.array([shapes.position[columns[j].term] for j in members])
+        most = max(_KEPT_VALUES // self.observed.size, 2)
+        keys = list(groups)
+        for first in range(0, len(keys), most):
+            some = keys[first : first + most]
+            self._evaluate_missing(some)
+            shared: dict[int, tuple[_Shapes, list[int]]] = {}
+            for key in some:
+                self._evaluated.move_to_end(key)
+                shapes = self._evaluated[key]
+                shared.setdefault(id(shapes), (shapes, []))[1].extend(groups[key])
+            while len(self._evaluated) > most:
+                self._evaluated.popitem(last=False)
+            for shapes, members in shared.values():
+                places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
+                yield shapes, members, np.array(places)
 
-    def _evaluate(self, name: str, theta: Theta) -> _Shapes:
+    def _evaluate_missing(self, keys: Sequence[_Key]) -> None:
+        """Shapes that are not known yet, those of a mechanism's thetas together."""
+        missing: dict[str, list[Theta]] = {}
+        for name, theta in keys:
+            if (name, theta) not in self._evaluated:
+                missing.setdefault(name, []).append(theta)
+        for name, thetas in missing.items():
+            shapes = self._evaluate(name, thetas)
+            self._evaluated.update({(name, theta): shapes for theta in thetas})
+
+    def _evaluate(self, name: str, thetas: Sequence[Theta]) -> _Shapes:
         plane: list[ComplexArray] = []
-        position: dict[str, int] = {}
+        position: dict[tuple[Theta, str], int] = {}
         for motion in self._shown:
-            terms = checked_terms(self.mechanisms[name], motion, dict(theta))
-            position = {term.name: k for k, term in enumerate(terms)}
+            terms = {
+                (theta, term.name): term
+                for theta in thetas
+                for term in checked_terms(self.mechanisms[name], motion, dict(theta))
+            }
+            position = {term: k for k, term in enumerate(terms)}
             found = np.empty((motion.time.size, len(terms)), dtype=complex)
-            for k, term in enumerate(terms):
+            for k, term in enumerate(terms.values()):
                 found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
             plane.append(found)
         integrals = tuple(

@@ -6,19 +6,14 @@ its colour.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part
-from brv_hypo.regression.frame import RateFrame, remove_levels
+from brv_hypo.regression.frame import remove_levels
+from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
@@ -28,58 +23,10 @@ from brv_hypo.regression.whitening import fit_noise, taken_by, white
 _NOISE_ORDER = 12
 # Rows up to which the fit that the noise is left by keeps them all; beyond, what it takes of the noise is nothing.
 _MOST_UNTHINNED = 8000
-# Splines in time of each shape of the free moment, and rows that each of its columns needs.
-_SPLINES = 10
-_ROWS_PER_COLUMN = 12
 # Singular values of that fit that count, of the largest.
 _CUTOFF = 1e-9
 # Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
 _PER_CYCLE = 12
-
-
-class FreeMoment(Mechanism):
-    """In-plane and out-of-plane moments, with alpha and without, body-fixed ones and damping, splines in time."""
-
-    name = "free_moment"
-    title = "a moment that is free but smooth"
-    claims = "nothing: it stands for whatever moved the vehicle, so that the noise is what is left"
-    source = "nonparametric regression"
-    time_variation = ("constant",)
-
-    start: float
-    stop: float
-    splines: int
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """Each shape times each spline."""
-        nothing, one = np.zeros_like(motion.alpha), np.ones_like(motion.alpha)
-        body = np.exp(1j * motion.windward_meridian)
-        rate = plane_from_body(
-            np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex), motion.windward_meridian
-        )
-        shapes = (
-            (one, nothing),
-            (motion.alpha, nothing),
-            (nothing, motion.alpha),
-            (body.real, body.imag),
-            (-body.imag, body.real),
-            (rate.real, rate.imag),
-        )
-        courses = self._courses(motion.time)
-        return tuple(
-            Term(f"{number} {k}", inside * course, outside * course)
-            for number, (inside, outside) in enumerate(shapes)
-            for k, course in enumerate(courses.T)
-        )
-
-    def _courses(self, time: FloatArray) -> FloatArray:
-        """Cubic B-splines (n, splines) over the span."""
-        inner = np.linspace(self.start, self.stop, self.splines - 2)
-        knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
-        return np.asarray(BSpline.design_matrix(np.clip(time, self.start, self.stop), knots, 3).toarray())
-
-
-_SHAPES = 6
 
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
@@ -87,7 +34,7 @@ def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
     return Noise(
         white(float(np.median([each.record.gyro_sigma for each in flights]))),
         white(float(np.median([np.median(each.record.force_sigma) for each in flights]))),
-        min(_thinning(each) for each in flights),
+        min(each.spacing(_PER_CYCLE) for each in flights),
     )
 
 
@@ -100,10 +47,11 @@ def settled_noise(problem: Problem) -> Noise:
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
     design = plain.whole_design(frame, columns)
     scale = lengths(design)
-    left, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+    orthonormal, triangle = np.linalg.qr(design / scale)
+    left, singular, right = np.linalg.svd(triangle)
     kept = singular > _CUTOFF * singular[0]
-    basis = left[:, kept]
-    values = (right[kept].T / singular[kept]) @ (basis.T @ plain.raw_response) / scale
+    values = (right[kept].T / singular[kept]) @ (left[:, kept].T @ (orthonormal.T @ plain.raw_response)) / scale
+    basis = orthonormal if np.all(kept) else orthonormal @ left[:, kept]
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
     force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]
@@ -124,18 +72,6 @@ def _taken(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, Float
         taken_by(basis[:rates], part.pieces, rows, _NOISE_ORDER),
         taken_by(basis[rates : 2 * rates], part.pieces, rows, _NOISE_ORDER),
     )
-
-
-def free_moment(problem: Problem) -> tuple[RateFrame, tuple[Column, ...]]:
-    """The problem's frame with a free moment, and that moment's columns."""
-    time = problem.frame.time
-    rows = problem.frame.observed.size * 2
-    count = int(np.clip(rows / (_ROWS_PER_COLUMN * _SHAPES), 4, _SPLINES))
-    free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count)
-    frame = problem.frame.with_mechanisms([free])
-    always = TimeFunction("constant")
-    names = [term.name for term in free.terms(frame.motions[0], {})]
-    return frame, tuple(Column(free.name, name, (), always, "1") for name in names)
 
 
 def _thinning(flight: LinearisedFlight) -> int:

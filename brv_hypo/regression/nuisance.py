@@ -16,6 +16,7 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.histories import PER_CYCLE, Histories, kept_rows
 from brv_hypo.regression.response import LinearisedFlight
 
 
@@ -48,16 +49,16 @@ Errors = Mapping[tuple[str, str], float]
 
 @dataclass(frozen=True)
 class Nuisances:
-    """The unknowns and their histories on the rows of a frame (rows, unknowns).
+    """The unknowns and their histories on the rows of a frame.
 
     `tied` are those that are made of the noise that is seen in the rates: the random walk of the attitude. `noise`
-    (rows, tied) rad/s is what one unit of each is of that noise.
+    rad/s is what one unit of each is of that noise, in the rates alone.
     """
 
     items: tuple[Nuisance, ...]
-    rows: Rows
+    histories: Histories
     tied: IntArray
-    noise: ComplexArray
+    noise: Histories
 
     @property
     def bounded(self) -> IntArray:
@@ -93,16 +94,17 @@ def nuisances(
     before. What has no influence on a flight is left out.
     """
     known_before = taken or tuple({} for _ in flights)
+    kept = kept_rows(frame.pieces, min(each.spacing(PER_CYCLE) for each in flights))
     items: list[Nuisance] = []
     rows: list[Rows] = []
-    noise: dict[int, ComplexArray] = {}
+    noise: dict[int, Rows] = {}
 
-    def add(item: Nuisance, history: Rows, seen: ComplexArray | None = None) -> None:
+    def add(item: Nuisance, history: Rows, seen: Rows | None = None) -> None:
         if np.any(history.rates) or np.any(history.force):
             if seen is not None:
-                noise[len(items)] = seen
+                noise[len(items)] = kept.of(seen)
             items.append(item)
-            rows.append(history)
+            rows.append(kept.of(history))
 
     for number, linearised in enumerate(flights):
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
@@ -112,7 +114,7 @@ def nuisances(
         names, histories, values, of_noise = linearised.random_walk()
         for name, history, value, seen in zip(names, histories, values, of_noise, strict=True):
             item = Nuisance("motion", name, number, "1", 1.0, float(value))
-            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, seen)).rates)
+            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, np.zeros_like(seen))))
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):
                 item = Nuisance(error.name, str(k), number, "1", 1.0, 0.0)
@@ -147,10 +149,10 @@ def nuisances(
         if not mechanism.of_each_flight(flights[0].record.flight):
             for item, rates in _tolerated(frame, None, mechanism):
                 add(item, Rows(rates, np.zeros_like(rates)))
-    seen_by_rates = np.empty((frame.observed.size, len(noise)), dtype=complex)
-    for k, column in enumerate(noise.values()):
-        seen_by_rates[:, k] = column
-    return Nuisances(tuple(items), side_by_side(rows), np.array(list(noise), dtype=np.int64), seen_by_rates)
+    tied = np.array(list(noise), dtype=np.int64)
+    return Nuisances(
+        tuple(items), Histories(kept, side_by_side(rows)), tied, Histories(kept, side_by_side(list(noise.values())))
+    )
 
 
 def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:

@@ -21,6 +21,7 @@ from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.histories import AT_ONCE
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
@@ -28,10 +29,6 @@ from brv_hypo.regression.whitening import effective_samples
 GIVEN = "given"
 # Largest share of a direction's noise that goes to unknowns: what is left keeps the rows regular.
 _MOST_TIED = 0.995
-# Values of histories that are held at once: 16 bytes each, several times over.
-_AT_ONCE = 2_000_000
-
-
 # Singular values of the baseline's unit columns that count, of the largest.
 _CUTOFF = 1e-12
 
@@ -85,8 +82,12 @@ class WhitenedRows:
     @cached_property
     def own_noise(self) -> FloatArray:
         """Whitened rates (rate rows, tied unknowns) of what one unit of each tied unknown is of the noise."""
-        noise = self.nuisances.noise if self.ties else self.nuisances.noise[:, :0]
-        return self._whitening.rates(noise[self.part.rows])
+        if not self.ties:
+            return np.zeros((self.rates, 0))
+        out = np.empty((self.rates, self.nuisances.tied.size))
+        for some, seen in self.nuisances.noise.batches():
+            out[:, some] = self._whitening.rates(seen.rates[self.part.rows])
+        return out
 
     @cached_property
     def _sharpening(self) -> tuple[FloatArray, FloatArray]:
@@ -137,7 +138,9 @@ class WhitenedRows:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
         constants = np.zeros((self.size, 2 * len(self.part.levels)))
         constants[: self.rates] = self._sharpened(self._whitening.rates(self.part.constants()))
-        histories = self.of_histories(self.nuisances.rows)
+        histories = np.zeros((self.size, len(self.nuisances.items)))
+        for some, history in self.nuisances.histories.batches():
+            histories[: 2 * self.rates, some] = self.white_histories(history)
         if self.ties:
             histories[: self.rates, self.nuisances.tied] -= self._sharpened(self.own_noise)
         bounded = self.nuisances.bounded
@@ -263,11 +266,21 @@ class Problem:
 
     def _white_moments(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
         """Rows of the rates, so many columns at once that their histories stay small."""
-        width = max(1, _AT_ONCE // self.frame.observed.size)
         out = np.empty((self.rows.rates, len(columns)))
-        for first in range(0, len(columns), width):
-            some = columns[first : first + width]
-            out[:, first : first + width] = self.rows.white_moments(frame.columns(some))
+        for some in self._batches(len(columns)):
+            out[:, some] = self.rows.white_moments(frame.columns(columns[some]))
+        return out
+
+    def _batches(self, count: int) -> list[slice]:
+        """So many columns at once that their histories stay small."""
+        width = max(1, AT_ONCE // self.frame.observed.size)
+        return [slice(first, first + width) for first in range(0, count, width)]
+
+    def _rates(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> ComplexArray:
+        """Rates (frame rows, ...) that moments with these coefficients (columns, ...) make."""
+        out = np.zeros((frame.observed.size, *values.shape[1:]), dtype=complex)
+        for some in self._batches(len(columns)):
+            out += frame.columns(columns[some]) @ values[some]
         return out
 
     def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
@@ -300,11 +313,10 @@ class Problem:
         """
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
-        histories = self.rows.nuisances.rows
+        of_others = self.rows.nuisances.histories.of(others)
         observed, force = (each.reshape(-1, *(1,) * (values.ndim - 1)) for each in (self.frame.observed, self.force))
-        rates = observed - frame.columns([columns[j] for j in moments]) @ values[moments]
-        rates = rates - histories.rates @ others
-        force = force - histories.force @ others
+        rates = observed - self._rates(frame, [columns[j] for j in moments], values[moments])
+        rates, force = rates - of_others.rates, force - of_others.force
         if given:
             more = side_by_side([self.given[columns[j].term] for j in given])
             rates, force = rates - more.rates @ values[given], force - more.force @ values[given]

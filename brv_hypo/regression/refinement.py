@@ -28,6 +28,8 @@ SCANNED = 7
 SCANNED_FINELY = 25
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
+# Spacings by which a knot may lie beyond the outermost of the grid: at the end of the record it would cut off nothing.
+_OVERHANG = 0.75
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
 
@@ -136,7 +138,8 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
-            bounds, units = (value - reach, value + reach), "s"
+            first, last = float(knots.min()) - _OVERHANG * reach, float(knots.max()) + _OVERHANG * reach
+            bounds, units = (max(value - reach, min(first, value)), min(value + reach, max(last, value))), "s"
         else:
             parameter = next(p for p in mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from brv_hypo.arrays import BoolArray, ComplexArray
+from brv_hypo.motion.differentiation import derivatives
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.regression.frame import RateFrame
 
@@ -37,7 +37,7 @@ def residual_moments(
         if b - a <= 2 * spin.half_width:
             continue
         both = np.stack([rates[a:b].real.T, rates[a:b].imag.T])
-        rate = savgol_filter(both, 2 * spin.half_width + 1, spin.order, 1, record.flight.step)
+        rate = derivatives(both, spin.order, spin.half_width, record.flight.step)
         body[a:b] = ((rate[0] + 1j * rate[1]) * (np.exp(-1j * record.spin_angle[rows]) / record.moment_scale[rows])).T
         usable[a:b] = (record.measured & spin.interior)[rows]
     return ResidualMoments(body, usable)

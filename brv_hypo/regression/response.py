@@ -92,6 +92,12 @@ class LinearisedFlight:
     force_values: FloatArray
     force_seen: BoolArray
 
+    def spacing(self, per_cycle: int) -> int:
+        """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
+        motion = self.reconstruction.motion
+        fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
+        return max(1, int(2.0 * np.pi / (fastest * self.record.flight.step * per_cycle)))
+
     @cached_property
     def crossflow(self) -> ComplexArray:
         """The reconstruction's crossflow (n,)."""

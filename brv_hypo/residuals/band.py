@@ -44,7 +44,8 @@ def predictive_sigma(
     free = np.concatenate([fitted[:count], np.ones(constants, dtype=bool), fitted[count:]])
     scale = lengths(design[:, free])
     answer = np.linalg.lstsq(design[:, free] / scale, design[:, ~free], rcond=None)[0] / scale[:, np.newaxis]
-    histories = np.column_stack([frame.columns(columns), problem.rows.nuisances.rows.rates])
+    unknowns = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
+    histories = np.column_stack([frame.columns(columns), *unknowns])
     moments = np.column_stack([residual_moments(frame, problem.records, column).body for column in histories.T])
     of_fitted = np.zeros((moments.shape[0], int(free.sum())), dtype=complex)
     of_fitted[:, ~_constants(free, count, constants)] = moments[:, fitted]

@@ -126,19 +126,20 @@ def make_flight(
     sample_rate: float | None = None,
     region: tuple[float, float] | None = None,
     values: Mapping[str, Any] | None = None,
+    start: Start | None = None,
 ) -> Made:
     """Fly and record one case.
 
     `amplitude` times the nominal amplitude that the seed draws (SHARE of the moment's rms); `factor` times the
     grade's tolerances, a number or a mapping by key; `errors` sets actual errors by key, SI (a number fills the
-    vector); `region` and `values` (angle, delay, ...) replace what is drawn. The same seed gives the same start,
+    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn. The same seed gives the same start,
     errors and noise whatever is planted.
     """
     if truth not in TRUTHS:
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join(TRUTHS)}")
     craft = CRAFTS[vehicle] if isinstance(vehicle, str) else vehicle
     craft = replace(craft, duration=duration or craft.duration, sample_rate=sample_rate or craft.sample_rate)
-    start = draw_start(craft, _stream(seed, "start"))
+    start = start or draw_start(craft, _stream(seed, "start"))
     drawn = draw_errors(grade, factor, _stream(seed, "errors"), errors)
     noise = noise.louder(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate

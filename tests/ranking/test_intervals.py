@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from brv_hypo_mechanisms.bodyfixed import BodyFixed
 
-from brv_hypo.ranking.constants import SECOND_ORDER
+from brv_hypo.ranking.constants import SECOND_ORDER_VALUES
 from brv_hypo.ranking.intervals import Interval, intervals, out_of_bounds, within_bounds
 from tests.ranking.pulse import fitted, pulse
 
@@ -87,7 +87,7 @@ def test_values_that_no_body_has_cost_what_their_bounds_take() -> None:
     excess = out_of_bounds(held)
     assert excess is not None
     assert largest.term in excess.words
-    error = np.hypot(largest.std_error, np.sqrt(SECOND_ORDER) * largest.value)
+    error = np.hypot(largest.std_error, np.sqrt(SECOND_ORDER_VALUES) * largest.value)
     assert excess.sigmas == pytest.approx(0.5 * abs(largest.value) / error)
     assert within_bounds(held).information == pytest.approx(fit.information + excess.sigmas**2)
     assert within_bounds(fit) is fit

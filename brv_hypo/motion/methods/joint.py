@@ -21,7 +21,7 @@ from brv_hypo.motion.effect_responses import corrected, effect_responses, no_res
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import with_smooth_air
-from brv_hypo.motion.methods.observed_walk import TiedFit, TiedWalk
+from brv_hypo.motion.methods.observed_walk import Near, TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
@@ -56,24 +56,29 @@ def joint(
 
 def _linearised(
     record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
-) -> tuple[TiedWalk, TiedFit]:
+) -> tuple[TiedWalk, Near]:
     """The problem with the record's errors, linearised where they are nearly taken out, and a rough fit."""
     flight = record.flight
     fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
-    responses = telling(effect_responses(record, fit.crossflow, _normal_force(record, fit), perturbations))
+    force, near = _normal_force(record, fit), fit.near
+    del fit  # large, like the responses: only the last are kept
+    responses = telling(effect_responses(record, near.crossflow, force, perturbations))
     known = np.zeros(len(responses.effects))
     for _ in range(_LINEARISATIONS):
-        before, fit = fit.crossflow, _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, fit)
-        known = fit.effects.value
+        before, effects = near.crossflow, responses.effects
+        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, near)
+        moved = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas()))
+        known, near = fit.effects.value, fit.near
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
-        responses = effect_responses(record, fit.crossflow, force, responses.effects)
-        if _size(fit.crossflow - before) < _MOVED * _size(np.hypot(*fit.sigmas())):
+        del fit, responses
+        responses = effect_responses(record, near.crossflow, force, effects)
+        if moved < _MOVED:
             break
-    return TiedWalk(record, config, responses, known), fit
+    return TiedWalk(record, config, responses, known), near
 
 
-def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | None) -> TiedFit:
+def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: Near | None) -> TiedFit:
     """A fit with constant slopes, of the force alone where it says enough."""
     record, responses = problem.record, problem.responses
     solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
@@ -87,7 +92,7 @@ def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | 
 
 
 def _fitted(
-    problem: TiedWalk, config: ReconstructionConfig, near: TiedFit | None
+    problem: TiedWalk, config: ReconstructionConfig, near: Near | None
 ) -> tuple[TiedFit, tuple[str, ...]]:
     """The fit with the ties that are wanted, or needed, and what is to be said of them."""
     record, responses = problem.record, problem.responses
@@ -116,13 +121,13 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
     return record.transverse_force
 
 
-def _with_force(problem: TiedWalk, tie: TieModel, near: TiedFit | None) -> TiedFit:
+def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None) -> TiedFit:
     """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over."""
     fit = _choose_slope(problem, (), tie, near)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
-    return problem.solve((replace(fit.ties[-1], sigma=sigma),), fit)
+    return problem.solve((replace(fit.ties[-1], sigma=sigma),), fit.near)
 
 
 def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
@@ -132,24 +137,28 @@ def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel)
     fit = problem.solve_from_scratch((*others, tie))
     for _ in range(2):
         tie = replace(tie, sigma=_coloured_sigma(fit.residual, tie.sigma))
-        fit = problem.solve((*others, tie), fit)
+        fit = problem.solve((*others, tie), fit.near)
     fit = _choose_slope(problem, others, tie, None)
     sigma = _coloured_sigma(fit.residual, tie.sigma)
-    return problem.solve((*others, replace(fit.ties[-1], sigma=sigma)), fit)
+    return problem.solve((*others, replace(fit.ties[-1], sigma=sigma)), fit.near)
 
 
 def _choose_slope(
-    problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel, near: TiedFit | None
+    problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel, near: Near | None
 ) -> TiedFit:
-    """The slope's course in time, by the Bayesian information criterion (Schwarz, Ann. Stat. 6:461, 1978)."""
+    """The slope's course in time, by the Bayesian information criterion (Schwarz, Ann. Stat. 6:461, 1978).
+
+    How well the crossflow is known is not told of it.
+    """
     first = (*others, tie.with_slope_count(problem.record.time, 1))
-    best = problem.solve(first, near) if near else problem.solve_from_scratch(first)
-    best_score, fit = best.score, best
+    fit = problem.solve(first, near) if near else problem.solve_from_scratch(first)
+    best = fit = replace(fit, response=None)
     worse = 0
     for count in _SLOPE_COUNTS[1:]:
-        fit = problem.solve((*others, tie.with_slope_count(problem.record.time, count)), fit)
-        if fit.score < best_score:
-            best, best_score, worse = fit, fit.score, 0
+        ties = (*others, tie.with_slope_count(problem.record.time, count))
+        fit = replace(problem.solve(ties, fit.near), response=None)
+        if fit.score < best.score:
+            best, worse = fit, 0
         else:
             worse += 1
         if worse == 2:

@@ -13,7 +13,7 @@ from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, project
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.observations import TieModel
-from brv_hypo.motion.random_walk import Tie, WalkEquations, WalkSolution, walk_equations
+from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolution, blocks, walk_equations
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -37,7 +37,8 @@ class TiedFit:
     """A converged fit: where the nominal motion starts, what the ties' coefficients are, and the crossflow.
 
     `residual` (n,) is what is left of the last tie; `score` is the Bayesian information criterion.
-    `response` (n, k) is the crossflow's change, in wind axes, per unit of each global; `wander` (n,) its
+    `response` is the crossflow's change (n, k), in wind axes, per unit of each global; None where nobody will ask how
+    well it is known, for it is large. `wander` (n,) is its
     standard deviation given the globals; `turn` (n,) the unit number from wind to body axes.
     """
 
@@ -48,20 +49,35 @@ class TiedFit:
     residual: ComplexArray
     covariance: FloatArray
     effects: EffectFit
-    response: ComplexArray
+    response: Columns | None
     wander: FloatArray
     turn: ComplexArray
     score: float
 
+    @property
+    def near(self) -> Near:
+        """Where another fit may begin."""
+        return Near(self.start, self.crossflow)
+
     def sigmas(self) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
+        assert self.response is not None
         along = self.crossflow / np.maximum(np.abs(self.crossflow), 1e-12)
-        projected = self.response * (self.turn * np.conj(along))[:, None]
-        radial, tangential = (
-            np.sqrt(self.wander**2 + projected_variance(part, self.covariance))
-            for part in (projected.real, projected.imag)
-        )
+        turned = (self.turn * np.conj(along))[:, None]
+        radial, tangential = np.empty((2, along.size))
+        for rows in blocks(along.size):
+            projected = self.response[rows] * turned[rows]
+            for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
+                sigma[rows] = np.sqrt(self.wander[rows] ** 2 + projected_variance(part, self.covariance))
         return radial, tangential
+
+
+@dataclass(frozen=True)
+class Near:
+    """A start and a crossflow (n,) from which a fit may begin."""
+
+    start: WindStart
+    crossflow: ComplexArray
 
 
 class TiedWalk:
@@ -104,8 +120,8 @@ class TiedWalk:
         fits = [self._iterate(ties, start) for start in starts]
         return min(fits, key=lambda fit: fit.score)
 
-    def solve(self, ties: tuple[TieModel, ...], near: TiedFit) -> TiedFit:
-        """Fit from a fit that is near."""
+    def solve(self, ties: tuple[TieModel, ...], near: Near) -> TiedFit:
+        """Fit from one that is near."""
         return self._iterate(ties, near.start, near.crossflow)
 
     def _linear_start(self, tie: TieModel) -> WindStart | None:
@@ -133,16 +149,18 @@ class TiedWalk:
             crossflow = body_crossflow(self.record, self.direction(start))
         coefficients: tuple[FloatArray, ...] = ()
         share, last = 1.0, np.inf
+        equations: WalkEquations | None = None
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
             axes = transverse_axes(direction)
             nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
             xi = crossflow
             coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
-            drift = self._drift(axes)
+            drift = _Drift(self.record, self.responses.drift, axes)
+            equations = None  # large, and about to be replaced
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
             solution = equations.solve(*self._priors(coefficients, start))
-            shift = (solution.walk + drift @ solution.theta[: self.shared]) / self.speed
+            shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
             step = nominal + turn * shift - xi
             share, last = share if _rms(step) < last else 0.5 * share, _rms(step)
             crossflow = np.asarray(xi + share * step)
@@ -153,8 +171,7 @@ class TiedWalk:
             wander = np.sqrt(equations.walk_variance) / self.speed
             if np.all(np.abs(step) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
                 break
-        response = equations.sensitivity.copy()
-        response[:, : self.shared] += drift
+        assert equations is not None
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
         return TiedFit(
             ties=ties,
@@ -164,7 +181,7 @@ class TiedWalk:
             residual=equations.residual(len(ties) - 1, solution),
             covariance=solution.covariance,
             effects=self._effects(solution),
-            response=response / self.speed[:, None],
+            response=_Response(equations, drift, self.speed),
             wander=wander,
             turn=turn,
             score=solution.cost + sum(tie.unknowns for tie in ties) * float(np.log(seen)),
@@ -182,22 +199,18 @@ class TiedWalk:
         xi: ComplexArray,
         turn: ComplexArray,
         offset: ComplexArray,
-        drift: ComplexArray,
+        drift: _Drift,
     ) -> WalkEquations:
         """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind
         axes."""
-        unknowns = [tie.unknowns for tie in ties]
-        first = np.cumsum([self.shared, *unknowns])
+        ends = np.cumsum([self.shared, *(tie.unknowns for tie in ties)])
         rows = []
-        for tie, values, at in zip(ties, coefficients, first, strict=False):
+        for tie, values, at in zip(ties, coefficients, ends, strict=False):
             own = tie.columns(xi)
             stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
             slope = tie.scale * tie.slope(values) * stretched * turn
             gain = slope / self.speed
-            columns = np.zeros((xi.size, first[-1]), dtype=complex)
-            columns[:, : self.shared] = gain[:, None] * drift
-            columns[:, _GRAVITY : self.shared] += tie.effect_columns(xi, values)
-            columns[:, at : at + tie.unknowns] = own
+            columns = _TieColumns(tie, gain, drift, tie.tied(xi, values), own, int(at), int(ends[-1]))
             rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
         return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
 
@@ -209,13 +222,6 @@ class TiedWalk:
         information = np.zeros(mean.size)
         information[:_GRAVITY], information[_GRAVITY : self.shared] = self.gravity_information, 1.0
         return mean, information
-
-    def _drift(self, axes: _Axes) -> ComplexArray:
-        """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size."""
-        second, third = axes
-        gravity = self.record.time[:, None] * (second + 1j * third)
-        across = np.stack([second, third], axis=1) @ self.responses.drift
-        return np.concatenate([gravity, -(across[:, 0] + 1j * across[:, 1])], axis=1)
 
     def _turn(self, axes: _Axes) -> ComplexArray:
         """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
@@ -231,6 +237,75 @@ class TiedWalk:
         right = tie.observed[seen] * weight
         stacked = np.concatenate([columns.real, columns.imag])
         return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
+
+
+class _Drift:
+    """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
+
+    `drift` (n, 3, errors) m/s is that of the errors in the axes of the first sample.
+    """
+
+    def __init__(self, record: InertialRecord, drift: FloatArray, axes: _Axes) -> None:
+        self._time, self._drift, self._axes = record.time, drift, axes
+        self._whole = self._of(slice(0, self._time.size)) if len(blocks(self._time.size)) == 1 else None
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        return self._of(rows) if self._whole is None else self._whole[rows]
+
+    def _of(self, rows: slice) -> ComplexArray:
+        second, third = (axis[rows] for axis in self._axes)
+        out = np.empty((second.shape[0], _GRAVITY + self._drift.shape[2]), dtype=complex)
+        out[:, :_GRAVITY] = self._time[rows, np.newaxis] * (second + 1j * third)
+        across = np.stack([second, third], axis=1) @ self._drift[rows]
+        np.negative(across[:, 0], out=out.real[:, _GRAVITY:])
+        np.negative(across[:, 1], out=out.imag[:, _GRAVITY:])
+        return out
+
+    def of(self, unknowns: FloatArray) -> ComplexArray:
+        """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
+        moved = self._time[:, np.newaxis] * unknowns[:_GRAVITY] - self._drift @ unknowns[_GRAVITY:]
+        second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
+        return np.asarray(second + 1j * third)
+
+
+@dataclass(frozen=True)
+class _TieColumns:
+    """Columns (n, size) of one tie: those of gravity and errors, and from `first` on the tie's `own` (n, unknowns).
+
+    `gain` (n,) is what the tie sees of the velocity; `tied` (n,) what it makes of the crossflow.
+    """
+
+    tie: TieModel
+    gain: ComplexArray
+    drift: _Drift
+    tied: ComplexArray
+    own: ComplexArray
+    first: int
+    size: int
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        own, drift = self.own[rows], self.drift[rows]
+        out = np.zeros((own.shape[0], self.size), dtype=complex)
+        shared = drift.shape[1]
+        np.multiply(self.gain[rows, np.newaxis], drift, out=out[:, :shared])
+        self.tie.add_effects(out[:, _GRAVITY:shared], rows, self.tied)
+        out[:, self.first : self.first + own.shape[1]] = own
+        return out
+
+
+@dataclass(frozen=True)
+class _Response:
+    """Change of the crossflow (n, k), in wind axes, per unit of each global."""
+
+    equations: WalkEquations
+    drift: _Drift
+    speed: FloatArray
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        drift, out = self.drift[rows], self.equations.sensitivity(rows)
+        out[:, : drift.shape[1]] += drift
+        out /= self.speed[rows, np.newaxis]
+        return out
 
 
 def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:
