@@ -41,6 +41,12 @@ def predicted(traced: Trace, sister: Flight) -> Prediction:
     return predict(sister, traced.model.definition, ("trim",))
 
 
+@pytest.fixture(scope="module")
+def held(traced: Trace, sister: Flight) -> Prediction:
+    """Nothing refitted."""
+    return predict(sister, traced.model.definition)
+
+
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
     assert "C_Nalpha" in {term.name for term in predicted.frozen}
@@ -56,15 +62,14 @@ def test_the_frozen_model_explains_a_sister_flight(predicted: Prediction) -> Non
     assert predicted.ratio == pytest.approx(error.frozen / error.without)
 
 
-def test_what_is_not_refitted_stays_as_it_was(traced: Trace, sister: Flight, predicted: Prediction) -> None:
-    frozen = predict(sister, traced.model.definition)
-    assert frozen.refitted == ()
+def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
+    assert held.refitted == ()
     values = {term.name: term for term in traced.model.terms}
-    for term in frozen.frozen:
+    for term in held.frozen:
         assert (term.value, term.std_error) == pytest.approx(
             (values[term.name].value, values[term.name].std_error)
         )
-    assert frozen.error.frozen > predicted.error.frozen
+    assert held.error.frozen > predicted.error.frozen
 
 
 def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> None:
@@ -136,13 +141,11 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
 
 
 def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(
-    traced: Trace, sister: Flight, predicted: Prediction
+    predicted: Prediction, held: Prediction
 ) -> None:
     """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
-    frozen = predict(sister, traced.model.definition)
-    assert frozen.refitted == ()
-    assert frozen.error.frozen > 2.0 * predicted.error.frozen
-    assert "`--refit trim,instruments` lets this flight have its own, and leaves about" in frozen.reason
+    assert held.error.frozen > 2.0 * predicted.error.frozen
+    assert "`--refit trim,instruments` lets this flight have its own, and leaves about" in held.reason
 
 
 @pytest.mark.shared
