@@ -7,7 +7,7 @@ from functools import cache
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
-from tests.flights import SAMPLE_RATE_HZ, nominal
+from tests.flights import SAMPLE_RATE_HZ, STEP_S, nominal
 
 # Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5.
 TRIM = (1e-3, -5e-4)
@@ -18,7 +18,7 @@ ONE_EFFECT = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=F
 def trimmed_cone(trim: tuple[float, float]) -> SimulationConfig:
     """The research cone with a trim (C_m0, C_n0)."""
     terms = dict(zip(("C_m0", "C_n0"), trim, strict=True))
-    data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ}
+    data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
     data["mechanisms"] = ({"mechanism": "trim", "terms": terms, "kind": "constant"},)
     return SimulationConfig.model_validate(data)
 

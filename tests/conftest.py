@@ -1,4 +1,4 @@
-"""How many examples a property is tried on: few unless told otherwise, a hundred by `--hypothesis-profile=thorough`.
+"""How many examples a property is tried on: few in the quick run, a hundred where thorough tests run.
 
 Plugins that are files are those of one test: commands that are run in this process would leave theirs to the next.
 """
@@ -12,9 +12,13 @@ from hypothesis import settings
 
 from brv_hypo.mechanisms import plugin_files, use_plugin_files
 
-settings.register_profile("quick", settings(), max_examples=25)
+settings.register_profile("quick", settings(), max_examples=15)
 settings.register_profile("thorough", settings(), max_examples=100)
-settings.load_profile("quick")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """`--hypothesis-profile` comes after this and stands in its place."""
+    settings.load_profile("quick" if "not thorough" in config.option.markexpr else "thorough")
 
 
 @pytest.fixture(autouse=True)

@@ -25,7 +25,7 @@ def empty(tmp_path: Path) -> Path:
     """A folder with the two kernels and their tests only."""
     home = tmp_path / "brv_hypo"
     for kernel in ("likelihood", "subset"):
-        shutil.copytree(PACKAGE / kernel, home / kernel, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(PACKAGE / kernel, home / kernel)  # with what numba has compiled, which takes half a minute
         shutil.copytree(
             TESTS / kernel,
             tmp_path / "tests" / kernel,
@@ -35,7 +35,7 @@ def empty(tmp_path: Path) -> Path:
         shutil.copy(PACKAGE / name, home / name)
     (home / "__init__.py").touch()
     (tmp_path / "tests" / "__init__.py").touch()
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    slow\n    thorough\n")
     return tmp_path
 
 
@@ -58,14 +58,16 @@ def test_they_import_without_the_rest_and_without_its_dependencies(empty: Path) 
 
 
 @pytest.mark.parametrize(
-    "files",
+    ("files", "chosen"),
     [
-        ("subset/test_dependent_columns.py", "likelihood/test_hold.py", "likelihood/test_initial.py"),
-        pytest.param(("likelihood", "subset"), marks=pytest.mark.slow),
+        (
+            ("subset/test_dependent_columns.py", "likelihood/test_hold.py"),
+            "not slow and not thorough",
+        ),
+        pytest.param(("likelihood", "subset"), "slow or not slow", marks=pytest.mark.slow),
     ],
 )
-def test_they_pass_their_tests_there(empty: Path, files: tuple[str, ...]) -> None:
-    done = run(
-        empty, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *(f"tests/{file}" for file in files)
-    )
+def test_they_pass_their_tests_there(empty: Path, files: tuple[str, ...], chosen: str) -> None:
+    paths = (f"tests/{file}" for file in files)
+    done = run(empty, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", chosen, *paths)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]

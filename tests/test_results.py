@@ -204,12 +204,18 @@ class TestPlot:
         assert [label for label in labels if label in ("none", "bodyfixed")] == ["none", "bodyfixed"]
 
     def test_an_unknown_chart_is_refused_with_those_there_are(self, compared) -> None:
-        with pytest.raises(UsageError, match=r"got chart 'momenst', expected one .* moments, residuals"):
+        with pytest.raises(UsageError, match=r"got chart 'momenst', expected one .* moments, residuals.*[a-z]\.$"):
             compared.plot("momenst")
 
     def test_a_result_from_json_has_no_histories_to_draw(self, traced) -> None:
-        with pytest.raises(UsageError, match="no part of its JSON"):
+        with pytest.raises(UsageError, match="no part of its JSON: call compare or trace again, or keep"):
             Trace.from_json(traced.to_json()).plot()
+
+    def test_of_a_comparison_from_json_what_it_holds_is_drawn(self, compared) -> None:
+        again = Comparison.from_json(compared.to_json())
+        assert len(again.plot().axes) == 1
+        with pytest.raises(UsageError, match=r"has: probability, limits, cp\. The others .* no part of its JSON"):
+            again.plot("moments")
 
     def test_without_matplotlib_it_says_how_to_install_it(self, compared, monkeypatch) -> None:
         from brv_hypo.report import drawing

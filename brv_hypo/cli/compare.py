@@ -11,6 +11,7 @@ from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.report.chart_names import comparison_names
 
 if TYPE_CHECKING:
     from brv_hypo.ranking import CompareConfig, Comparison
@@ -38,7 +39,7 @@ def compare(
     seed: options.Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
-    session.claim()
+    session.claim(charts=comparison_names(len(flights)))
     from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
     from brv_hypo.settings import read_settings

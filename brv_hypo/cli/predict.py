@@ -11,6 +11,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
+from brv_hypo.report.chart_names import PREDICTION
 
 
 @in_session("json", "report", "figures", "force", "plugin")
@@ -36,7 +37,7 @@ def predict(
     instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
-    session.claim()
+    session.claim(charts=PREDICTION)
     from brv_hypo.report.prediction import prediction_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import predict as predicted

@@ -12,6 +12,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
+from brv_hypo.report.chart_names import RECONSTRUCTION
 
 
 class Method(StrEnum):
@@ -39,7 +40,7 @@ def reconstruct(
     instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
-    session.claim(output)
+    session.claim(output, charts=RECONSTRUCTION)
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document

@@ -10,7 +10,7 @@ import json as json_format
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -53,8 +53,8 @@ class Session:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
 
-    def claim(self, *files: Path | None) -> None:
-        """Refuse now what could not be written later: `files`, the report and the JSON file.
+    def claim(self, *files: Path | None, charts: Sequence[str] = ()) -> None:
+        """Refuse now what could not be written later: `files`, the report, the JSON file, pictures of `charts`.
 
         Raises UsageError where a file exists and `--force` was not given, or cannot be written.
         """
@@ -66,18 +66,18 @@ class Session:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
             self._claim_one(file)
         if self.figures is not None:
-            self._claim_figures(self.figures)
+            self._claim_figures(self.figures, charts)
 
-    @staticmethod
-    def _claim_figures(folder: Path) -> None:
+    def _claim_figures(self, folder: Path, charts: Sequence[str]) -> None:
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
         standing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
         if not standing.is_dir() or not os.access(standing, os.W_OK):
             raise UsageError(f"--figures {folder} cannot be made: no permission in {standing}. Choose another place.")
-        from brv_hypo.report.drawing import require_matplotlib
+        from brv_hypo.report.drawing import check_pictures, require_matplotlib
 
         require_matplotlib()
+        check_pictures(folder, charts, overwrite=self.force)
 
     def _claim_one(self, file: Path) -> None:
         check_target(file, overwrite=self.force)

@@ -10,6 +10,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.compare import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session
+from brv_hypo.report.chart_names import comparison_names
 
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
@@ -53,7 +54,7 @@ def demo(
     seed: options.Seed = None,
 ) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
-    session.claim()
+    session.claim(charts=comparison_names(1))
     from brv_hypo.ranking import CompareConfig, compare
     from brv_hypo.report.simulate import simulation_text
     from brv_hypo.settings import read_settings

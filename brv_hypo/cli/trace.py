@@ -15,6 +15,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_json
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.whole import write_whole
+from brv_hypo.report.chart_names import TRACE
 
 if TYPE_CHECKING:
     from brv_hypo.residuals.saved import SavedModel
@@ -63,7 +64,7 @@ def trace(
 
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
-    session.claim(mechanism_file, model_file)
+    session.claim(mechanism_file, model_file, charts=TRACE)
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig

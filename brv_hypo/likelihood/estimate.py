@@ -22,6 +22,7 @@ from brv_hypo.likelihood.search import Options, Progress, search
 from brv_hypo.likelihood.segment import Grid, Segment, build_grid, check_alike
 from brv_hypo.likelihood.start import begin, state_sizes, states_from_outputs
 from brv_hypo.likelihood.step import Iterate, Problem
+from brv_hypo.likelihood.stepped_inputs import stepped_inputs
 from brv_hypo.likelihood.tied import Tie, check_ties, completed_result, with_ties
 
 
@@ -120,10 +121,13 @@ def fit(
         noise_covariance, derivatives, near_start, options,
     )  # fmt: skip
     if mesh_steps is None and not near_start:
-        return completed_result(refine(segments, task.solve), ties)
-    steps = mesh_steps or 1
-    meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
-    return completed_result(task.solve(meshed, steps), ties)
+        result = refine(segments, task.solve)
+    else:
+        steps = mesh_steps or 1
+        meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
+        result = task.solve(meshed, steps)
+    result = replace(result, remarks=(*result.remarks, *stepped_inputs(segments)))
+    return completed_result(result, ties)
 
 
 @dataclass(frozen=True)

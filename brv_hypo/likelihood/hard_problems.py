@@ -65,14 +65,14 @@ def stalled_aircraft(severity: float) -> tuple[ModelProblem, ModelProblem]:
             lift, drag, moment, push = forces(x, u, theta, stall)
             along = (-push * drag + _THRUST * np.cos(alpha)) / _MASS + _GRAVITY * np.sin(alpha - pitch)
             across = (-push * lift - _THRUST * np.sin(alpha)) / _MASS + _GRAVITY * np.cos(alpha - pitch)
-            return np.stack([along, across / speed + q, q, push * _CHORD * moment / _INERTIA])
+            return np.array([along, across / speed + q, q, push * _CHORD * moment / _INERTIA])
 
         def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
             _, alpha, _, _ = x
             lift, drag, moment, push = forces(x, u, theta, stall)
             forward = (push * (lift * np.sin(alpha) - drag * np.cos(alpha)) + _THRUST) / _MASS
             normal = -push * (lift * np.cos(alpha) + drag * np.sin(alpha)) / _MASS
-            return np.stack([*x, push * _CHORD * moment / _INERTIA, forward, normal])
+            return np.array([*x, push * _CHORD * moment / _INERTIA, forward, normal])
 
         return ModelProblem(dynamics, outputs, _AIRCRAFT, _pull_ups, start, noise, rate=20.0, guess=start)
 
@@ -94,7 +94,7 @@ def oscillator(frequency: float) -> ModelProblem:
     """A damped oscillator, rad/s, its angle measured at 20 Hz: fast for its samples beyond about 10 rad/s."""
 
     def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
-        return np.stack([x[1], -theta["stiffness"] * x[0] - theta["damping"] * x[1]])
+        return np.array([x[1], -theta["stiffness"] * x[0] - theta["damping"] * x[1]])
 
     def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return x[:1]
@@ -118,7 +118,7 @@ def kinetics(speed: float) -> ModelProblem:
 
     def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
         forward, back = theta["k1"] * x[0], theta["k3"] * x[1] * x[2]
-        return np.stack([back - forward, forward - back - theta["k2"] * x[1], theta["k2"] * x[1]])
+        return np.array([back - forward, forward - back - theta["k2"] * x[1], theta["k2"] * x[1]])
 
     def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return x

@@ -79,9 +79,7 @@ class ModelProblem:
             past: tuple[Any, ...] = ()
             if self.delays:
                 past = ({name: _past(x, u, k - shift) for name, shift in lag.items()},)
-            return np.asarray(self.dynamics(state[:, None], inputs[:, None], self.truth, fine[:1], *past))[
-                :, 0
-            ]
+            return np.asarray(self.dynamics(state[:, None], inputs[:, None], self.truth, fine[:1], *past))[:, 0]
 
         for k in range(fine.size - 1):
             now = x[:, k]
@@ -123,7 +121,7 @@ def short_period() -> ModelProblem:
 
     def dynamics(x: Any, u: Any, theta: Any, t: Any) -> Any:
         alpha, q = x
-        return np.stack(
+        return np.array(
             [
                 theta["Z_alpha"] * alpha + theta["Z_q"] * q + theta["Z_delta"] * u[0],
                 theta["M_alpha"] * alpha + theta["M_q"] * q + theta["M_delta"] * u[0],
@@ -131,7 +129,7 @@ def short_period() -> ModelProblem:
         )
 
     def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
-        return np.stack([x[0] + theta["alpha_bias"], x[1] + theta["q_bias"]])
+        return np.array([x[0] + theta["alpha_bias"], x[1] + theta["q_bias"]])
 
     truth = {
         "Z_alpha": -1.2, "Z_q": 0.95, "Z_delta": -0.1,
@@ -161,7 +159,7 @@ def spinning_body(
         p = u[0]
         damping = theta["M_q"] * (1.0 - (alpha * alpha + beta * beta) / limit**2)
         stiffness, magnus = theta["M_alpha"], theta["M_p"] * p
-        return np.stack(
+        return np.array(
             [
                 inertia * p * r + stiffness * alpha + damping * q + magnus * beta + theta["M_y"],
                 -inertia * p * q - stiffness * beta + damping * r + magnus * alpha + theta["M_z"],
@@ -173,7 +171,7 @@ def spinning_body(
     def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
         q, r, alpha, beta = x
         force = -u[1] * theta["Z_alpha"]
-        return np.stack(
+        return np.array(
             [
                 q + theta["q_bias"],
                 r + theta["r_bias"],
@@ -201,12 +199,12 @@ def lagging_body() -> ModelProblem:
     def dynamics(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
         angle, rate = x
         late = delayed["delay"].x[0]
-        return np.stack(
+        return np.array(
             [rate, theta["stiffness"] * angle + theta["late"] * late + theta["damping"] * rate + u[0]]
         )
 
     def outputs(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
-        return np.stack([x[0], x[1]])
+        return np.array([x[0], x[1]])
 
     truth = {"stiffness": -12.0, "late": -4.0, "damping": -1.0, "delay": 0.2}
     return ModelProblem(
@@ -239,4 +237,4 @@ def _elevator_strong(t: FloatArray) -> FloatArray:
 
 
 def _spin(t: FloatArray) -> FloatArray:
-    return np.stack([1.5 + 0.3 * np.sin(0.2 * t), 300.0 - 2.0 * t % 100])
+    return np.array([1.5 + 0.3 * np.sin(0.2 * t), 300.0 - 2.0 * t % 100])

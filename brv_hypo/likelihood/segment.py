@@ -140,7 +140,7 @@ def build_grid(segment: Segment, number: int) -> Grid:
     _check(t, u, y, x0, number)
     interpolator = Interpolator(t)
     middle = 0.5 * (t[:-1] + t[1:])
-    hold = _holds(segment.hold, u.shape[0], number)
+    hold = holds(segment.hold, u.shape[0], number)
     u_mid = (
         _halfway(u, hold, interpolator, middle)
         if segment.u_mid is None
@@ -173,7 +173,8 @@ def build_grid(segment: Segment, number: int) -> Grid:
     )
 
 
-def _holds(hold: Hold | Sequence[Hold], count: int, number: int) -> tuple[str, ...]:
+def holds(hold: Hold | Sequence[Hold], count: int, number: int) -> tuple[str, ...]:
+    """What each of `count` inputs of segment `number` does between samples; UsageError for what is no such word."""
     found = (hold,) * count if isinstance(hold, str) else tuple(hold)
     if len(found) != count or not set(found) <= {"zero", "linear", "cubic"}:
         raise UsageError(

@@ -20,7 +20,7 @@ from brv_hypo.simulation import load_config, simulate
 
 MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
 PLANTED = ("none", "damping", "bodyfixed", "sticking")
-SAMPLES = 1081
+SAMPLES = 1081  # 5.4 s at 200 Hz
 # First words of what `compare` says as a stage begins, and the stage; what it says within one counts to that.
 STAGES = {
     "trying": "trial",

@@ -15,7 +15,7 @@ CONVERGED = "converged"
 # Starting from a good regression the likelihood converges in 5 or 6 iterations, the record effects among its
 # parameters, or not at all.
 MOST_ITERATIONS = 8
-MOST_HYPOTHESES = 2
+MOST_HYPOTHESES = 2  # the leader and its closest rival: a verdict compares no more
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 
-SMALLEST_RECORD = 60
+SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and six terms
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:

@@ -30,9 +30,8 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     """
     require_matplotlib()
     target = Path(folder)
-    wanted = [(chart, target / f"{file_stem(chart)}.{kind}") for chart in charts for kind in ("png", "svg")]
-    for _, path in wanted:
-        check_target(path, overwrite=overwrite)
+    wanted = [(chart, path) for chart in charts for path in picture_files(target, chart.name)]
+    check_pictures(target, [chart.name for chart in charts], overwrite=overwrite)
     if wanted:
         make_folder(target)
     for chart, path in wanted:
@@ -40,9 +39,16 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     return tuple(path for _, path in wanted)
 
 
-def file_stem(chart: Chart) -> str:
-    """The chart's name with nothing in it that a file name cannot hold."""
-    return re.sub(r"[^\w.+-]+", "-", chart.name)
+def check_pictures(folder: Path, names: Sequence[str], *, overwrite: bool) -> None:
+    """Raise UsageError where the file of a chart of these names exists and is not to be overwritten."""
+    for path in (path for name in names for path in picture_files(folder, name)):
+        check_target(path, overwrite=overwrite)
+
+
+def picture_files(folder: Path, name: str) -> tuple[Path, Path]:
+    """The PNG and SVG file of a chart: its name with nothing in it that a file name cannot hold."""
+    stem = re.sub(r"[^\w.+-]+", "-", name)
+    return folder / f"{stem}.png", folder / f"{stem}.svg"
 
 
 def drawn(chart: Chart, kind: str) -> bytes:

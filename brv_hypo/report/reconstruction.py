@@ -20,6 +20,7 @@ from brv_hypo.report.motion_charts import (
     spectrum_chart,
     turning_rates,
 )
+from brv_hypo.report.record_charts import record_charts
 from brv_hypo.report.style import interval, number
 
 HEADINGS = ("history", "unit", "least", "greatest", "sigma (rms)")
@@ -80,7 +81,7 @@ def history_rows(result: Reconstruction) -> list[tuple[str, ...]]:
 
 
 def reconstruction_charts(result: Reconstruction) -> list[Chart]:
-    """Motion and moments with their standard deviations."""
+    """The record as measured; motion and moments with their standard deviations."""
     usable, motion = result.moments.usable, result.motion
     plane = result.plane_moments[usable]
     start, stop = float(motion.time[0]), float(motion.time[-1])
@@ -88,6 +89,7 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     angles = (motion.time, motion.alpha, motion.windward_meridian)
     measured = (plane.real, plane.imag)
     return [
+        *record_charts(setting, result.flight),
         motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
         moment_chart(setting, motion.time[usable], measured, result.moments.sigma[usable], ()),
         attitude_chart(setting, *angles, motion.p),

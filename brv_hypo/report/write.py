@@ -27,6 +27,11 @@ if TYPE_CHECKING:
 PRINCIPAL = ("moments", "moments-1", "residuals", "band")
 """The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
+_WITHOUT_HISTORIES = (
+    " The others show histories over time, which are no part of its JSON: call compare or trace again, or keep the "
+    "result by pickle, which holds them."
+)
+
 
 @singledispatch
 def document_of(result: Any) -> Document:
@@ -70,9 +75,19 @@ def plot(result: Any, chart: str = "") -> Figure:
     charts = {each.name: each for each in document_of(result).charts}
     name = chart or next((each for each in PRINCIPAL if each in charts), next(iter(charts), ""))
     if name not in charts:
-        known = ", ".join(charts) or "none: histories for pictures are no part of its JSON"
-        raise UsageError(f"got chart {chart!r}, expected one that this {type(result).__name__} has: {known}.")
+        known = ", ".join(charts) or "none"
+        raise UsageError(
+            f"got chart {chart!r}, expected one that this {type(result).__name__} has: {known}."
+            + (_WITHOUT_HISTORIES if _without_histories(result) else "")
+        )
     return chart_figure(charts[name])
+
+
+def _without_histories(result: Any) -> bool:
+    """True where a result came back from JSON, which holds no histories to draw."""
+    if isinstance(result, Comparison):
+        return not result.series and bool(result.ranking)
+    return isinstance(result, Trace) and result.picture is None
 
 
 def _flights(result: Any) -> tuple[Any, ...]:

@@ -25,10 +25,10 @@ from brv_hypo.residuals.linearisation import Model, Seen
 
 # Degree of the scheduled stiffness in Mach number, and the relative span of the quantity that can tell it.
 _SLOPE_DEGREE = 2
-_SMALLEST_SPAN = 0.01
+_SMALLEST_SPAN = 0.01  # share of its greatest value; narrower, the polynomial is next to a constant
 # Decades (rms) by which Reynolds number has to leave a smooth function of Mach number to be a quantity of its own.
 _INDEPENDENT = 0.1
-_SMOOTH_DEGREE = 3
+_SMOOTH_DEGREE = 3  # degree in Mach number of that smooth function
 # What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit.
 TOLERATED = (TableIncrements.name, SlopeSchedule.name)
 

@@ -26,7 +26,7 @@ Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 
 # Information that a look-alike may lack against the leader, and the correlation that makes a look-alike.
 NEAR = 10.0
-_ALIKE = 0.95
+_ALIKE = 0.95  # cosine between the predicted rates: 10 % of the square is left to tell them apart by
 # Error on left-out stretches that a fit may have, over that of the best fit of its mechanism.
 _SOUND = 1.05
 # Largest plausible value of a record effect, in its typical sizes.

@@ -28,10 +28,10 @@ from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
-_WORTH_REFINING = 0.4
-_REFINED = 3
-_TOLD = 8
-_CLOSER = 3
+_WORTH_REFINING = 0.4  # share of the best gain, below which refining is not tried; rule of thumb
+_REFINED = 3  # mechanisms at most, by gain: bounds the time
+_TOLD = 8  # candidates whose explained share is found on stretches left out, as many as a report shows
+_CLOSER = 3  # turns at most, each about the best variant of the turn before
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
 

@@ -25,7 +25,7 @@ _WORSE = 1.9
 # How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
 # fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
-_IN_ITS_PLACE = 0.5
+_IN_ITS_PLACE = 0.5  # share of the first's gain
 # Where the residual passes for white, an effect counts from this share of the significance: a test of whiteness asks
 # for anything at all, and overlooks what the effect's own column shows beyond doubt.
 _BEYOND_DOUBT = 1e-3

@@ -17,9 +17,9 @@ from brv_hypo.motion.motion import Motion
 
 Wave = Literal["cos", "sin"]
 
-_TURNS = 160
-_STEPS = 14
-_HATS = 8
+_TURNS = 160  # rates of turning at most, half to either side: beyond half a turn a record apart they are independent
+_STEPS = 14  # places of a step, evenly over the quantity; `discover` moves the chosen ones between
+_HATS = 8  # places of a hat, each as wide as the way to the next
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 _POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
 _QUANTITY = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time": "time"}

@@ -19,8 +19,8 @@ from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
 from brv_hypo.residuals.dictionary import Entry, entries
 from brv_hypo.subset import best_subsets
 
-_SCREENED = 10
-_FINER = 5
+_SCREENED = 10  # entries at most, of which the best subset is found exactly: 2^10 subsets
+_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
 
 
 @dataclass(frozen=True)

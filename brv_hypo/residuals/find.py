@@ -18,10 +18,10 @@ from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Correlation, Residual
 
-_LAGS = 20
-_REGIONS = 16
-_WHITE = 0.05
-_TELLING = 0.01
+_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
+_REGIONS = 16  # stretches of time, of which the worst and its neighbours are told
+_WHITE = 0.05  # p-value above which what is left is called white; convention
+_TELLING = 0.01  # p-value, adjusted for the channels tried, below which a correlation is told; convention
 
 
 def find(look: Look, left: ResidualMoments) -> Residual:

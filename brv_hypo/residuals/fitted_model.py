@@ -31,7 +31,7 @@ _LINEARISATIONS = 2
 # Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
 # record that is corrected by it is no longer the one that was flown.
 _PLAUSIBLE = 3.0
-_TRIFLE = 1.01
+_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 
 
 @dataclass(frozen=True)

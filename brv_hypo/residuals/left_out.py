@@ -22,7 +22,7 @@ from brv_hypo.regression.problem import Problem
 _UNTOLD = 1e-6
 # What keeps a stretch's matrix regular where the baseline is told by it alone.
 _RIDGE = 1e-9
-_SPENT = 1e-6
+_SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
 
 
 @dataclass(frozen=True)

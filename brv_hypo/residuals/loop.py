@@ -36,7 +36,7 @@ from brv_hypo.residuals.summary import Ending, summary
 
 Progress = Callable[[str], None]
 SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
-_GENERIC = 4
+_GENERIC = 4  # terms at most, of what is described in the end
 
 
 def trace(

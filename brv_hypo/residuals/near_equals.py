@@ -13,7 +13,7 @@ from brv_hypo.residuals.candidates import Candidate
 
 # Cosine of the angle between an effect's prediction and the columns of another from which that can take its place.
 _NEARLY_EQUAL = 0.95
-_SPENT = 1e-6
+_SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
 
 
 def near_equals(problem: Problem, candidates: Sequence[Candidate]) -> dict[str, tuple[str, ...]]:

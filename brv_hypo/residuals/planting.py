@@ -44,7 +44,7 @@ EFFECTS = (*MECHANISMS, *AERODYNAMIC, *RECORD)
 
 # A coefficient is detected at this many of its standard errors in the whole regression.
 _LIMIT = 5.0
-_TIMES = (3.0, 10.0)
+_TIMES = (3.0, 10.0)  # detection limits between which a planted effect's size is drawn
 # Factors on roll rate and angle of attack of another flight.
 _CHANGE = (0.8, 1.25)
 

@@ -43,11 +43,9 @@ _NEARLY_ALL = 0.995
 _OF_THE_MOTION = ("motion", "force")
 # What `refit` calls all errors of record and vehicle that the tolerances allow.
 INSTRUMENTS = "instruments"
-# What is added to the reason where a model that was found beside errors of the record is held without them.
-_WITH_ERRORS = (
-    " The record was taken as free of errors here; `--refit instruments` lets it have those that its tolerances allow, "
-    "as the one had that the model was found on."
-)
+# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
+# the share of the moments' mean square below which the frozen model's is small enough to need none.
+_GREATLY, _SMALL = 0.5, 0.01
 # How often the flight is linearised anew where errors of its record are fitted.
 _LINEARISATIONS = 2
 
@@ -84,6 +82,14 @@ class _Task:
     held: FloatArray
     others: FloatArray
 
+    def eased(self, carried: tuple[str, ...]) -> _Task:
+        """The same with record and vehicle free to err: the effects `carried`, and the columns of those mechanisms."""
+        own = np.array([column.mechanism in carried for column in self.columns], dtype=bool)
+        errors = np.array([item.name in carried for item in self.problem.rows.nuisances.items], dtype=bool)
+        return replace(
+            self, held=np.where(own, np.nan, self.held), others=np.where(errors, np.nan, self.others)
+        )
+
     def solved(self, held: FloatArray) -> Constrained:
         return constrained(self.problem, self.seen.frame, self.columns, held, self.others)
 
@@ -116,7 +122,12 @@ def _predict(
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
     flown = _flown(content.flown, task.seen)
     band = band_of(task.seen.frame.time, measured, left, task.sigma(covariance[np.ix_(known, known)]), flown)
+    carried = _carried(flight)
+    eased = task.eased(carried)
+    remedy = _remedy(task, refit, carried)
     shares = _Shares(
+        left=_beyond(errors.frozen, errors),
+        eased=_beyond(_mean_square(eased.moments(eased.solved(eased.held))), errors),
         frozen=_explained(measured, left, errors.noise, flown),
         own=_explained(measured, own, errors.noise, flown),
         flown=float(flown.mean()),
@@ -133,7 +144,7 @@ def _predict(
         flown=shares.flown,
         band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(shares, band, INSTRUMENTS in refit),
+        reason=_reason(shares, band, remedy),
     )
 
 
@@ -194,8 +205,19 @@ def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str,
     named = tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
     if INSTRUMENTS not in refit:
         return named
-    carried = [effect.name for effect in carried_effects()] + [m.name for m in carried_mechanisms(flight)]
-    return tuple(dict.fromkeys((*named, *carried)))
+    return tuple(dict.fromkeys((*named, *_carried(flight))))
+
+
+def _carried(flight: Flight) -> tuple[str, ...]:
+    """What record and vehicle may err by within their tolerances."""
+    return (*(effect.name for effect in carried_effects()), *(m.name for m in carried_mechanisms(flight)))
+
+
+def _remedy(task: _Task, refit: tuple[str, ...], carried: tuple[str, ...]) -> str:
+    """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
+    held = {column.mechanism for column, value in zip(task.columns, task.held, strict=True) if np.isfinite(value)}
+    more = [*(name for name in carried if name in held), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
+    return ",".join((*refit, *more)) if more else ""
 
 
 def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig) -> Model:
@@ -239,8 +261,14 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
 
 @dataclass(frozen=True)
 class _Shares:
-    """What the frozen model explains, and the same model refitted; the share of the samples that both are told of."""
+    """What the frozen model explains, and the same model refitted; the share of the samples that both are told of.
 
+    Of the whole record: what the frozen model leaves (`left`), and what it would if record and vehicle erred within
+    their tolerances (`eased`).
+    """
+
+    left: float
+    eased: float
     frozen: float
     own: float
     flown: float
@@ -274,10 +302,29 @@ def _explains(share: float) -> str:
     return f"does not hold here, and leaves {1.0 - share:.3g} times"
 
 
-def _reason(shares: _Shares, band: Band, instruments: bool) -> str:
+def _beyond(error: float, errors: ErrorsOfPrediction) -> float:
+    """A mean square as a share of that without a model, noise aside."""
+    return max(error - errors.noise, 0.0) / max(errors.without - errors.noise, 1e-300)
+
+
+def _held_too_much(shares: _Shares, remedy: str) -> str:
+    """What to do where the model fails, or would fail far less, for what record and vehicle are held not to err by."""
+    much = shares.left > _SMALL and shares.eased < _GREATLY * shares.left
+    if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
+        return ""
+    return (
+        f" Over the whole record it leaves {shares.left:.3g} of the mean square. Errors of the record were taken as "
+        "none, and those of the vehicle as on the flights that the model was found on; "
+        f"`--refit {remedy}` lets this flight have its own"
+        + (f", and leaves about {shares.eased:.2g}." if much else ".")
+    )
+
+
+def _reason(shares: _Shares, band: Band, remedy: str) -> str:
     """The outcome in a few sentences."""
     if shares.flown == 0.0:
-        return "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
+        nowhere = "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
+        return nowhere + _held_too_much(shares, remedy)
     beyond = (
         f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than the "
         "model was found at, and are left out of these shares."
@@ -287,5 +334,5 @@ def _reason(shares: _Shares, band: Band, instruments: bool) -> str:
         f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
         + (beyond if shares.flown < _NEARLY_ALL else "")
-        + (_WITH_ERRORS if shares.frozen < 0.0 and not instruments else "")
+        + _held_too_much(shares, remedy)
     )

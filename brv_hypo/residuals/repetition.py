@@ -22,7 +22,7 @@ from brv_hypo.residuals.config import TraceConfig
 
 # Other numbers of blocks, in shares of the configured one, and of knots, added to it.
 _BLOCKS = (0.75, 1.25)
-_KNOTS = (-2, 2)
+_KNOTS = (-2, 2)  # knots: a third of the usual seven, so that regions fall elsewhere
 # Effects whose tolerance is gone through, one on either side.
 _TOLERANCES = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
 # Rivals that are fitted again: the best few of those that save anything.

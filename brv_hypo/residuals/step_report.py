@@ -16,11 +16,11 @@ from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.repetition import named_in
 from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate
 
-_TOLD = 8
+_TOLD = 8  # candidates in a step's table
 # Standard errors by which a finding lowers the held-out moment error (5 %, one-sided), and the share of the
 # repetitions that name it.
 _SIGMAS = 1.645
-_MOST = 0.75
+_MOST = 0.75  # share of the repetitions: three in four
 # Fall of the squared whitened rates above which an effect shows in the moments.
 _SHOWN = 12.0
 

@@ -125,7 +125,7 @@ def _parts(motion: Motion, step: float) -> int:
     ahead = np.clip(-alpha * motion.alpha_rate / speed_squared, 0.0, step)
     nearest = (alpha + motion.alpha_rate * ahead) ** 2 + (turning * ahead) ** 2
     turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
-    largest = float(np.max(np.minimum(np.nan_to_num(turn, nan=0.0), np.pi), initial=0.0))
+    largest = float(np.max(np.minimum(np.fmax(turn, 0.0), np.pi), initial=0.0))  # fmax: 0 where it is NaN
     return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
 
 

@@ -77,6 +77,7 @@ base: research_cone
 title: short
 duration: 3.0
 sample_rate: 100.0
+step: 0.01
 mechanisms:
   - {mechanism: sticking, theta: {delay: 0.12}, terms: {eps: 0.6}, start: 1.0, stop: 2.5}
 """
@@ -95,6 +96,7 @@ base: research_cone
 title: brief
 duration: 0.5
 sample_rate: 100.0
+step: 0.01
 mechanisms: [{mechanism: sticking, theta: {delay: 0.12}, terms: {eps: 0.6}, start: 0.2}]
 """
 

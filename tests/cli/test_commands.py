@@ -23,7 +23,7 @@ def strict_json(text):
 def planted(brv_hypo, tmp_path_factory):
     """A simulation with a body-fixed moment chosen by name: the finished command, and its flight."""
     folder = tmp_path_factory.mktemp("planted")
-    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0")
+    (folder / "cone.yaml").write_text("base: research_cone\nduration: 3.0\nsample_rate: 100.0\nstep: 0.01")
     done = brv_hypo("simulate", "cone.yaml", "--plant", "bodyfixed", "-o", "f.h5", "--json", "-", cwd=folder)
     assert done.returncode == 0, done.stderr
     return done, folder / "f.h5"
@@ -305,3 +305,27 @@ def test_import_takes_either_a_map_or_a_guess(brv_hypo, tmp_path):
         done = brv_hypo("import", "log.csv", *arguments, cwd=tmp_path)
         assert done.returncode == 2
         assert "either --map" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "picture"),
+    [
+        (("compare",), "probability.svg"),
+        (("compare",), "moments.png"),
+        (("trace",), "residuals.png"),
+        (("reconstruct",), "rates.png"),
+        (("predict", "--model", "model.json"), "band.svg"),
+    ],
+)
+def test_a_picture_that_stands_already_is_refused_before_any_work(brv_hypo, tmp_path, command, picture):
+    """Not even the flight, which is none, has been looked at."""
+    (tmp_path / "none.h5").write_text("no flight")
+    (tmp_path / "model.json").write_text("{}")
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / picture).write_text("mine")
+    done = brv_hypo(command[0], "none.h5", *command[1:], "--figures", "figures", cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"{picture} exists already" in done.stderr
+    forced = brv_hypo(command[0], "none.h5", *command[1:], "--figures", "figures", "--force", cwd=tmp_path)
+    assert f"{picture} exists already" not in forced.stderr
+    assert (tmp_path / "figures" / picture).read_text() == "mine"

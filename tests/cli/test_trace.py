@@ -20,6 +20,7 @@ base: research_cone
 title: short
 duration: 3.0
 sample_rate: 100.0
+step: 0.01
 mechanisms: [{mechanism: trim, terms: {C_m0: 1.0e-3, C_n0: -6.0e-4}, kind: constant}]
 """
 

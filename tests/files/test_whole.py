@@ -141,7 +141,9 @@ while True:
 """
 
 
-@pytest.mark.parametrize("delay", [0.01, 0.03, 0.1])
+@pytest.mark.parametrize(
+    "delay", [0.03, *(pytest.param(delay, marks=pytest.mark.thorough) for delay in (0.01, 0.1))]
+)
 def test_a_kill_leaves_the_old_file_or_the_new_and_the_next_write_cleans(tmp_path, delay):
     process = run(WRITING, tmp_path / "f.h5")
     process.stdout.readline()

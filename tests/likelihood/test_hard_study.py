@@ -34,7 +34,14 @@ def test_the_wrong_hold_is_a_bias() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["both, unstable body", "held input, half missing", "oscillator, 1 sample a rad"]
+    "name",
+    [
+        "held input, half missing",
+        *(
+            pytest.param(name, marks=pytest.mark.thorough)
+            for name in ("both, unstable body", "oscillator, 1 sample a rad")
+        ),
+    ],
 )
 def test_spoiled_records_are_fitted_with_honest_errors(name: str) -> None:
     kind = next(kind for kind in record_kinds() if kind.name == name)

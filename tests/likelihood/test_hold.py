@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, fit, fit_single_shooting
+from brv_hypo.likelihood.stepped_inputs import stepped_inputs
 
 TRUTH = {"a": 1.5, "b": 2.0, "c": 0.7}
 SIGMA = 1e-3
@@ -54,6 +56,38 @@ def test_the_right_hold_is_unbiased_and_a_cubic_is_not(held: Any) -> None:
     assert right.converged, right.message
     assert np.abs(errors(right)).max() < 4.0
     assert right.nllf < wrong.nllf - 100.0
+    assert right.remarks == ()
+    (said,) = wrong.remarks
+    assert said.startswith("inputs [0] run on a cubic between samples (hold 'cubic')")
+    assert "hold='zero'" in said
+
+
+T = np.arange(200) / 20
+BURST = np.where((T > 4.0) & (T < 5.0), np.sin(2.0 * np.pi * T) ** 2, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "stepped"),
+    [
+        pytest.param(np.repeat(np.sin(np.arange(20)), 10), True, id="a slow controller"),
+        pytest.param(np.where((T // 1.7) % 2, 1.0, -1.0), True, id="a switch"),
+        pytest.param(np.sin(3.0 * T), False, id="smooth"),
+        pytest.param(np.round(100.0 * np.sin(0.5 * T)) / 100.0, False, id="rounded"),
+        pytest.param(BURST, False, id="a smooth burst"),
+        pytest.param(np.ones(200), False, id="constant"),
+        pytest.param(np.where(T > 5.0, 1.0, 0.0), False, id="one step"),
+    ],
+)
+def test_samples_that_stay_and_jump_are_told_where_they_run_on_a_cubic(values: FloatArray, stepped: bool) -> None:
+    segment = Segment(T, np.stack([np.cos(T), values]), T[None], np.zeros(1))
+    assert bool(stepped_inputs([segment])) == stepped
+    for other in (replace(segment, hold=("cubic", "zero")), replace(segment, u_mid=np.zeros((2, 199)))):
+        assert stepped_inputs([segment, other]) == stepped_inputs([segment])
+        assert stepped_inputs([other]) == ()
+
+
+def test_without_inputs_nothing_is_told() -> None:
+    assert stepped_inputs([Segment(T, np.zeros((0, 200)), T[None], np.zeros(1))]) == ()
 
 
 def test_one_word_holds_all_inputs_and_central_differences_agree() -> None:

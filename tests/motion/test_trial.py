@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.flight import load_flight
 from brv_hypo.motion import try_record
-from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe
+from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe, thinned
 from tests.shared_data import shared_file
 
 DEGREES, GRAVITY, FEET = 180.0 / np.pi, 9.80665, 0.3048
@@ -19,8 +19,8 @@ TACTICAL = {"gyro_bias": (3.5e-4, -3.5e-4, 3.5e-4), "accel_bias": (0.01, 0.01, -
 
 @pytest.fixture(scope="module")
 def flights():
-    thinner = (CONE, replace(CAPSULE, sample_rate=100.0), replace(SLENDER, sample_rate=100.0))
-    return {s.name: observe(fly(s), 3, **TACTICAL) for s in thinner}
+    truths = (fly(CONE), thinned(fly(CAPSULE), 2), thinned(fly(SLENDER), 2))
+    return {truth.scenario.name: observe(truth, 3, **TACTICAL) for truth in truths}
 
 
 def scaled(flight, factor, *names):

@@ -6,7 +6,8 @@ damping.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -111,8 +112,9 @@ class Truth:
     gravity_body: np.ndarray
 
 
+@cache
 def fly(scenario: Scenario) -> Truth:
-    """Integrate the equations of motion."""
+    """Integrate the equations of motion: each scenario once."""
     time = np.arange(round(scenario.duration * scenario.sample_rate) + 1) / scenario.sample_rate
     pitch = scenario.flight_path
     velocity = scenario.speed * np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
@@ -159,6 +161,15 @@ def fly(scenario: Scenario) -> Truth:
         moment,
         gravity[0],
     )
+
+
+def thinned(truth: Truth, every: int) -> Truth:
+    """The same flight sampled `every` times more seldom."""
+    kept = {
+        field.name: getattr(truth, field.name)[::every] for field in fields(truth) if field.name != "scenario"
+    }
+    rate = truth.scenario.sample_rate / every
+    return Truth(scenario=replace(truth.scenario, sample_rate=rate), **kept)
 
 
 def _derivative(s: Scenario, t: float, x: np.ndarray) -> tuple[np.ndarray, tuple]:

@@ -5,26 +5,35 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from brv_hypo.docs import text
+from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import MOST_POINTS, Band, Bars, Chart, Line, Mark, Panel, Span, wrapped_degrees
+from brv_hypo.report.chart_names import RECONSTRUCTION, TRACE, comparison_names
 from brv_hypo.report.compare import comparison_document
 from brv_hypo.report.comparison_charts import comparison_charts
 from brv_hypo.report.drawing import draw_into, drawn
+from brv_hypo.report.motion_charts import Setting
 from brv_hypo.report.pages import page
 from brv_hypo.report.plotly_chart import plotly_chart
 from brv_hypo.report.provenance import Provenance
+from brv_hypo.report.reconstruction import reconstruction_charts
+from brv_hypo.report.record_charts import record_charts
+from brv_hypo.report.trace_charts import trace_charts
 from brv_hypo.simulation import load_config, simulate_batch
+from tests.chains import compared_nominal, traced_trim
+from tests.flights import nominal
 
 
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    cone = load_config("research_cone").model_copy(update={"duration": 3.0, "sample_rate": 100.0})
+    cone = load_config("research_cone").model_copy(update={"duration": 2.0, "sample_rate": 100.0, "step": 0.01})
     flights = [simulated.flight for simulated in simulate_batch(cone, seeds=(5, 6))]
     return compare(flights, CompareConfig(mechanisms=("bodyfixed",)))
 
@@ -69,9 +78,31 @@ def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:
     page = text("verdict").partition("### Figures of the report")[2]
     rows = [line.strip("|").split("|") for line in page.splitlines() if re.match(r"\| 5\.", line)]
     figures = {figure.strip() for row in rows for figure in row[0].split(",")}
-    assert figures == {f"5.{number}" for number in range(5, 21)}
+    assert figures == {f"5.{number}" for number in range(1, 21)}
     files = {name for row in rows for name in re.findall(r"`([a-z-]+)`", row[2])} - {"reconstruct"}
-    assert {name for name in files if f"{name}-1" not in charts} == set()
+    drawn_of_motion = {chart.name for chart in reconstruction_charts(reconstruct(nominal().flight))}
+    assert {name for name in files if f"{name}-1" not in charts} <= drawn_of_motion
+
+
+def test_a_record_is_drawn_as_it_was_measured() -> None:
+    """The nose turned by the rates: about the axis of the first sample's y it pitches, without end it yaws."""
+    flight = nominal().flight
+    time, zero = flight.time, np.zeros(flight.samples)
+    still = replace(flight, p=zero, q=zero + 0.1, r=zero)
+    drawn = {chart.name: chart for chart in record_charts(Setting((time[0], time[-1])), still)}
+    pitch, yaw = (panel.layers[0].y for panel in drawn["integrated-attitude"].panels)
+    np.testing.assert_allclose(pitch, np.degrees(0.1 * (time - time[0])), atol=1e-9)
+    np.testing.assert_allclose(yaw, 0.0, atol=1e-9)
+    np.testing.assert_allclose(drawn["rates"].panels[1].layers[0].y, np.degrees(0.1))
+    np.testing.assert_allclose(drawn["accelerations"].panels[0].layers[0].y, flight.ax)
+
+
+def test_charts_that_are_known_before_the_work_are_drawn(charts) -> None:
+    """By their names a folder that holds them already is refused at once."""
+    assert set(comparison_names(2)) <= set(charts)
+    assert set(comparison_names(1)) <= {chart.name for chart in comparison_charts(compared_nominal())}
+    assert set(TRACE) <= {chart.name for chart in trace_charts(traced_trim())}
+    assert set(RECONSTRUCTION) == {chart.name for chart in reconstruction_charts(reconstruct(nominal().flight))}
 
 
 def test_the_leader_is_drawn_last_and_none_first(charts) -> None:

@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
+from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.chart_names import PREDICTION
 from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.pages import page
-from brv_hypo.report.prediction import band_chart, prediction_document
+from brv_hypo.report.prediction import band_chart, prediction_charts, prediction_document
 from brv_hypo.report.provenance import provenance
-from brv_hypo.residuals import Prediction, Trace, predict
+from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import simulate
 from tests.chains import TRIM, traced_trim, trimmed_cone
+from tests.shared_data import shared_file
 
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
 
@@ -38,6 +41,12 @@ def predicted(traced: Trace, sister: Flight) -> Prediction:
     return predict(sister, traced.model.definition, ("trim",))
 
 
+@pytest.fixture(scope="module")
+def held(traced: Trace, sister: Flight) -> Prediction:
+    """Nothing refitted."""
+    return predict(sister, traced.model.definition)
+
+
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
     assert "C_Nalpha" in {term.name for term in predicted.frozen}
@@ -53,15 +62,14 @@ def test_the_frozen_model_explains_a_sister_flight(predicted: Prediction) -> Non
     assert predicted.ratio == pytest.approx(error.frozen / error.without)
 
 
-def test_what_is_not_refitted_stays_as_it_was(traced: Trace, sister: Flight, predicted: Prediction) -> None:
-    frozen = predict(sister, traced.model.definition)
-    assert frozen.refitted == ()
+def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
+    assert held.refitted == ()
     values = {term.name: term for term in traced.model.terms}
-    for term in frozen.frozen:
+    for term in held.frozen:
         assert (term.value, term.std_error) == pytest.approx(
             (values[term.name].value, values[term.name].std_error)
         )
-    assert frozen.error.frozen > predicted.error.frozen
+    assert held.error.frozen > predicted.error.frozen
 
 
 def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> None:
@@ -128,10 +136,33 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
         column["value"] *= -2.0
     said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
     assert "The frozen model does not hold here, and leaves" in said
-    assert "--refit instruments" in said
-    assert "--refit instruments" not in predicted.reason
+    assert "`--refit trim,instruments` lets this flight have its own" in said
+    assert "--refit" not in predicted.reason
 
 
+def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(
+    predicted: Prediction, held: Prediction
+) -> None:
+    """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
+    assert held.error.frozen > 2.0 * predicted.error.frozen
+    assert "`--refit trim,instruments` lets this flight have its own, and leaves about" in held.reason
+
+
+@pytest.mark.shared
+@pytest.mark.thorough
+def test_on_a_measured_record_a_held_model_far_off_is_told_with_the_remedy() -> None:
+    """Found on the first half of the entry, asked of all of it."""
+    entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
+    model = trace(entry.window(None, 0.5 * (entry.time[0] + entry.time[-1])), settings).model.definition
+    held, fitted = (predict(entry, model, refit) for refit in ((), ("instruments",)))
+    assert held.ratio > 1.0
+    assert fitted.error.frozen < 0.5 * held.error.frozen
+    assert "`--refit instruments` lets this flight have its own" in held.reason
+    assert "--refit" not in fitted.reason
+
+
+@pytest.mark.thorough
 def test_what_trace_returned_is_a_model(traced: Trace, sister: Flight, predicted: Prediction) -> None:
     assert predict(sister, traced, ("trim",)).error == predicted.error
 
@@ -145,5 +176,6 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
+    assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION)
     assert [panel.title for panel in chart.panels] == list(BODY)
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))

@@ -128,6 +128,8 @@ def test_a_fall_from_rest_is_timed_right(shape: str) -> None:
     config = body(
         gravity=9.81,
         duration=2.0,
+        step=0.02,
+        sample_rate=50.0,
         environment={"constant_density": 0.0, "gravity": 9.81, "planet_shape": shape},
         start={"altitude": 1000.0, "velocity": 1e-3, "flight_path_angle": 0.0, "alpha": 0.0},
     )

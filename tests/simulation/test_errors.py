@@ -16,7 +16,7 @@ from brv_hypo.motion import reconstruct
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate, simulate_batch
 from brv_hypo.simulation.errors import drawn, start_of, with_errors
 
-CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | {"duration": 1.0}
+CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | {"duration": 0.5}
 CARRIED = {effect.name: effect for effect in record_effects() if effect.carried}
 SEEDS = range(300)
 

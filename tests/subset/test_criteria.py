@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
+from statsmodels.regression.linear_model import OLS
 
 from brv_hypo.subset import Criteria, best_subsets
 
@@ -20,7 +20,7 @@ def problem() -> tuple[np.ndarray, np.ndarray]:
 def test_against_statsmodels(problem: tuple[np.ndarray, np.ndarray], size: int) -> None:
     X, y = problem
     subset = best_subsets(X, y, 7).best(size)
-    fitted = sm.OLS(y, X[:, list(subset.terms)]).fit()
+    fitted = OLS(y, X[:, list(subset.terms)]).fit()
     criteria = subset.criteria
     assert subset.rss == pytest.approx(fitted.ssr, rel=1e-12)
     np.testing.assert_allclose(subset.coefficients, fitted.params, rtol=1e-9)

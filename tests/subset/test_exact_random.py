@@ -13,7 +13,7 @@ from tests.subset.brute_force import Row, enumerate_subsets, representatives
 
 KERNELS = ("numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
 BATCHES, PER_BATCH = 40, 25
-QUICK_BATCHES = 8
+QUICK_BATCHES, THOROUGH_BATCHES = 4, 8  # four: each kernel once in either kind of problem
 """Batches of every run; each batch has every kernel, with and without rules."""
 
 
@@ -111,8 +111,9 @@ def _check_size(rows: list[Row], n_best: int, result: SubsetResult, size: int, s
 @pytest.mark.parametrize(
     "batch",
     [
-        pytest.param(batch, marks=() if batch < QUICK_BATCHES else pytest.mark.slow)
-        for batch in range(BATCHES)
+        *range(QUICK_BATCHES),
+        *(pytest.param(batch, marks=pytest.mark.thorough) for batch in range(QUICK_BATCHES, THOROUGH_BATCHES)),
+        *(pytest.param(batch, marks=pytest.mark.slow) for batch in range(THOROUGH_BATCHES, BATCHES)),
     ],
 )
 def test_agrees_with_complete_enumeration(batch: int) -> None:
