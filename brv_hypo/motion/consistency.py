@@ -33,7 +33,7 @@ from brv_hypo.motion.wind import gravity_magnitude
 
 # A segment is judged where it is this long, and thinned to so many samples.
 FEWEST_SAMPLES = 64
-MOST_SAMPLES = 300
+MOST_SAMPLES = 300  # bounds the time
 # Below these shares of what is to be explained a relation counts as kept: mechanisms act on moments, and leave more
 # of the second and third.
 KEPT = np.array([0.002, 0.1, 0.1])
@@ -41,30 +41,30 @@ KEPT = np.array([0.002, 0.1, 0.1])
 TOO_NOISY = 0.3
 # Of any body: slope of the normal force per rad, on the base area; its spread as a factor e^x; hard limits.
 NORMAL_SLOPE = 1.2
-NORMAL_SPREAD = 1.3
-NORMAL_LIMITS = (0.02, 40.0)
+NORMAL_SPREAD = 1.3  # of the logarithm: slopes from 0.3 to 4.4 within one sigma
+NORMAL_LIMITS = (0.02, 40.0)  # per rad
 # 1-sigma of the wind along the path, m/s: at least this, or so many tolerances of the flight; it keeps to itself over
 # this share of a segment. Airspeed shows its changes as if they were decelerations.
 WIND = 10.0
-WIND_TOLERANCES = 2.0
-WIND_MEMORY = 0.5
+WIND_TOLERANCES = 2.0  # times the record's tolerance on the wind
+WIND_MEMORY = 0.5  # share of a segment's length
 # 1-sigma share of gravity along the path: what the altitude leaves open, and what is open where there is none.
 GRAVITY_DOUBT = 0.2
-GRAVITY_UNKNOWN = 1.0
+GRAVITY_UNKNOWN = 1.0  # share of gravity: as large as itself
 # 1-sigma of the deceleration by lift, in what it is where the normal force has the slope of any body.
 LIFT_DOUBT = 1.0
 # 1-sigma of the speed that a segment starts with, m/s, which is left open; samples that tell the deceleration.
 ANY_SPEED = 1e3
-AXIAL_SAMPLES = 60
+AXIAL_SAMPLES = 60  # the time goes with their cube
 # Spread of the logarithm: of sensed over true deceleration; of the density of the day; of noise in a triad.
 AXIAL_SPREAD = 0.25
-DENSITY_SPREAD = 0.35
-NOISE_SPREAD = 0.5
+DENSITY_SPREAD = 0.35  # of the density of the day: a factor 1.4 either way
+NOISE_SPREAD = 0.5  # of noise among the three of a triad
 # A constant transverse force may be this many times what swings, and 1 m/s^2, before it counts against a record.
 STEADY = 3.0
 # Logarithms of the ratio of decelerations that are tried: up to so many spreads.
 AXIAL_REACH = 4.0 * AXIAL_SPREAD
-AXIAL_STEPS = 41
+AXIAL_STEPS = 41  # trial values, a fifth of a spread apart
 # Each further mistake in one record is less likely by a factor e^x.
 EACH_FURTHER_MISTAKE = 1.5
 # No single check counts for more than this (in units of -ln likelihood).

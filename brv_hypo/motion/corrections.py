@@ -9,10 +9,10 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 
-_DEGREES = 180.0 / np.pi
-_G = 9.80665
-_FEET = 0.3048
-_PSF = 47.88026
+_DEGREES = 180.0 / np.pi  # deg in a rad
+_G = 9.80665  # m/s^2, standard gravity (CGPM 1901)
+_FEET = 0.3048  # m in a foot (international, 1959)
+_PSF = 47.88026  # Pa in a lbf/ft^2
 
 _GYROS = ("p", "q", "r")
 _ACCELEROMETERS = ("ax", "ay", "az")

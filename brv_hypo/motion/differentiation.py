@@ -14,13 +14,13 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
-_ORDERS = (2, 4, 6)
+_ORDERS = (2, 4, 6)  # degrees of the local polynomials that are tried
 # Squared bias is weighed so much against variance: later statistics know the variance, but not the bias.
 _BIAS_COUNTS = 16.0
-_PAST_VALLEY = 3.0
+_PAST_VALLEY = 3.0  # times the least error so far: wider windows of this degree only lose
 # Standard errors by which the bias against a noisy reference must show, and how far its noise is correlated.
 _DOUBT = 4.0
-_CORRELATED = 4.0
+_CORRELATED = 4.0  # samples
 # Weights from which on a filter is quicker by Fourier transforms.
 _WIDE = 400
 

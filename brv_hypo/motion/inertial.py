@@ -14,7 +14,7 @@ from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import Derivative, differentiate
 from brv_hypo.motion.noise import transverse_noise_level, white_noise_level
 
-FEWEST_SAMPLES = 16
+FEWEST_SAMPLES = 16  # of the longest segment: the fewest that a record may have (FLIGHT_FORMAT)
 
 
 @dataclass(frozen=True)

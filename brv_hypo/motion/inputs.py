@@ -18,7 +18,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError, Smooth, smoothed
 from brv_hypo.motion.splines import running_integral
 
-_PASSES = 3
+_PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
 _LEAST_DENSITY = 1e-3
 """Of the largest: where the pressure is lost in its noise its logarithm means nothing."""
 

@@ -10,9 +10,9 @@ from brv_hypo.motion.methods import WindHistory
 from brv_hypo.motion.reconstruction import MomentEstimate
 from brv_hypo.motion.wind import gravity_magnitude
 
-_FEW_SAMPLES = 20.0
-_POORLY_KNOWN = 0.1
-_NOISY_MOMENTS = 0.2
+_FEW_SAMPLES = 20.0  # a cycle of the oscillation, below which a warning says so
+_POORLY_KNOWN = 0.1  # sigma of alpha over its rms, above which a warning says so
+_NOISY_MOMENTS = 0.2  # noise of the moments over their rms, above which a warning says so
 
 
 def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:

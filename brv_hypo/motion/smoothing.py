@@ -14,12 +14,12 @@ from scipy.linalg import eigh
 
 from brv_hypo.arrays import FloatArray
 
-_INTERVALS = 64
-_SAMPLES_PER_INTERVAL = 6
-_ROUGHNESS = np.logspace(-14.0, 15.0, 117)
-_RIDGE = 1e-14
-_LEAST_ROUGHNESS = 1e-15
-_ORDER = 3
+_INTERVALS = 64  # of the spline, at most: roll rate and density vary slowly
+_SAMPLES_PER_INTERVAL = 6  # at least, so that noise can be told from the signal
+_ROUGHNESS = np.logspace(-14.0, 15.0, 117)  # penalties tried, four a decade, from none to a parabola
+_RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
+_LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
+_ORDER = 3  # of the differences that are penalised: a parabola is smooth
 _MOST_SHAPES = 10
 """Shapes of an input's error; finer ones have less effect on the motion than the gyros' noise."""
 

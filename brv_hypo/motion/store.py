@@ -11,7 +11,7 @@ from brv_hypo.flight.hdf5 import Dataset, Tree, write_tree
 from brv_hypo.motion.reconstruction import Reconstruction
 
 FORMAT = "brv-motion"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its meaning
 
 
 def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite: bool = False) -> None:

@@ -22,7 +22,7 @@ from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
 # A relation is broken where this share is left beyond so many times what noise leaves. Sound records leave 0.04 at
 # most: 90 simulated flights with all instrument grades, and the measured entry of Opportunity.
 BROKEN = 0.012
-TIMES_NOISE = 4.0
+TIMES_NOISE = 4.0  # times the share that noise alone leaves
 # It is strained from here on: then a mistake must explain more before it is named.
 STRAINED = 0.003
 # Where the accelerometers cannot tell, the gyros alone must leave so much; mechanisms leave up to 0.5.
@@ -30,21 +30,21 @@ BROKEN_ALONE = 0.7
 # Sensed deceleration (by more than so many sigma), density, slope of the normal force: beyond these factors no
 # tolerance explains them.
 AXIAL_WITHIN = (0.5, 2.0)
-AXIAL_SIGMAS = 3.0
-PRESSURE_WITHIN = (0.3, 3.0)
-NORMAL_WITHIN = (0.04, 30.0)
+AXIAL_SIGMAS = 3.0  # standard errors of the ratio of decelerations
+PRESSURE_WITHIN = (0.3, 3.0)  # density over that of the standard atmosphere
+NORMAL_WITHIN = (0.04, 30.0)  # per rad
 # A mistake is named where undoing it raises ln likelihood by this much, and leaves this share of what was broken.
 DECISIVE = 2.2
-DECISIVE_IF_STRAINED = 4.5
-MENDED = 0.4
+DECISIVE_IF_STRAINED = 4.5  # ln likelihood, where the record is strained but not broken
+MENDED = 0.4  # share of what was left before
 # Corrections within this of the best in ln likelihood are told beside it, so many of them.
 NEARLY_EQUAL = 1.0
-MOST_OTHERS = 2
+MOST_OTHERS = 2  # corrections told beside the best
 # Nothing mends it, and this share of each instrument, or more, does not follow from the others: sound records leave
 # 0.04 of the first relation, a measured sounding rocket in gusts, of unknown axes, 0.95, 0.75 and 0.89. Noise may be
 # this share of it at most.
 UNRELATED = 0.5
-QUIET = 0.1
+QUIET = 0.1  # share of what is to be explained that is noise
 UNRELATED_WORDS = (
     "{share:.0f} % of what the accelerometers sense across the axis does not follow from the gyros and the speed, "
     "where noise leaves {noise:.1g} %, and no mistake of sign, axis or unit that was tried clearly mends it: axes and "

@@ -19,7 +19,7 @@ from brv_hypo.regression.whitening import NoiseModel, applied
 
 # The block held out of each four.
 _HELD_OUT = 2
-_SHORTEST = 8
+_SHORTEST = 8  # rows; shorter pieces are left out
 
 
 @dataclass(frozen=True)

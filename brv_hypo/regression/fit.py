@@ -35,7 +35,7 @@ NARROWINGS = 3
 FINE_SCANS = 3
 # A hypothesis whose criterion stays this far behind another after so many sizes is not searched further.
 OUT_OF_REACH = 400.0
-SIZES_TRIED = 3
+SIZES_TRIED = 3  # terms; the 400 above are in twice the log-likelihood
 
 
 @dataclass(frozen=True)

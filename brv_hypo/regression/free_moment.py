@@ -25,7 +25,7 @@ Shape = Callable[[Motion], tuple[ComplexArray, ...]]
 
 # Splines in time of each shape, and rows that each column of the free moment of the noise needs.
 _SPLINES = 10
-_ROWS_PER_COLUMN = 12
+_ROWS_PER_COLUMN = 12  # so that these columns take at most a twelfth of the noise with them
 # The parameter that tells which shape.
 _SHAPE = "shape"
 

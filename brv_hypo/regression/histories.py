@@ -22,7 +22,7 @@ PER_CYCLE = 24
 _MOST_KEPT = 20_000
 # Values of histories that are made at once: 16 bytes each, several times over.
 AT_ONCE = 2_000_000
-_NEAREST = 6
+_NEAREST = 6  # kept rows that a row lies between: degree 5, whose error at 24 rows a cycle is 2e-6 of a sine
 
 
 @dataclass(frozen=True)

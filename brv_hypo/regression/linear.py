@@ -9,7 +9,7 @@ from brv_hypo.arrays import FloatArray
 # Share of a column's square below which what a projection leaves of it is rounding; the same for directions of unit
 # columns in normal equations.
 _SPENT = 1e-12
-_ROUNDING = 1e-14
+_ROUNDING = 1e-14  # some 45 units of double precision's rounding
 
 
 def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = 1e-12) -> FloatArray:

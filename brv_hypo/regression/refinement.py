@@ -25,7 +25,7 @@ from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 SMALLEST_GAIN = 0.2
 # Values of a parameter that are tried before Gauss-Newton, and once more about the model that was settled on.
 SCANNED = 7
-SCANNED_FINELY = 25
+SCANNED_FINELY = 25  # values of that second scan
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
 # Spacings by which a knot may lie beyond the outermost of the grid: at the end of the record it would cut off nothing.

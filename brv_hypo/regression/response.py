@@ -53,7 +53,7 @@ Moved = TypeVar("Moved")
 
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
-_FEWEST_MODES, _MOST_MODES = 10, 40
+_FEWEST_MODES, _MOST_MODES = 10, 40  # sines; the most bound the time
 # What the sines may leave of the random walk, in standard deviations of alpha.
 _LEFT_OUT = 0.8
 

@@ -19,8 +19,8 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 
 # Stretches of time that the spectrum of the noise is the median of, and their shortest and longest length, samples.
 _STRETCHES = 16
-_SHORTEST_STRETCH = 32
-_LONGEST_STRETCH = 256
+_SHORTEST_STRETCH = 32  # samples
+_LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
 

@@ -26,8 +26,8 @@ from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
 
-_SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)
-_OUTLIER = 6.0
+_SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of the slope's course that are tried
+_OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
 # The force alone is enough where alpha is then known to this share of its rms.
 _ENOUGH = 0.1
 # Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
@@ -35,7 +35,7 @@ _ROUGH = 0.01
 # They are linearised anew about what was found of them, at most so often, and again where that had moved the
 # crossflow by more than this share of its standard deviation.
 _LINEARISATIONS = 6
-_MOVED = 0.1
+_MOVED = 0.1  # share of the crossflow's standard deviation
 
 
 def joint(

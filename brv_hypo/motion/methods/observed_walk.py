@@ -24,7 +24,7 @@ from brv_hypo.motion.wind import (
     transverse_axes,
 )
 
-_MOST_STEPS = 25
+_MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
 # Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
 _CONVERGED = 1e-2
 _Axes = tuple[FloatArray, FloatArray]
