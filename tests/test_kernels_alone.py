@@ -60,9 +60,10 @@ def test_they_import_without_the_rest_and_without_its_dependencies(empty: Path) 
 @pytest.mark.parametrize(
     ("files", "chosen"),
     [
-        (
+        pytest.param(
             ("subset/test_dependent_columns.py", "likelihood/test_hold.py"),
             "not slow and not thorough",
+            marks=pytest.mark.thorough,
         ),
         pytest.param(("likelihood", "subset"), "slow or not slow", marks=pytest.mark.slow),
     ],

@@ -84,17 +84,12 @@ def filled_in(path: Path, lines: dict[str, Any]) -> None:
     path.write_text(yaml.safe_dump(into(yaml.safe_load(path.read_text()), lines), sort_keys=False))
 
 
+@pytest.mark.thorough
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("name", "folder", "guessed", "told"),
     [
-        pytest.param(
-            "opportunity",
-            "opportunity",
-            "opportunity_entry.map.yaml",
-            (0, ["Verdict: none adequate"]),
-            marks=pytest.mark.thorough,  # tests/ranking compares this entry in every run
-        ),
+        ("opportunity", "opportunity", "opportunity_entry.map.yaml", (0, ["Verdict: none adequate"])),
         ("rocket", "launch12", "imu.map.yaml", (1, ["degraded", "record fault"])),
     ],
 )

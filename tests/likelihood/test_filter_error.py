@@ -97,7 +97,8 @@ def test_measurement_and_process_noise_are_told_apart_with_their_errors() -> Non
     assert result.remarks == ()
 
 
-@pytest.mark.parametrize("times", [1e3, pytest.param(1e-3, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("times", [1e3, 1e-3])
 def test_a_poor_first_guess_of_the_process_noise_does_no_harm(times: float) -> None:
     far = estimated(SHORT_RECORD, times)
     assert far.converged, far.message

@@ -18,6 +18,7 @@ from brv_hypo.likelihood.hard_study import (
 )
 
 
+@pytest.mark.thorough
 def test_a_held_input_gives_no_bias_where_it_is_said_to_be_held() -> None:
     assert np.abs(hold_bias(200)).max() < 0.02
     said: list[str] = []

@@ -43,7 +43,7 @@ def fitted(segments: list[Segment], **options: Any) -> FitResult:
     return fit(dynamics, outputs, segments, start, noise_covariance=4e-4 * np.eye(2), **options)
 
 
-@pytest.mark.parametrize("x0_std", [np.inf, 0.05, pytest.param(0.0, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("x0_std", [np.inf, *(pytest.param(std, marks=pytest.mark.thorough) for std in (0.05, 0.0))])
 def test_it_is_the_fit_without_the_samples(x0_std: float) -> None:
     segments = [record(1, x0_std), record(2, x0_std)]
     priors = {"bias": (0.0, 0.05)}

@@ -224,7 +224,9 @@ def test_a_spike_in_the_accelerometers_is_left_out(truths: dict[str, Truth]) -> 
     assert np.degrees(np.sqrt(np.mean((result.motion.alpha - truth.alpha) ** 2))) < 0.003
 
 
-@pytest.mark.parametrize("samples", [50, 200, 600])
+@pytest.mark.parametrize(
+    "samples", [50, *(pytest.param(samples, marks=pytest.mark.thorough) for samples in (200, 600))]
+)
 def test_a_record_without_noise_has_a_motion(samples: int) -> None:
     flight = sample_flight()
     found = reconstruct(flight.window(None, flight.time[samples - 1]))
