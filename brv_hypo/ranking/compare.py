@@ -99,8 +99,7 @@ def _compare(
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms)}")
         before = likeliest(fits).rss
-        fits = [replace(fit, frame=replace(fit.frame)) for fit in fits]
-        del problem  # large, like the shapes that frames keep, and about to be replaced
+        del problem  # large, and about to be replaced
         problem = about(point, reconstructions, config)
         fits = _moved(problem, fits)
     problem, fits = _with_errors(problem, fits)

@@ -14,9 +14,10 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.motion.kept_rows import PER_CYCLE, kept_rows
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.histories import PER_CYCLE, Histories, kept_rows
+from brv_hypo.regression.histories import Histories
 from brv_hypo.regression.response import LinearisedFlight
 
 
@@ -102,9 +103,9 @@ def nuisances(
     def add(item: Nuisance, history: Rows, seen: Rows | None = None) -> None:
         if np.any(history.rates) or np.any(history.force):
             if seen is not None:
-                noise[len(items)] = kept.of(seen)
+                noise[len(items)] = Rows(kept.of(seen.rates), kept.of(seen.force))
             items.append(item)
-            rows.append(kept.of(history))
+            rows.append(Rows(kept.of(history.rates), kept.of(history.force)))
 
     for number, linearised in enumerate(flights):
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}

@@ -33,6 +33,7 @@ from brv_hypo.motion.frames import (
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel, with_smooth_inputs
+from brv_hypo.motion.kept_rows import spacing
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -94,9 +95,12 @@ class LinearisedFlight:
 
     def spacing(self, per_cycle: int) -> int:
         """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
-        motion = self.reconstruction.motion
-        fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
-        return max(1, int(2.0 * np.pi / (fastest * self.record.flight.step * per_cycle)))
+        return spacing(
+            self.reconstruction.motion.windward_meridian_rate,
+            self.reconstruction.motion.p,
+            self.record.flight.step,
+            per_cycle,
+        )
 
     @cached_property
     def crossflow(self) -> ComplexArray:
