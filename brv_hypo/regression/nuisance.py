@@ -112,9 +112,8 @@ def nuisances(
         names, histories, values = linearised.start_and_gravity()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
-        names, histories, values, of_noise = linearised.random_walk()
-        for name, history, value, seen in zip(names, histories, values, of_noise, strict=True):
-            item = Nuisance("motion", name, number, "1", 1.0, float(value))
+        for name, history, value, seen in linearised.random_walk():
+            item = Nuisance("motion", name, number, "1", 1.0, value)
             add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, np.zeros_like(seen))))
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):
