@@ -1,8 +1,8 @@
 """What is as slow as the motion, kept on as many samples as the motion needs.
 
 What an error of the record does follows the motion. Where samples are many to a cycle, all of it follows from every so
-many-th sample by Lagrange's polynomial through the six nearest; with `PER_CYCLE` a cycle that errs by 2e-6 of what
-varies with the fastest motion.
+many-th sample by Lagrange's polynomial through the six nearest; with `PER_CYCLE` a cycle that errs by 2e-6, at the
+ends by 1e-5, of what varies with the fastest motion.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 PER_CYCLE = 24
 # Samples up to which all are kept.
 _MOST_KEPT = 20_000
-# Samples at the ends of a piece that are none of those kept: filters and late clocks make of them what they like.
+# Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
+# like. They follow by extrapolation over an eighth of the spacing at most.
 _END = 4
 _NEAREST = 6
 # Samples of many columns that are held at once.
@@ -84,7 +85,8 @@ def _evenly(count: int, stride: int) -> IntArray:
     """About every `stride`-th of so many samples, the ends left out; all of them where they are few."""
     if count < 2 * _END + _NEAREST * stride:
         return np.arange(count)
-    places = np.linspace(_END, count - 1 - _END, -(-count // stride))
+    end = min(_END, stride // 8)
+    places = np.linspace(end, count - 1 - end, -(-count // stride))
     return np.asarray(np.round(places), dtype=np.int64)
 
 
