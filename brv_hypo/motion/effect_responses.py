@@ -6,6 +6,7 @@ column made from measured channels would hold the noise of what it is to explain
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
@@ -17,7 +18,9 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.differentiation import differentiate
+from brv_hypo.motion.frames import windward_meridian
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
+from brv_hypo.motion.kept_rows import PER_CYCLE, KeptRows, all_rows, blocks, kept_rows, spacing
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
 from brv_hypo.motion.splines import running_integral
@@ -34,32 +37,42 @@ MOST_NAMED = 3  # errors told where none can be taken out
 
 @dataclass(frozen=True)
 class Responses(Generic[Values]):
-    """One quantity's changes by those effects, `which` (m,), that change it at all: `values` (n, m)."""
+    """One quantity's changes by those effects, `which` (m,), that change it at all: `values` (kept, m)."""
 
     which: IntArray
+    rows: KeptRows
     values: Values
+
+    def at(self, rows: slice) -> Values:
+        """These rows of the changes (rows, m)."""
+        return self.rows.all_of(self.values, rows)
 
     def of(self, effects: FloatArray) -> Values:
         """The change (n,) by effects of these sizes (k,)."""
-        return np.asarray(self.values @ effects[self.which])
+        return self.rows.all_of(np.asarray(self.values @ effects[self.which]))
 
     def variance(self, covariance: FloatArray) -> FloatArray:
         """Variance (n,) of both parts by effects of that covariance (k, k)."""
         own = covariance[np.ix_(self.which, self.which)]
-        return projected_variance(self.values.real, own) + projected_variance(self.values.imag, own)
+        out = np.empty(self.rows.count)
+        for rows in blocks(out.size):
+            changes = self.at(rows)
+            out[rows] = projected_variance(changes.real, own) + projected_variance(changes.imag, own)
+        return out
 
 
 @dataclass(frozen=True)
 class EffectResponses:
     """Changes of what the record says, for an error of each of k effects of one standard deviation.
 
-    `drift` (n, 3, k) m/s: the velocity relative to the air in the axes of the first sample, as the body sees
-    it; `force` m/s^2: the transverse force; `pressure`: the dynamic pressure over itself, which the
-    normal force follows as it follows its slope; `moment`: C_m + i C_n. The truth lies below the record by that
-    much, times the error.
+    `rows` are the samples that are kept; `drift` (kept, 3, k) m/s: the velocity relative to the air in the axes of the
+    first sample, as the body sees it; `force` m/s^2: the transverse force; `pressure`: the dynamic pressure over
+    itself, which the normal force follows as it follows its slope; `moment`: C_m + i C_n. The truth lies below the
+    record by that much, times the error.
     """
 
     effects: tuple[Perturbation, ...]
+    rows: KeptRows
     drift: FloatArray
     force: Responses[ComplexArray]
     pressure: Responses[FloatArray]
@@ -86,10 +99,12 @@ def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
 
 def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
-    n = record.time.size
-    none, nothing = np.zeros(0, dtype=np.int64), np.zeros((n, 0))
-    unchanged: Responses[ComplexArray] = Responses(none, nothing.astype(complex))
-    return EffectResponses((), np.zeros((n, 3, 0)), unchanged, Responses(none, nothing), unchanged)
+    rows, none = all_rows(record.time.size), np.zeros(0, dtype=np.int64)
+    nothing = np.zeros((rows.count, 0))
+    unchanged: Responses[ComplexArray] = Responses(none, rows, nothing.astype(complex))
+    return EffectResponses(
+        (), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged
+    )
 
 
 def as_expected(responses: EffectResponses) -> EffectFit:
@@ -126,42 +141,51 @@ def effect_responses(
     """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
     if not effects:
         return no_responses(record)
-    smooth, n = noise_free(record, force), record.time.size
-    width = max(1, AT_ONCE // n)
-    drift = np.empty((n, 3, len(effects)))
-    forces, pressures, moments = _Gathered(), _Gathered(), _Gathered()
+    smooth, kept = noise_free(record, force), _kept(record, crossflow)
+    width = max(1, AT_ONCE // kept.count)
+    drift = np.empty((kept.size, 3, len(effects)))
+    forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in some]
-        drift[:, :, first : first + width] = _drift(smooth, crossflow, records)
+        drift[:, :, first : first + width] = kept.of(_drift(smooth, crossflow, records))
         for k, moved in enumerate(records, start=first):
             forces.add(k, moved.transverse_force - smooth.transverse_force)
             pressures.add(k, moved.force_scale / smooth.force_scale - 1.0)
             moments.add(k, moved.moment - smooth.moment)
     drift /= STEP
     return EffectResponses(
-        tuple(effects), drift, forces.over(n, complex), pressures.over(n, float), moments.over(n, complex)
+        tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)
     )
+
+
+def _kept(record: InertialRecord, crossflow: ComplexArray) -> KeptRows:
+    """The samples that the motion needs, each stretch between the ends of segments by itself."""
+    flight = record.flight
+    edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
+    rate = np.gradient(np.unwrap(windward_meridian(crossflow)), flight.time)
+    return kept_rows(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, PER_CYCLE))
 
 
 class _Gathered:
     """Changes of one quantity, effect by effect; those that are none are not kept."""
 
-    def __init__(self) -> None:
+    def __init__(self, kept: KeptRows) -> None:
+        self._kept = kept
         self._found: dict[int, Any] = {}
 
     def add(self, effect: int, change: Any) -> None:
         """The change (n,) by one effect."""
         if np.any(change):
-            self._found[effect] = change
+            self._found[effect] = self._kept.of(change)
 
-    def over(self, samples: int, kind: type) -> Responses[Any]:
+    def all_of(self, kind: type) -> Responses[Any]:
         """All of them per unit of the effects, which are let go one by one."""
         which = np.array(list(self._found), dtype=np.int64)
-        values: Any = np.empty((samples, which.size), dtype=kind, order="F")
+        values: Any = np.empty((self._kept.size, which.size), dtype=kind, order="F")
         for place, effect in enumerate(which.tolist()):
             np.divide(self._found.pop(effect), STEP, out=values[:, place])
-        return Responses(which, values)
+        return Responses(which, self._kept, values)
 
 
 def telling(responses: EffectResponses) -> EffectResponses:
@@ -174,6 +198,7 @@ def telling(responses: EffectResponses) -> EffectResponses:
     place = np.cumsum(tells) - 1
     return EffectResponses(
         tuple(effect for effect, tell in zip(responses.effects, tells, strict=True) if tell),
+        responses.rows,
         responses.drift[:, :, tells],
         replace(responses.force, which=place[responses.force.which]),
         replace(responses.pressure, which=place[responses.pressure.which]),

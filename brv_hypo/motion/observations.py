@@ -75,9 +75,9 @@ class TieModel:
 
         An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
         """
-        columns[:, self.effects.which] += self.effects.values[rows]
+        columns[:, self.effects.which] += self.effects.at(rows)
         if self.factors is not None:
-            columns[:, self.factors.which] -= self.factors.values[rows] * tied[rows, np.newaxis]
+            columns[:, self.factors.which] -= self.factors.at(rows) * tied[rows, np.newaxis]
 
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
         """The same model with a slope of `count` coefficients in time."""

@@ -18,14 +18,13 @@ from scipy.linalg import cholesky_banded
 from scipy.linalg.lapack import dtbtrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.kept_rows import blocks
 
 # Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
 _RIDGE = 1e-11
 # All steps together vary by this share at least of the variance that the ties leave of one level, which changes
 # no answer: steps without noise, of rates that were computed, make the information singular in double precision.
 _LEAST_WANDER = 1e-4
-# Samples of all columns that are held at once.
-_BLOCK = 20_000
 
 
 class Columns(Protocol):
@@ -98,11 +97,6 @@ class WalkSolution:
     theta: FloatArray
     covariance: FloatArray
     cost: float
-
-
-def blocks(samples: int) -> list[slice]:
-    """All samples, as many at once as are held of many columns."""
-    return [slice(first, min(first + _BLOCK, samples)) for first in range(0, samples, _BLOCK)]
 
 
 def walk_equations(ties: Sequence[Tie], step_variance: FloatArray, start_variance: float) -> WalkEquations:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -16,6 +17,8 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 
 # Samples from which splines have no knot at the second and the last but one.
 _FEWEST = 4
+# Values that are worked on at once.
+_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,25 @@ class SplineGrid:
 
     def slopes(self, values: Values) -> Values:
         """Slopes at the samples of the splines through `values` (m, columns), real or complex."""
+        return self._by_columns(self._slopes, values)
+
+    def integrals(self, values: Values, slopes: Values) -> Values:
+        """Integrals (m, columns) from the first sample to each of the splines with these values and slopes."""
+        return self._by_columns(self._integrals, values, slopes)
+
+    def _by_columns(self, call: Callable[..., Values], *arrays: Values) -> Values:
+        """What `call` makes of arrays (m, columns), so many columns at once that what it needs stays small."""
+        count = arrays[0].shape[1]
+        width = max(1, _AT_ONCE // self.time.size)
+        if width >= count:
+            return call(*arrays)
+        out = np.empty_like(arrays[-1])
+        for first in range(0, count, width):
+            some = slice(first, first + width)
+            out[:, some] = call(*(each[:, some] for each in arrays))
+        return out
+
+    def _slopes(self, values: Values) -> Values:
         h = self.steps
         chords = np.diff(values, axis=0) / h
         right = np.empty(values.shape, dtype=chords.dtype)
@@ -53,8 +75,7 @@ class SplineGrid:
         found, _ = dgttrs(*self._factors, right.view(float))
         return np.ascontiguousarray(found).view(right.dtype)
 
-    def integrals(self, values: Values, slopes: Values) -> Values:
-        """Integrals (m, columns) from the first sample to each of the splines with these values and slopes."""
+    def _integrals(self, values: Values, slopes: Values) -> Values:
         h = self.steps
         out = np.zeros_like(slopes)
         np.cumsum(

@@ -35,7 +35,7 @@ from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds, within_bounds
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
-from brv_hypo.ranking.preparation import about, prepare
+from brv_hypo.ranking.preparation import about, settled
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
@@ -123,7 +123,7 @@ def _searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> tuple[Problem, list[HypothesisFit]]:
     """The problem linearised where the data say, and every hypothesis fitted in it."""
-    problem = prepare(reconstructions, config)
+    problem, settings = settled(reconstructions, config)
     fits = _fitted(problem, hypotheses, say)
     moved, before = False, math.inf
     for _ in range(LINEARISATIONS):
@@ -132,9 +132,8 @@ def _searched(
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
         before = likeliest(fits).rss
-        fits = [replace(fit, frame=replace(fit.frame)) for fit in fits]
-        del problem  # large, like the shapes that frames keep, and about to be replaced
-        problem = about(point, reconstructions, config)
+        del problem  # large, and about to be replaced
+        problem = about(point, reconstructions, settings, config)
         fits, moved = _moved(problem, fits), True
     problem, fits = _with_errors(problem, fits)
     if moved and _left(problem, fits).gain > 0.0:

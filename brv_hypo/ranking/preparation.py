@@ -15,7 +15,13 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import MOST_LINEARISATIONS, SETTLED_ERRORS, SLOPE_DEGREE, WAVERING_SPEED
+from brv_hypo.ranking.constants import (
+    COLOURED,
+    MOST_LINEARISATIONS,
+    SETTLED_ERRORS,
+    SLOPE_DEGREE,
+    WAVERING_SPEED,
+)
 from brv_hypo.regression.build import (
     LinearisationPoint,
     baseline_columns,
@@ -30,13 +36,21 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 
 SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and six terms
+# How each flight is reconstructed.
+Settings = tuple[ReconstructionConfig, ...]
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried.
+    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried."""
+    return settled(reconstructions, config)[0]
+
+
+def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
+    """What `prepare` gives, and how the flights are to be reconstructed.
 
     What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
-    again where what the data say of them is taken out, until they say the same.
+    again where what the data say of them is taken out, until they say the same. How loud the instruments' noise is at
+    the frequencies of the motion is known once the motion is taken out.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < SMALLEST_RECORD:
@@ -44,36 +58,61 @@ def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
-    problem = _problem(reconstructions, config)
+    settings: Settings = tuple(ReconstructionConfig(method=config.method) for _ in reconstructions)
+    problem = _problem(reconstructions, settings, config)
     found = errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
-        problem = about(baseline_point(problem, found), reconstructions, config)
-        found = errors_found(problem)
-        if farthest_off(problem, found) < SETTLED_ERRORS:
+        problem = about(baseline_point(problem, found), reconstructions, settings, config)
+        found, heard = errors_found(problem), _as_loud(problem, settings)
+        if heard == settings and farthest_off(problem, found) < SETTLED_ERRORS:
             break
-    return problem
+        settings = heard
+    return problem, settings
+
+
+def _as_loud(problem: Problem, settings: Settings) -> Settings:
+    """The settings with the noise that instruments have at the motion's frequencies, where that is far more."""
+    records, lasting = problem.records, problem.rows.noise.lasting
+    if lasting is None:
+        return settings
+    rates = lasting[0] / float(np.median([record.gyro_sigma for record in records]))
+    force = lasting[1] / float(np.median([np.median(record.force_sigma) for record in records]))
+    out = []
+    for record, setting in zip(records, settings, strict=True):
+        louder: dict[str, float] = {}
+        if rates > COLOURED:
+            louder["gyro_sigma"] = rates * record.gyro_sigma
+        if force > COLOURED:
+            louder["accel_sigma"] = force * record.accel_sigma
+        out.append(setting.model_copy(update=louder))
+    return tuple(out)
 
 
 def about(
-    point: LinearisationPoint, reconstructions: Sequence[Reconstruction], config: CompareConfig
+    point: LinearisationPoint,
+    reconstructions: Sequence[Reconstruction],
+    settings: Settings,
+    config: CompareConfig,
 ) -> Problem:
     """The problem of the records without the errors of a linearisation point, under the noise that they have."""
     cleaned = [
-        reconstruct(without(rec.flight, errors), ReconstructionConfig(method=config.method))
-        for rec, errors in zip(reconstructions, point.taken, strict=True)
+        reconstruct(without(rec.flight, errors), setting)
+        for rec, errors, setting in zip(reconstructions, point.taken, settings, strict=True)
     ]
-    problem = _problem(cleaned, config, point)
+    problem = _problem(cleaned, settings, config, point)
     return problem.under(settled_noise(problem))
 
 
 def _problem(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, point: LinearisationPoint | None = None
+    reconstructions: Sequence[Reconstruction],
+    settings: Settings,
+    config: CompareConfig,
+    point: LinearisationPoint | None = None,
 ) -> Problem:
     """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
     offset = 1 if config.offset_degree is None else config.offset_degree
     slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
-    settings = ReconstructionConfig(method=config.method)
-    points = [linearisation_point(reconstruction, settings) for reconstruction in reconstructions]
+    points = [linearisation_point(*each) for each in zip(reconstructions, settings, strict=True)]
     records = [record for record, _ in points]
     frame = _frame([point for _, point in points], offset, slope)
     span = frame.time

@@ -26,12 +26,14 @@ _SHORTEST = 8  # rows; shorter pieces are left out
 class Noise:
     """Noise models of the two channels: rates (rad/s) and force (m/s^2).
 
-    `thinning`: whitened rows that are averaged into one, for the columns are slow and the noise is white.
+    `thinning`: whitened rows that are averaged into one, for the columns are slow and the noise is white. `lasting`:
+    sigmas of white noise as loud as either is at low frequencies, None where the noise was not measured.
     """
 
     rates: NoiseModel
     force: NoiseModel
     thinning: int = 1
+    lasting: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ need no other bookkeeping.
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -27,8 +27,10 @@ from brv_hypo.regression.whitening import NoiseModel
 
 Piece = tuple[int, int]
 
-# Rows of shapes that are kept, of all mechanisms and thetas together: some 100 bytes each.
+# Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
 _KEPT_VALUES = 1_000_000
+# Terms of a mechanism, about.
+_TYPICAL_TERMS = 4
 
 _Key = tuple[str, Theta]
 """A mechanism's name and its nonlinear parameters."""
@@ -128,7 +130,16 @@ class RateFrame:
     def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
         """The same frame, knowing these mechanisms too."""
         known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
-        return replace(self, mechanisms=known)
+        out = replace(self, mechanisms=known)
+        out._share(self, [name for name, own in self.mechanisms.items() if known[name] is own])
+        return out
+
+    def _share(self, other: RateFrame, mechanisms: Sequence[str]) -> None:
+        """Take over what another frame found already for motions that are the same to these mechanisms."""
+        for name in ("_turns", "_factors", "observed", "pieces"):
+            if name in vars(other):
+                vars(self)[name] = vars(other)[name]
+        self._evaluated.update({key: found for key, found in other._evaluated.items() if key[0] in mechanisms})
 
     def same_motions(self, other: RateFrame) -> bool:
         """Whether the motions are those of another frame but for their in-plane moment."""
@@ -159,9 +170,7 @@ class RateFrame:
                 moment = moment + value * known[key][column.term].in_plane * column.course(motion.time)
             motions.append(with_in_plane_moment(motion, moment))
         out = replace(self, motions=tuple(motions))
-        for key, shapes in self._evaluated.items():
-            if self.mechanisms[key[0]].wind_fixed:
-                out._evaluated[key] = shapes
+        out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
         return out
 
     def _by_shape(self, columns: Sequence[Column]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
@@ -169,21 +178,29 @@ class RateFrame:
         groups: dict[_Key, list[int]] = {}
         for j, column in enumerate(columns):
             groups.setdefault((column.mechanism, column.theta), []).append(j)
-        most = max(_KEPT_VALUES // self.observed.size, 2)
-        keys = list(groups)
-        for first in range(0, len(keys), most):
-            some = keys[first : first + most]
+        most = _KEPT_VALUES // self.observed.size
+        for some in _together(groups, most):
             self._evaluate_missing(some)
             shared: dict[int, tuple[_Shapes, list[int]]] = {}
             for key in some:
                 self._evaluated.move_to_end(key)
                 shapes = self._evaluated[key]
                 shared.setdefault(id(shapes), (shapes, []))[1].extend(groups[key])
-            while len(self._evaluated) > most:
-                self._evaluated.popitem(last=False)
             for shapes, members in shared.values():
                 places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
                 yield shapes, members, np.array(places)
+            self._forget(most)
+
+    def _forget(self, most: int) -> None:
+        """Let the oldest shapes go until no more than so many terms are kept."""
+        if len(self._evaluated) * _TYPICAL_TERMS <= most:
+            return
+        held = Counter(id(shapes) for shapes in self._evaluated.values())
+        terms = sum({id(shapes): len(shapes.position) for shapes in self._evaluated.values()}.values())
+        while terms > most:
+            _, shapes = self._evaluated.popitem(last=False)
+            held[id(shapes)] -= 1
+            terms -= 0 if held[id(shapes)] else len(shapes.position)
 
     def _evaluate_missing(self, keys: Sequence[_Key]) -> None:
         """Shapes that are not known yet, those of a mechanism's thetas together."""
@@ -214,6 +231,19 @@ class RateFrame:
             for s, factor in zip(self.segments, self._factors, strict=True)
         )
         return _Shapes(position, tuple(plane), integrals)
+
+
+def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[_Key]]:
+    """Keys in turn, so many at once that their columns are no more than `most`."""
+    some: list[_Key] = []
+    size = 0
+    for key, members in groups.items():
+        if some and size + len(members) > most:
+            yield some
+            some, size = [], 0
+        some.append(key)
+        size += len(members)
+    yield some
 
 
 def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:

@@ -17,7 +17,7 @@ from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.regression.whitening import fit_noise, taken_by, white
+from brv_hypo.regression.whitening import fit_noise, lasting_sigma, taken_by, white
 
 # Largest order of the autoregression of the noise.
 _NOISE_ORDER = 12
@@ -27,6 +27,8 @@ _MOST_UNTHINNED = 8000
 _CUTOFF = 1e-9
 # Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
 _PER_CYCLE = 12
+# Frequency, of the fastest motion's, above which a spectrum is noise alone.
+_BEYOND = 2.0
 
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
@@ -58,10 +60,14 @@ def settled_noise(problem: Problem) -> Noise:
     rates_taken, force_taken = (
         _taken(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
     )
+    rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
+    force = [piece for piece in force if piece.size]
+    above = _BEYOND * 2.0 * np.pi / (_PER_CYCLE * rows.noise.thinning)
     return Noise(
-        fit_noise(remove_levels(rest.rates, part.pieces, plain.rows.noise.rates), _NOISE_ORDER, rates_taken),
-        fit_noise([piece for piece in force if piece.size], _NOISE_ORDER, force_taken),
+        fit_noise(rates, _NOISE_ORDER, rates_taken),
+        fit_noise(force, _NOISE_ORDER, force_taken),
         rows.noise.thinning,
+        (lasting_sigma(rates, above), lasting_sigma(force, above)),
     )
 
 
@@ -72,10 +78,3 @@ def _taken(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, Float
         taken_by(basis[:rates], part.pieces, rows, _NOISE_ORDER),
         taken_by(basis[rates : 2 * rates], part.pieces, rows, _NOISE_ORDER),
     )
-
-
-def _thinning(flight: LinearisedFlight) -> int:
-    """Samples that may be averaged where a cycle of the fastest motion keeps `_PER_CYCLE` rows."""
-    motion = flight.reconstruction.motion
-    fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
-    return max(1, int(2.0 * np.pi / (fastest * flight.record.flight.step * _PER_CYCLE)))

@@ -14,9 +14,10 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.motion.frames import body_from_plane
+from brv_hypo.motion.kept_rows import PER_CYCLE, kept_rows
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.histories import PER_CYCLE, Histories, kept_rows
+from brv_hypo.regression.histories import Histories
 from brv_hypo.regression.response import LinearisedFlight
 
 
@@ -102,18 +103,17 @@ def nuisances(
     def add(item: Nuisance, history: Rows, seen: Rows | None = None) -> None:
         if np.any(history.rates) or np.any(history.force):
             if seen is not None:
-                noise[len(items)] = kept.of(seen)
+                noise[len(items)] = Rows(kept.of(seen.rates), kept.of(seen.force))
             items.append(item)
-            rows.append(kept.of(history))
+            rows.append(Rows(kept.of(history.rates), kept.of(history.force)))
 
     for number, linearised in enumerate(flights):
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
         names, histories, values = linearised.start_and_gravity()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
-        names, histories, values, of_noise = linearised.random_walk()
-        for name, history, value, seen in zip(names, histories, values, of_noise, strict=True):
-            item = Nuisance("motion", name, number, "1", 1.0, float(value))
+        for name, history, value, seen in linearised.random_walk():
+            item = Nuisance("motion", name, number, "1", 1.0, value)
             add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, np.zeros_like(seen))))
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):

@@ -33,6 +33,7 @@ from brv_hypo.motion.frames import (
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel, with_smooth_inputs
+from brv_hypo.motion.kept_rows import spacing
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -94,9 +95,12 @@ class LinearisedFlight:
 
     def spacing(self, per_cycle: int) -> int:
         """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
-        motion = self.reconstruction.motion
-        fastest = float(np.percentile(np.abs(motion.windward_meridian_rate), 95.0)) + float(np.max(np.abs(motion.p)))
-        return max(1, int(2.0 * np.pi / (fastest * self.record.flight.step * per_cycle)))
+        return spacing(
+            self.reconstruction.motion.windward_meridian_rate,
+            self.reconstruction.motion.p,
+            self.record.flight.step,
+            per_cycle,
+        )
 
     @cached_property
     def crossflow(self) -> ComplexArray:
@@ -171,7 +175,7 @@ class LinearisedFlight:
         (found,) = self._propagated([(_reading(self._noise_free, self._as_modelled), self.start)])
         return found
 
-    def input_noise(self, error: InputError) -> list[Rows]:
+    def input_noise(self, error: InputError) -> Iterator[Rows]:
         """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
 
         A weight is what the record, as smoothed, has of that shape too much.
@@ -183,10 +187,8 @@ class LinearisedFlight:
             else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + STEP * shape))
             for shape in error.shapes(flight.time)
         )
-        return [
-            (high - self.here).times(1.0 / STEP)
-            for high in self._propagated((perturbed(self.record, each), self.start) for each in moved)
-        ]
+        for high in self._propagated((perturbed(self.record, each), self.start) for each in moved):
+            yield (high - self.here).times(1.0 / STEP)
 
     def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
@@ -203,8 +205,8 @@ class LinearisedFlight:
         names = ["start y", "start z", "gravity x", "gravity y", "gravity z"]
         return names, rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
 
-    def random_walk(self) -> tuple[list[str], list[Rows], FloatArray, list[ComplexArray]]:
-        """Names, derivatives and present values of what the gyros' white noise makes of the attitude, and that noise.
+    def random_walk(self) -> Iterator[tuple[str, Rows, float, ComplexArray]]:
+        """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.
 
         Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
         is in the derolled rates: the integral of -i times it is the walk, so that a walk is seen in the rates as well.
@@ -216,19 +218,17 @@ class LinearisedFlight:
         offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
         weights = np.linalg.lstsq(walk, offset, rcond=None)[0]
         derolled = turn * np.exp(1j * self.record.spin_angle)
-        names, flows, present, own = [], [], [], []
-        for number, weight in enumerate(weights):
-            for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag)):
-                flows.append(self.crossflow + STEP * part * turn * walk[:, number])
-                names.append(f"walk {label} {number}")
-                present.append(float(value))
-                own.append(1j * part * derolled * noise[:, number])
-        rows = [
-            (moved - self.here).times(1.0 / STEP)
-            for batch in in_batches((self.record, flow) for flow in flows)
-            for moved in self._residuals(batch)
+        modes = [
+            (f"walk {label} {number}", number, part, float(value))
+            for number, weight in enumerate(weights)
+            for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
         ]
-        return names, rows, np.array(present), own
+        flows = (self.crossflow + STEP * part * turn * walk[:, number] for _, number, part, _ in modes)
+        batches = in_batches((self.record, flow) for flow in flows)
+        found = (moved for batch in batches for moved in self._residuals(batch))
+        for (name, number, part, present), moved in zip(modes, found, strict=True):
+            seen = 1j * part * derolled * noise[:, number]
+            yield name, (moved - self.here).times(1.0 / STEP), present, seen
 
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> Iterator[Rows]:
         """The residual had the record read so and the motion started there, for each of these in turn."""

@@ -23,6 +23,9 @@ _SHORTEST_STRETCH = 32  # samples
 _LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
+# Correlations of neighbouring samples that are tried, and the fall of 2 ln L that one may bring (two sigma).
+_ALLOWED_FALL = 4.0
+_COLOURS = np.linspace(0.0, 0.98, 99)
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,31 @@ def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> Floa
     and negative frequencies together: a moment that nothing explains acts for some of the time, at the frequency of
     the motion and of one sense of turning, and is no noise.
     """
+    lasting = _lasting_spectrum(residuals)
+    found = np.fft.ifft(lasting).real / 2.0
+    return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
+
+
+def lasting_sigma(residuals: Sequence[ComplexArray], above: float) -> float:
+    """Sigma of white noise as loud as what lasts through the residuals is at low frequencies, were it noise alone.
+
+    Their spectrum, from `above` (rad a sample) to the highest frequency, as that of a first-order autoregression
+    (Whittle 1953), goes on to frequency zero: below, what a fit leaves of the motion is in it. Of the colours that the
+    spectrum allows it is the least.
+    """
+    lasting = _lasting_spectrum(residuals)
+    frequency = np.abs(2.0 * np.pi * np.fft.fftfreq(lasting.size))
+    noisy = frequency >= min(above, 0.5 * np.pi)
+    shapes = 1.0 + _COLOURS[:, np.newaxis] ** 2 - 2.0 * np.outer(_COLOURS, np.cos(frequency[noisy]))
+    levels = np.mean(lasting[noisy] * shapes, axis=1)
+    values = MEDIAN_EFFICIENCY * np.mean(noisy) * 2.0 * sum(part.size for part in residuals)
+    fall = values * (np.log(levels) - np.mean(np.log(shapes), axis=1))
+    least = int(np.argmax(fall <= np.min(fall) + _ALLOWED_FALL))
+    return float(np.sqrt(0.5 * levels[least]) / (1.0 - _COLOURS[least]))
+
+
+def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
+    """Median power over stretches of time (frequencies,), positive and negative frequencies alike, of both parts."""
     total = sum(part.size for part in residuals)
     wanted = int(2 ** np.round(np.log2(np.clip(total / _STRETCHES, _SHORTEST_STRETCH, _LONGEST_STRETCH))))
     length = min(wanted, max(part.size for part in residuals))
@@ -119,9 +147,7 @@ def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> Floa
     count = power.shape[0]
     odd = 2.0 * np.arange(1, (count - 1) // 2 + 1)
     bias = 1.0 + float(np.sum(1.0 / (odd + 1.0) - 1.0 / odd))
-    lasting = np.median(power, axis=0) / bias
-    found = np.fft.ifft(lasting).real / 2.0
-    return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
+    return np.asarray(np.median(power, axis=0) / bias, dtype=float)
 
 
 def _spectra(part: ComplexArray, length: int) -> FloatArray:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import savgol_coeffs
+from scipy.signal import savgol_coeffs, savgol_filter
 
-from brv_hypo.motion.differentiation import _filter, differentiate
+from brv_hypo.motion.differentiation import _WIDE, _correlated, _filter, derivatives, differentiate
 
 STEP = 0.01
 
@@ -71,3 +71,15 @@ def test_stated_colour_is_the_colour() -> None:
         for lag in range(2 * answer.half_width + 1)
     ]
     assert np.array(found) / found[0] == pytest.approx(answer.noise_correlation, abs=0.02)
+
+
+@pytest.mark.parametrize("half_width", [40, _WIDE // 2, 700])
+def test_wide_filters_are_the_same_as_narrow_ones(half_width: int) -> None:
+    rows = np.cumsum(np.random.default_rng(2).standard_normal((2, 3, 4000)), axis=-1)
+    expected = savgol_filter(rows, 2 * half_width + 1, 4, 1, STEP)
+    np.testing.assert_allclose(
+        derivatives(rows, 4, half_width, STEP), expected, atol=1e-7 * np.max(np.abs(expected)), rtol=0.0
+    )
+    signal, weights = rows[0, 0] + 1j * rows[0, 1], _filter(4, half_width, 1).middle
+    expected = np.correlate(signal, weights, "valid")
+    np.testing.assert_allclose(_correlated(signal, weights), expected, atol=1e-12, rtol=0.0)

@@ -12,8 +12,9 @@ from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kept_rows import blocks
 from brv_hypo.motion.observations import TieModel
-from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolution, blocks, walk_equations
+from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -156,7 +157,7 @@ class TiedWalk:
             nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
             xi = crossflow
             coefficients = coefficients or tuple(self._first_coefficients(tie, xi) for tie in ties)
-            drift = _Drift(self.record, self.responses.drift, axes)
+            drift = _Drift(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
             solution = equations.solve(*self._priors(coefficients, start))
@@ -242,11 +243,11 @@ class TiedWalk:
 class _Drift:
     """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
 
-    `drift` (n, 3, errors) m/s is that of the errors in the axes of the first sample.
+    `responses` have the drift of the errors in the axes of the first sample.
     """
 
-    def __init__(self, record: InertialRecord, drift: FloatArray, axes: _Axes) -> None:
-        self._time, self._drift, self._axes = record.time, drift, axes
+    def __init__(self, record: InertialRecord, responses: EffectResponses, axes: _Axes) -> None:
+        self._time, self._responses, self._axes = record.time, responses, axes
         self._whole = self._of(slice(0, self._time.size)) if len(blocks(self._time.size)) == 1 else None
 
     def __getitem__(self, rows: slice) -> ComplexArray:
@@ -254,16 +255,17 @@ class _Drift:
 
     def _of(self, rows: slice) -> ComplexArray:
         second, third = (axis[rows] for axis in self._axes)
-        out = np.empty((second.shape[0], _GRAVITY + self._drift.shape[2]), dtype=complex)
+        out = np.empty((second.shape[0], _GRAVITY + len(self._responses.effects)), dtype=complex)
         out[:, :_GRAVITY] = self._time[rows, np.newaxis] * (second + 1j * third)
-        across = np.stack([second, third], axis=1) @ self._drift[rows]
+        across = np.stack([second, third], axis=1) @ self._responses.rows.all_of(self._responses.drift, rows)
         np.negative(across[:, 0], out=out.real[:, _GRAVITY:])
         np.negative(across[:, 1], out=out.imag[:, _GRAVITY:])
         return out
 
     def of(self, unknowns: FloatArray) -> ComplexArray:
         """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
-        moved = self._time[:, np.newaxis] * unknowns[:_GRAVITY] - self._drift @ unknowns[_GRAVITY:]
+        of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[_GRAVITY:]))
+        moved = self._time[:, np.newaxis] * unknowns[:_GRAVITY] - of_errors
         second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
         return np.asarray(second + 1j * third)
 

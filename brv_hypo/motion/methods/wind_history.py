@@ -81,7 +81,8 @@ def open_loop(
     elapsed = np.abs(record.time - known_at)
     walk = record.gyro_sigma**2 * record.flight.step * elapsed
     responses = telling(effect_responses(record, xi, record.transverse_force, perturbations))
-    moved = responses.drift - responses.drift[int(np.argmin(elapsed))]
+    drift = responses.rows.all_of(responses.drift)
+    moved = drift - drift[int(np.argmin(elapsed))]
     errors = np.sum(moved**2, axis=(1, 2)) / (2.0 * speed**2)
     sigma = np.sqrt(start_sigma**2 + walk + (gravity_sigma * elapsed / speed) ** 2 + errors)
     return WindHistory(
