@@ -28,8 +28,6 @@ SCANNED = 7
 SCANNED_FINELY = 25  # values of that second scan
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
-# Spacings by which a knot may lie beyond the outermost of the grid: at the end of the record it would cut off nothing.
-_OVERHANG = 0.75
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
 
@@ -138,8 +136,7 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
-            first, last = float(knots.min()) - _OVERHANG * reach, float(knots.max()) + _OVERHANG * reach
-            bounds, units = (max(value - reach, min(first, value)), min(value + reach, max(last, value))), "s"
+            bounds, units = (value - reach, value + reach), "s"
         else:
             parameter = next(p for p in mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units

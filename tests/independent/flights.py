@@ -132,8 +132,8 @@ def make_flight(
 
     `amplitude` times the nominal amplitude that the seed draws (SHARE of the moment's rms); `factor` times the
     grade's tolerances, a number or a mapping by key; `errors` sets actual errors by key, SI (a number fills the
-    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn. The same seed gives the same start,
-    errors and noise whatever is planted.
+    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn. The same seed gives the same
+    start, errors and noise whatever is planted.
     """
     if truth not in TRUTHS:
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join(TRUTHS)}")

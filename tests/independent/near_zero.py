@@ -62,8 +62,8 @@ def main() -> None:
                 found = compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
                 named.append(found.winner == truth)
                 print(
-                    f"{seed} {vehicle} {truth}: least alpha {np.degrees(made.true.alpha.min()):.3f} deg, meridian up to "
-                    f"{np.abs(made.true.meridian_rate).max():.0f} rad/s: {found.outcome} {found.winner}",
+                    f"{seed} {vehicle} {truth}: least alpha {np.degrees(made.true.alpha.min()):.3f} deg, "
+                    f"meridian up to {np.abs(made.true.meridian_rate).max():.0f} rad/s: {found.outcome} {found.winner}",
                     flush=True,
                 )
     for truth, named in right.items():
