@@ -1,8 +1,8 @@
 """Speed of `compare`: `python -m brv_hypo.ranking.benchmark`.
 
-Processor seconds of each stage of a comparison of the five mechanisms, on simulated flights of 1,081 samples or on
-the records that are named; the least of several runs, after a first one that loads and compiles nothing more.
-`--memory`: the most that a comparison holds at once, in kB a sample, instead.
+Processor seconds of each stage of a comparison of the five mechanisms, on simulated flights of 1,081 samples (or
+`--samples`, over the same seconds) or on the records that are named; the least of several runs, after a first one that
+loads and compiles nothing more. `--memory`: the most that a comparison holds at once, in kB a sample, instead.
 """
 
 from __future__ import annotations
@@ -70,14 +70,15 @@ def memory(flight: Flight, config: CompareConfig) -> float:
     return peak / 1e3 / flight.samples
 
 
-def flights(paths: Sequence[str]) -> Mapping[str, Flight]:
+def flights(paths: Sequence[str], samples: int = SAMPLES, planted: Sequence[str] = PLANTED) -> Mapping[str, Flight]:
     """The records that are named, or simulated ones of the research cone, by name."""
     if paths:
         return {path: load_flight(path) for path in paths}
     usual = load_config("research_cone")
-    config = usual.model_copy(update={"sample_rate": (SAMPLES - 1) / usual.duration})
+    rate = (samples - 1) / usual.duration
+    config = usual.model_copy(update={"sample_rate": rate, "step": min(usual.step, 1.0 / rate)})
     return {
-        name: simulate(config, seed=1, plant=() if name == "none" else (name,)).flight for name in PLANTED
+        name: simulate(config, seed=1, plant=() if name == "none" else (name,)).flight for name in planted
     }
 
 
@@ -87,11 +88,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("flights", nargs="*", help="records to compare instead of simulated ones")
     parser.add_argument("--repeats", type=int, default=3, help="comparisons of each flight")
     parser.add_argument("--likelihood", choices=("none", "quick", "full"), default="none")
+    parser.add_argument("--samples", type=int, default=SAMPLES, help="of each simulated flight")
+    parser.add_argument("--planted", nargs="+", choices=PLANTED, default=PLANTED, help="what is simulated")
     parser.add_argument("--memory", action="store_true", help="memory instead of time")
     given = parser.parse_args(arguments)
     config = CompareConfig(mechanisms=MECHANISMS, maximum_likelihood=given.likelihood)
     print(f"{'flight':24}{'samples':>8}" + ("   kB a sample" if given.memory else "".join(f"{c:>13}" for c in COLUMNS)))
-    for name, flight in flights(given.flights).items():
+    for name, flight in flights(given.flights, given.samples, given.planted).items():
         if given.memory:
             print(f"{name[-24:]:24}{flight.samples:8}{memory(flight, config):14.1f}")
             continue

@@ -28,7 +28,7 @@ from brv_hypo.regression.whitening import NoiseModel
 Piece = tuple[int, int]
 
 # Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
-_KEPT_VALUES = 1_000_000
+_KEPT_VALUES = 300_000
 # Terms of a mechanism, about.
 _TYPICAL_TERMS = 4
 
