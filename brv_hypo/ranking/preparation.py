@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -30,14 +31,23 @@ from brv_hypo.regression.build import (
     errors_found,
     farthest_off,
 )
-from brv_hypo.regression.frame import RateFrame, build_frame
+from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 
 SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and six terms
-# How each flight is reconstructed.
-Settings = tuple[ReconstructionConfig, ...]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
+
+    `static`: None where it is still to be chosen.
+    """
+
+    reconstruction: tuple[ReconstructionConfig, ...]
+    static: StaticMoment | None = None
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
@@ -58,9 +68,9 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
-    settings: Settings = tuple(ReconstructionConfig(method=config.method) for _ in reconstructions)
+    settings = Settings(tuple(ReconstructionConfig(method=config.method) for _ in reconstructions))
     problem = _problem(reconstructions, settings, config)
-    found = errors_found(problem)
+    settings, found = replace(settings, static=_static_of(problem)), errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
         problem = about(baseline_point(problem, found), reconstructions, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
@@ -78,14 +88,20 @@ def _as_loud(problem: Problem, settings: Settings) -> Settings:
     rates = lasting[0] / float(np.median([record.gyro_sigma for record in records]))
     force = lasting[1] / float(np.median([np.median(record.force_sigma) for record in records]))
     out = []
-    for record, setting in zip(records, settings, strict=True):
+    for record, setting in zip(records, settings.reconstruction, strict=True):
         louder: dict[str, float] = {}
         if rates > COLOURED:
             louder["gyro_sigma"] = rates * record.gyro_sigma
         if force > COLOURED:
             louder["accel_sigma"] = force * record.accel_sigma
         out.append(setting.model_copy(update=louder))
-    return tuple(out)
+    return replace(settings, reconstruction=tuple(out))
+
+
+def _static_of(problem: Problem) -> StaticMoment:
+    static = problem.frame.mechanisms[StaticMoment.name]
+    assert isinstance(static, StaticMoment)
+    return static
 
 
 def about(
@@ -97,7 +113,7 @@ def about(
     """The problem of the records without the errors of a linearisation point, under the noise that they have."""
     cleaned = [
         reconstruct(without(rec.flight, errors), setting)
-        for rec, errors, setting in zip(reconstructions, point.taken, settings, strict=True)
+        for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
     ]
     problem = _problem(cleaned, settings, config, point)
     return problem.under(settled_noise(problem))
@@ -110,11 +126,10 @@ def _problem(
     point: LinearisationPoint | None = None,
 ) -> Problem:
     """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
-    offset = 1 if config.offset_degree is None else config.offset_degree
-    slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
-    points = [linearisation_point(*each) for each in zip(reconstructions, settings, strict=True)]
-    records = [record for record, _ in points]
-    frame = _frame([point for _, point in points], offset, slope)
+    points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, strict=True)]
+    records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
+    static = settings.static or _static(smooth, config)
+    frame = build_frame(smooth, [static, PitchDamping()])
     span = frame.time
     knots = (
         default_knots(float(span.min()), float(span.max()), config.knot_count)
@@ -135,16 +150,16 @@ def _problem(
     )
 
 
-def _frame(reconstructions: Sequence[Reconstruction], offset_degree: int, slope_degree: int) -> RateFrame:
+def _static(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> StaticMoment:
     times = [rec.flight.time for rec in reconstructions]
-    static = StaticMoment(
+    slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
+    return StaticMoment(
         start=min(float(t[0]) for t in times),
         stop=max(float(t[-1]) for t in times),
-        offset_degree=offset_degree,
-        slope_degree=slope_degree,
-        speeds=_wavering_speeds(reconstructions, slope_degree),
+        offset_degree=1 if config.offset_degree is None else config.offset_degree,
+        slope_degree=slope,
+        speeds=_wavering_speeds(reconstructions, slope),
     )
-    return build_frame(reconstructions, [static, PitchDamping()])
 
 
 def _wavering_speeds(reconstructions: Sequence[Reconstruction], degree: int) -> tuple[float, float] | None:
