@@ -11,7 +11,8 @@ class IdentificationConfig(BaseModel):
     """Options of `identify`; the defaults suit an unknown flight.
 
     `force_degree`: Legendre degree of the normal-force slope in time. `refine`: delays and knots are estimated
-    too. `quadrature`: how much of the gyros' noise the spacing of nodes may cost.
+    too. `quadrature`: how much of the gyros' noise the spacing of nodes may cost. `begin_anew`: search from the
+    data alone where the regression's fit leads nowhere, which takes several times as long.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -21,3 +22,4 @@ class IdentificationConfig(BaseModel):
     quadrature: float = Field(default=0.2, gt=0.0)
     noise: Literal["diagonal", "full"] = "diagonal"
     max_iterations: int = Field(default=30, ge=1)
+    begin_anew: bool = True

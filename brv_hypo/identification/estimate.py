@@ -88,7 +88,7 @@ def _search(
         problem = _refreshed(problem, first)
     found = problem.solve(progress=progress)
     iterations += found.iterations
-    if not found.converged and not _near(found):
+    if problem.config.begin_anew and not found.converged and not _near(found):
         found = problem.solve(near_start=False, progress=progress)
         iterations += found.iterations
     held = _loose_knots(problem, found)

@@ -35,13 +35,13 @@ from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds, within_bounds
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
-from brv_hypo.ranking.preparation import about, settled
+from brv_hypo.ranking.preparation import Settings, about, settled
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
-from brv_hypo.regression.build import LinearisationPoint, farthest_off, point_of
+from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
     fit_hypothesis,
@@ -127,13 +127,14 @@ def _searched(
     fits = _fitted(problem, hypotheses, say)
     moved, before = False, math.inf
     for _ in range(LINEARISATIONS):
-        point = _about_leader(problem, fits, before)
+        point = _about_leader(problem, fits, before, settings)
         if point is None:
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
         before = likeliest(fits).rss
         del problem  # large, and about to be replaced
         problem = about(point, reconstructions, settings, config)
+        settings = replace(settings, taken=point.taken)
         fits, moved = _moved(problem, fits), True
     problem, fits = _with_errors(problem, fits)
     if moved and _left(problem, fits).gain > 0.0:
@@ -189,7 +190,9 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     return fits
 
 
-def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float) -> LinearisationPoint | None:
+def _about_leader(
+    problem: Problem, fits: Sequence[HypothesisFit], before: float, settings: Settings
+) -> LinearisationPoint | None:
     """The leader's fit, where errors of second order about the last point may show: they would pose as something else.
 
     What a large moment does to the motion is not small, nor are errors of the record that differ from those about which
@@ -201,7 +204,7 @@ def _about_leader(problem: Problem, fits: Sequence[HypothesisFit], before: float
     if leader.rss > before - SETTLED:
         return None
     point = point_of(problem, leader.frame, leader.columns, leader.mechanisms)
-    far = farthest_off(problem, point.taken) >= SETTLED_ERRORS
+    far = farthest_apart(problem, settings.taken, point.taken) >= SETTLED_ERRORS
     return point if far or null.rss - leader.rss > LINEARISED_AGAIN else None
 
 

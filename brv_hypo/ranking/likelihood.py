@@ -36,18 +36,20 @@ def identify_standing(
 ) -> Likelihoods:
     """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach.
 
-    "quick" leaves out records with limits, where it takes several seconds.
+    "quick" leaves out records with limits, where it takes several seconds, and does not begin anew from the data alone
+    where the regression's fit leads nowhere.
     """
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
     chances = probabilities({fit.name: fit.information for fit in fits})
     standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
-    options = IdentificationConfig(max_iterations=MOST_ITERATIONS)
+    quick = config.maximum_likelihood == "quick"
+    options = IdentificationConfig(max_iterations=MOST_ITERATIONS, begin_anew=not quick)
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
     for fit in standing[:MOST_HYPOTHESES]:
-        if config.maximum_likelihood == "quick" and _takes_long(fit):
+        if quick and _takes_long(fit):
             left_out.add(fit.name)
             continue
         say(f"maximum likelihood of {fit.name}")

@@ -65,7 +65,9 @@ def limits(
     for fit in fits:
         if fit.mechanisms:
             fitted = _share_of(fit) / moment
-            found.append(Limit(fit.name, max(fitted, *(known[m.name] for m in fit.mechanisms))))
+            # More than the whole moment could only cancel against the baseline: the data do not see it.
+            seen = fitted if fitted <= 1.0 else 0.0
+            found.append(Limit(fit.name, max(seen, *(known[m.name] for m in fit.mechanisms))))
     return tuple(found)
 
 

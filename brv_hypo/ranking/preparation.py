@@ -29,10 +29,11 @@ from brv_hypo.regression.build import (
     baseline_point,
     build_problem,
     errors_found,
-    farthest_off,
+    farthest_apart,
 )
 from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.noise import settled_noise
+from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import linearisation_point
 
@@ -43,11 +44,12 @@ SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and si
 class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
-    `static`: None where it is still to be chosen.
+    `static`: None where it is still to be chosen. `taken`: the errors (SI) without which each record is linearised.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
     static: StaticMoment | None = None
+    taken: tuple[Errors, ...] = ()
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
@@ -72,12 +74,13 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     problem = _problem(reconstructions, settings, config)
     settings, found = replace(settings, static=_static_of(problem)), errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
-        problem = about(baseline_point(problem, found), reconstructions, settings, config)
+        taken = found
+        problem = about(baseline_point(problem, taken), reconstructions, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
-        if heard == settings and farthest_off(problem, found) < SETTLED_ERRORS:
+        if heard == settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
             break
         settings = heard
-    return problem, settings
+    return problem, replace(settings, taken=taken)
 
 
 def _as_loud(problem: Problem, settings: Settings) -> Settings:

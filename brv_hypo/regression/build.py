@@ -113,14 +113,15 @@ def errors_found(problem: Problem) -> tuple[Errors, ...]:
     return _within_reach(problem, others)
 
 
-def farthest_off(problem: Problem, errors: Sequence[Errors]) -> float:
-    """The largest difference, in tolerances, of errors (SI, one mapping a flight) from those that were taken out."""
-    off = [0.0]
+def farthest_apart(problem: Problem, ones: Sequence[Errors], others: Sequence[Errors]) -> float:
+    """The largest difference, in tolerances, between two estimates of every flight's errors (SI)."""
+    apart = [0.0]
     for item in problem.rows.nuisances.items:
         if item.taken_out is not None and item.flight is not None and np.isfinite(item.present):
-            value = errors[item.flight].get((item.name, item.component), 0.0)
-            off.append(abs(value - item.taken_out) / item.size)
-    return max(off)
+            key = (item.name, item.component)
+            one, other = ones[item.flight].get(key, 0.0), others[item.flight].get(key, 0.0)
+            apart.append(abs(one - other) / item.size)
+    return max(apart)
 
 
 def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
