@@ -59,7 +59,8 @@ def both(seed: int) -> Rows:
     """The carried histories (rows, effects), by label."""
     found = problem(seed).rows.nuisances
     places = [place for _, place in sorted(carried(found).items())]
-    return Rows(found.rows.rates[:, places], found.rows.force[:, places])
+    histories = found.histories.of(np.eye(len(found.items))[:, places])
+    return Rows(histories.rates, histories.force)
 
 
 @pytest.mark.thorough

@@ -6,7 +6,13 @@ from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.regression.frame import whiten
-from brv_hypo.regression.whitening import effective_samples, fit_noise, lasting_autocovariance, white
+from brv_hypo.regression.whitening import (
+    effective_samples,
+    fit_noise,
+    lasting_autocovariance,
+    lasting_sigma,
+    white,
+)
 
 
 def coloured(rng: np.random.Generator, n: int, feedback: float) -> ComplexArray:
@@ -88,3 +94,21 @@ def test_pieces_shorter_than_a_stretch_are_used_as_they_are() -> None:
     rng = np.random.default_rng(10)
     noise = fit_noise([coloured(rng, 20, 0.0) for _ in range(40)])
     assert 0.5 < noise.sigma < 1.2
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.5, 0.7])
+def test_level_at_low_frequencies_is_read_above_the_motion(colour: float) -> None:
+    """A motion that is a hundred times as loud as the noise, at frequencies below, does not enter."""
+    rng = np.random.default_rng(7)
+    fresh = rng.standard_normal((4000, 2)) @ np.array([1.0, 1j])
+    noise = lfilter([1.0], [1.0, -colour], fresh)
+    motion = 100.0 * np.exp(0.1j * np.arange(fresh.size))
+    found = lasting_sigma([noise + motion], above=0.3)
+    assert 0.7 <= found * (1.0 - colour) <= 1.1
+
+
+def test_white_noise_is_not_given_a_colour() -> None:
+    """The least colour that the spectrum allows: none, however much it scatters."""
+    rng = np.random.default_rng(8)
+    found = [lasting_sigma([rng.standard_normal((800, 2)) @ np.array([1.0, 1j])], above=0.5) for _ in range(20)]
+    assert np.all(np.abs(np.array(found) - 1.0) < 0.25)

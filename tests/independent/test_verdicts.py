@@ -1,0 +1,42 @@
+"""What is said of independent flights of the kinds that once misled: each a draw of its own, not a study."""
+
+from __future__ import annotations
+
+import pytest
+
+from brv_hypo import compare
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking.result import Verdict
+from tests.independent.flights import Made, draw_flight
+from tests.independent.instruments import Noise
+from tests.independent.mechanisms import LISTED
+
+pytestmark = pytest.mark.thorough
+
+
+def said(made: Made) -> Verdict:
+    return compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+
+
+@pytest.mark.parametrize("seed", [46203, 46036, 46102])
+def test_a_third_harmonic_is_no_mechanism_of_the_list(seed: int) -> None:
+    """Many turns within a spline in time: what is smooth in time alone does not see it."""
+    assert said(draw_flight(seed, truth="third_harmonic")).outcome == "none adequate"
+
+
+@pytest.mark.parametrize("seed", [46086, 46128])
+@pytest.mark.parametrize("truth", ["vortex"])
+def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
+    assert said(draw_flight(seed, truth=truth)).winner is None
+
+
+@pytest.mark.parametrize("seed", [49002, 49004, 49006])
+def test_coloured_noise_is_no_mechanism(seed: int) -> None:
+    made = draw_flight(seed, truth="none", grade="tactical", noise=Noise(colour=0.85))
+    assert said(made).winner in (None, "none")
+
+
+@pytest.mark.parametrize(("seed", "truth"), [(46612, "none"), (46614, "inplane"), (46620, "inplane")])
+def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str) -> None:
+    """Errors of several degrees of freedom at once are large: linear only about where they are."""
+    assert said(draw_flight(seed, truth=truth, grade="industrial")).winner == truth
