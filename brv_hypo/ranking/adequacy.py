@@ -87,7 +87,7 @@ def _beside(problem: Problem, fit: HypothesisFit) -> Iterator[_Beside]:
     basis = np.linalg.qr(base / lengths(base))[0]
     for shapes in (ORDINARY, *((shape,) for shape in SHAPES)):
         frame, columns = free_moment(problem, shapes)
-        sizes = np.sqrt(np.mean(np.abs(frame.moments(columns)) ** 2, axis=0))
+        sizes = np.sqrt([np.mean(np.abs(frame.moments((column,))) ** 2) for column in columns])
         free = problem.design(frame, columns) / np.where(sizes > 0.0, sizes, 1.0)
         left, seen, _ = np.linalg.svd(free - basis @ (basis.T @ free), full_matrices=False)
         kept = seen > _UNSEEN * seen[0]

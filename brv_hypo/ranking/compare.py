@@ -139,8 +139,8 @@ def _searched(
     problem, fits = _with_errors(problem, fits)
     if moved and _left(problem, fits).gain > 0.0:
         say("searching again where the problem is linear now")
-        anew = _fitted(problem, hypotheses, say)
-        best = [min(pair, key=lambda fit: fit.information) for pair in zip(fits, anew, strict=True)]
+        anew = {fit.name: fit for fit in _fitted(problem, hypotheses, say)}
+        best = [min(fit, anew[fit.name], key=lambda each: each.information) for fit in fits]
         problem, fits = _with_errors(problem, best)
     return problem, fits
 
