@@ -23,8 +23,10 @@ _SHORTEST_STRETCH = 32  # samples
 _LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
-# Correlations of neighbouring samples that are tried, and the fall of 2 ln L that one may bring (two sigma).
-_ALLOWED_FALL = 4.0
+# Frequencies of a spectrum over which one of them leaks under a Hann window: half its main lobe.
+_LEAKS = 2.0
+# Correlations of neighbouring samples that are tried, and the fall of 2 ln L that one may bring (one sigma).
+_ALLOWED_FALL = 1.0
 _COLOURS = np.linspace(0.0, 0.98, 99)
 
 
@@ -128,7 +130,7 @@ def lasting_sigma(residuals: Sequence[ComplexArray], above: float) -> float:
     """
     lasting = _lasting_spectrum(residuals)
     frequency = np.abs(2.0 * np.pi * np.fft.fftfreq(lasting.size))
-    noisy = frequency >= min(above, 0.5 * np.pi)
+    noisy = frequency >= min(above + _LEAKS * 2.0 * np.pi / lasting.size, 0.5 * np.pi)
     shapes = 1.0 + _COLOURS[:, np.newaxis] ** 2 - 2.0 * np.outer(_COLOURS, np.cos(frequency[noisy]))
     levels = np.mean(lasting[noisy] * shapes, axis=1)
     values = MEDIAN_EFFICIENCY * np.mean(noisy) * 2.0 * sum(part.size for part in residuals)
