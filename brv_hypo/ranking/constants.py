@@ -17,7 +17,7 @@ TEMPERATURE = 1.5
 DETECTABLE = 25.0
 # Sizes of "something else" tried above the weakest one, each twice the one before: to 64 times.
 OTHER_SIZES = 7
-# Gain in 2 ln L that "something else" has at most on sound flights, above which it is believed: 8 lets 103 of 104 sound
+# Gain in 2 ln L that "something else" has at most on sound flights, above which it is believed: 8 lets 107 of 108 sound
 # flights keep their name (drawn errors of one and of two tolerances; the largest gain was 0.8).
 OTHER_FLOOR = 8.0
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
