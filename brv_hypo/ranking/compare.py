@@ -97,14 +97,14 @@ def _compare(
     reconstructed = clock.perf_counter()
     hypotheses, warnings = answerable(reconstructions, hypotheses)
     say("linearising what the record may err by")
-    problem, fits = _searched(reconstructions, config, hypotheses, say)
+    problem, fits, left = _searched(reconstructions, config, hypotheses, say)
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     leaving = LeavingOut(problem)
     without = [leaving.of(fit.frame, fit.columns) for fit in fits]
     errors = [held_out(problem, each, config.held_out_blocks) for each in without]
     say("judging")
-    verdict = _judged(problem, hypotheses, fits, errors, without)
+    verdict = _judged(problem, hypotheses, fits, errors, without, left)
     selected = clock.perf_counter()
     likelihoods = identify_standing(fits, config, say)
     finished = clock.perf_counter()
@@ -121,8 +121,8 @@ def _compare(
 
 def _searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
-) -> tuple[Problem, list[HypothesisFit]]:
-    """The problem linearised where the data say, and every hypothesis fitted in it."""
+) -> tuple[Problem, list[HypothesisFit], Misfit]:
+    """The problem linearised where the data say, every hypothesis fitted in it, and what the leader leaves."""
     problem, settings = settled(reconstructions, config)
     fits = _fitted(problem, hypotheses, say)
     moved, before = False, math.inf
@@ -137,12 +137,14 @@ def _searched(
         settings = replace(settings, taken=point.taken)
         fits, moved = _moved(problem, fits), True
     problem, fits = _with_errors(problem, fits)
-    if moved and _left(problem, fits).gain > 0.0:
+    left = _left(problem, fits)
+    if moved and left.gain > 0.0:
         say("searching again where the problem is linear now")
         anew = {fit.name: fit for fit in _fitted(problem, hypotheses, say)}
         best = [min(fit, anew[fit.name], key=lambda each: each.information) for fit in fits]
         problem, fits = _with_errors(problem, best)
-    return problem, fits
+        left = _left(problem, fits)
+    return problem, fits, left
 
 
 def _left(problem: Problem, fits: Sequence[HypothesisFit]) -> Misfit:
@@ -156,6 +158,7 @@ def _judged(
     fits: Sequence[HypothesisFit],
     errors: Sequence[HeldOut],
     without: Sequence[FitsWithout],
+    left: Misfit,
 ) -> Verdict:
     """The verdict on fits with their held-out errors."""
     scores = [
@@ -163,7 +166,7 @@ def _judged(
         for fit, error in zip(fits, errors, strict=True)
     ]
     repeated = stability(fits, without, REPETITIONS)
-    return judge(scores, _left(problem, fits), repeated, limits(problem, hypotheses, fits))
+    return judge(scores, left, repeated, limits(problem, hypotheses, fits))
 
 
 def _impossible(fit: HypothesisFit) -> str | None:
