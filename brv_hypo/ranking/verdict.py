@@ -114,17 +114,17 @@ def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict
 
 
 def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> str:
-    if leader.impossible is not None:
-        return (
-            f"None of the hypotheses is adequate: {leader.name} fits best, but with {leader.impossible}. "
-            "`brv-hypo trace` looks for what else is at work."
+    unlikely = left.errors_p_value < IMPROBABLE_ERRORS
+    wrongs = [] if leader.impossible is None else [f"with {leader.impossible}"]
+    if unlikely:
+        wrongs.append("only with errors of instruments or vehicle that their tolerances hardly allow")
+    if wrongs:
+        remedy = (
+            "Check the tolerances (--instruments), or look with `brv-hypo trace`."
+            if unlikely
+            else "`brv-hypo trace` looks for what else is at work."
         )
-    if left.errors_p_value < IMPROBABLE_ERRORS:
-        return (
-            f"None of the hypotheses is adequate: {leader.name} fits best, but only with errors of instruments or "
-            "vehicle that their tolerances hardly allow. Check the tolerances (--instruments), or look with "
-            "`brv-hypo trace`."
-        )
+        return f"None of the hypotheses is adequate: {leader.name} fits best, but {' and '.join(wrongs)}. {remedy}"
     return (
         f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "
         f"which something smooth is left (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
