@@ -1,7 +1,8 @@
 """The predictive band: how far the measured moments may lie from a frozen model's, noise included.
 
 What the model's coefficients err by, and what is held of the record's errors within their tolerances, changes what is
-fitted along; to first order, what is left of it after that fit widens the band beyond the noise.
+fitted along; to first order, what is left of it after that fit widens the band beyond the noise. So does what the model
+left where it was found, on stretches that took no part in its fit.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ def predictive_sigma(
     columns: Sequence[Column],
     covariance: FloatArray,
     fitted: BoolArray,
-    noise_sigma: FloatArray,
+    apart_sigma: FloatArray,
 ) -> ComplexArray:
     """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
 
     `covariance` is that of the held coefficients (held columns, held columns); `fitted` (columns + nuisances,) what is
-    fitted here; `noise_sigma` (rows,).
+    fitted here; `apart_sigma` (rows,) is of what no coefficient says: the noise, and what the model lacks.
     """
     constants = 2 * len(problem.rows.part.levels)
     count = len(columns)
@@ -52,8 +53,8 @@ def predictive_sigma(
     slopes = moments[:, ~fitted] - of_fitted @ answer
     held = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))
     return np.asarray(
-        np.sqrt(noise_sigma**2 + _variance(slopes.real, held))
-        + 1j * np.sqrt(noise_sigma**2 + _variance(slopes.imag, held))
+        np.sqrt(apart_sigma**2 + _variance(slopes.real, held))
+        + 1j * np.sqrt(apart_sigma**2 + _variance(slopes.imag, held))
     )
 
 
@@ -69,9 +70,17 @@ def _variance(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def band_of(
-    time: FloatArray, measured: ResidualMoments, left: ResidualMoments, sigma: ComplexArray, flown: BoolArray
+    time: FloatArray,
+    measured: ResidualMoments,
+    left: ResidualMoments,
+    sigma: ComplexArray,
+    model_sigma: FloatArray,
+    flown: BoolArray,
 ) -> Band:
-    """The band with the share of the samples that it holds where the model is known (rows,), both axes together."""
+    """The band with the share of the samples that it holds where the model is known (rows,), both axes together.
+
+    `model_sigma` (rows,) is the part of `sigma` that is the model's own error.
+    """
     kept, counted = np.flatnonzero(left.usable), left.usable & flown
     inside = [np.abs(getattr(left.body, axis)) <= SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     told = kept[:: max(1, -(-kept.size // _MOST_TOLD))]
@@ -79,6 +88,7 @@ def band_of(
     return Band(
         level=LEVEL,
         inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
+        model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,
         time_s=tuple(time[told].tolist()),
         measured=_pair(measured.body[told]),
         predicted=_pair(predicted[told]),

@@ -27,25 +27,22 @@ from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
+from brv_hypo.residuals.model_error import error_at, lasting
 from brv_hypo.residuals.model_file import read_model
-from brv_hypo.residuals.prediction import Band, ErrorsOfPrediction, ModelSource, Prediction, Region
+from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
+from brv_hypo.residuals.prediction_in_words import Shares, reason
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.result import Trace
-from brv_hypo.residuals.saved import SavedModel
+from brv_hypo.residuals.saved import ModelError, SavedModel
 from brv_hypo.residuals.summary import term_estimates
 
 # Stretches of the record whose errors are told apart.
 _REGIONS = 8
-# Share of the samples where the model's flights flew, from which nothing is said of it.
-_NEARLY_ALL = 0.995
 # What every fit finds anew: how the flight began, and the normal force that tells it.
 _OF_THE_MOTION = ("motion", "force")
 # What `refit` calls all errors of record and vehicle that the tolerances allow.
 INSTRUMENTS = "instruments"
-# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
-# the share of the moments' mean square below which the frozen model's is small enough to need none.
-_GREATLY, _SMALL = 0.5, 0.01
 # How often the flight is linearised anew where errors of its record are fitted.
 _LINEARISATIONS = 2
 
@@ -61,7 +58,9 @@ def predict(
     `model` is what `trace` returned, the model of it, or a file that holds either.
     `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
     `instruments` stands for all of these, within their tolerances.
-    Errors of the record that the model holds are those of its own flight, and are left out.
+    Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
+    (its file, at its times); so is what belongs to its times, unless `refit` names it.
+    What the model left on stretches held out where it was found widens the band.
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
     saved = model.model.definition if isinstance(model, Trace) else model
@@ -74,13 +73,19 @@ def predict(
 
 @dataclass(frozen=True)
 class _Task:
-    """The model's columns on this flight; `held` (columns,) their frozen values, NaN where they are refitted."""
+    """The model's columns on this flight; `held` (columns,) their frozen values, NaN where they are refitted.
+
+    `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
+    this is none of them.
+    """
 
     seen: Seen
     problem: Problem
     columns: tuple[Column, ...]
     held: FloatArray
     others: FloatArray
+    left_out: tuple[str, ...] = ()
+    elsewhere: bool = True
 
     def eased(self, carried: tuple[str, ...]) -> _Task:
         """The same with record and vehicle free to err: the effects `carried`, and the columns of those mechanisms."""
@@ -96,11 +101,20 @@ class _Task:
     def moments(self, solved: Constrained) -> ResidualMoments:
         return residual_moments(self.seen.frame, self.problem.records, solved.left.rates)
 
-    def sigma(self, covariance: FloatArray) -> ComplexArray:
-        """Standard deviation of the residual moments (rows,), the held coefficients known to their covariance."""
+    def sigma(self, covariance: FloatArray, beyond: FloatArray) -> ComplexArray:
+        """Standard deviation of the residual moments (rows,), the held coefficients known to their covariance.
+
+        `beyond` (rows,) is that of what the model leaves besides.
+        """
         fitted = np.isnan(np.concatenate([self.held, self.others]))
         noise = self.seen.reconstructions[0].moments.noise_sigma[self.seen.samples_of(0)]
-        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise)
+        apart = np.hypot(noise, beyond)
+        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, apart)
+
+    def left_before(self, error: ModelError | None) -> FloatArray:
+        """What the model left on stretches held out where it was found, 1-sigma at each row (rows,)."""
+        mach = self.seen.reconstructions[0].motion.mach[self.seen.samples_of(0)]
+        return error_at(error, mach, elsewhere=self.elsewhere)
 
 
 def _predict(
@@ -121,11 +135,13 @@ def _predict(
     known = np.flatnonzero(np.isfinite(task.held))
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
     flown = _flown(content.flown, task.seen)
-    band = band_of(task.seen.frame.time, measured, left, task.sigma(covariance[np.ix_(known, known)]), flown)
+    beyond = task.left_before(content.error)
+    sigma = task.sigma(covariance[np.ix_(known, known)], beyond)
+    band = band_of(task.seen.frame.time, measured, left, sigma, beyond, flown)
     carried = _carried(flight)
     eased = task.eased(carried)
     remedy = _remedy(task, refit, carried)
-    shares = _Shares(
+    shares = Shares(
         left=_beyond(errors.frozen, errors),
         eased=_beyond(_mean_square(eased.moments(eased.solved(eased.held))), errors),
         frozen=_explained(measured, left, errors.noise, flown),
@@ -144,7 +160,8 @@ def _predict(
         flown=shares.flown,
         band=band,
         regions=_regions(task.seen, measured, left),
-        reason=_reason(shares, band, remedy),
+        left_out=task.left_out,
+        reason=reason(shares, band, errors.noise, remedy, task.left_out),
     )
 
 
@@ -159,8 +176,14 @@ def _covariance_of(content: SavedModel, task: _Task, known: IntArray) -> FloatAr
 
 
 def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Task:
-    model = replace(restored(content, (flight,), frozen=True), applied=())
-    coefficients = dict(zip(model.columns, (column.value for column in content.columns), strict=True))
+    whole = restored(content, (flight,), frozen=True)
+    here = _is_found_on(content, flight)
+    model = whole if here else _of_any_flight(whole, refit)
+    coefficients = dict(zip(whole.columns, (column.value for column in content.columns), strict=True))
+    if not here:
+        anew = zip(whole.columns, (column.elsewhere for column in content.columns), strict=True)
+        coefficients.update({column: value for column, value in anew if value is not None})
+    left_out = tuple(dict.fromkeys(c.mechanism for c in whole.columns if c not in model.columns))
     effects = _effects(refit, model, flight)
     model = _with_refitted(model, refit, flight, config)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in coefficients}
@@ -172,7 +195,23 @@ def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: T
         own = {name: value for name, value in found.items() if name[0] in effects}
         taken = taken_out(0, flight, model, own, taken)
         task = _seen_with(flight, model, held, effects, taken, config, content.flown)
-    return task
+    return replace(task, left_out=left_out, elsewhere=not here)
+
+
+def _of_any_flight(model: Model, refit: tuple[str, ...]) -> Model:
+    """The model without what belongs to the times and to the instruments of its own flights."""
+    lasts = lasting(model.columns, model.mechanisms)
+    kept = (c for c, own in zip(model.columns, lasts, strict=True) if own or {c.mechanism, c.term} & set(refit))
+    return replace(model, columns=tuple(kept), applied=())
+
+
+def _is_found_on(content: SavedModel, flight: Flight) -> bool:
+    """Whether the model was found on this very record at these times: then its times and errors are the flight's."""
+    first, last = float(flight.time[0]), float(flight.time[-1])
+    return flight.path is not None and any(
+        Path(flight.path).resolve() == Path(name).resolve() and start <= first and last <= stop
+        for name, (start, stop) in zip(content.found_on, content.times, strict=False)
+    )
 
 
 def _seen_with(
@@ -194,7 +233,9 @@ def _seen_with(
     part = seen.part_where(there) if there.sum() >= SMALLEST_RECORD else seen.whole
     problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(part)
     items = problem.rows.nuisances.items
-    others = np.array([np.nan if item.name in (*_OF_THE_MOTION, *effects) else item.present for item in items])
+    # What has no prior was found on this very record, and is taken out of it.
+    known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in items)
+    others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
     return _Task(seen, problem, model.columns, held, others)
 
 
@@ -259,21 +300,6 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class _Shares:
-    """What the frozen model explains, and the same model refitted; the share of the samples that both are told of.
-
-    Of the whole record: what the frozen model leaves (`left`), and what it would if record and vehicle erred within
-    their tolerances (`eased`).
-    """
-
-    left: float
-    eased: float
-    frozen: float
-    own: float
-    flown: float
-
-
 def _flown(ends: Mapping[str, tuple[float, float]], seen: Seen) -> BoolArray:
     """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
     motion, samples = seen.reconstructions[0].motion, seen.samples_of(0)
@@ -293,46 +319,6 @@ def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, f
     return 1.0 - max(error - noise, 0.0) / max(without - noise, 1e-300)
 
 
-def _explains(share: float) -> str:
-    """What a model does to a mean square; one that explains less than nothing does not hold."""
-    if share > 0.9995:
-        return "explains more than 99.9 % of"
-    if share >= 0.0:
-        return f"explains {100.0 * share:.1f} % of"
-    return f"does not hold here, and leaves {1.0 - share:.3g} times"
-
-
 def _beyond(error: float, errors: ErrorsOfPrediction) -> float:
     """A mean square as a share of that without a model, noise aside."""
     return max(error - errors.noise, 0.0) / max(errors.without - errors.noise, 1e-300)
-
-
-def _held_too_much(shares: _Shares, remedy: str) -> str:
-    """What to do where the model fails, or would fail far less, for what record and vehicle are held not to err by."""
-    much = shares.left > _SMALL and shares.eased < _GREATLY * shares.left
-    if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
-        return ""
-    return (
-        f" Over the whole record it leaves {shares.left:.3g} of the mean square. Errors of the record were taken as "
-        "none, and those of the vehicle as on the flights that the model was found on; "
-        f"`--refit {remedy}` lets this flight have its own"
-        + (f", and leaves about {shares.eased:.2g}." if much else ".")
-    )
-
-
-def _reason(shares: _Shares, band: Band, remedy: str) -> str:
-    """The outcome in a few sentences."""
-    if shares.flown == 0.0:
-        nowhere = "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
-        return nowhere + _held_too_much(shares, remedy)
-    beyond = (
-        f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than the "
-        "model was found at, and are left out of these shares."
-    )
-    return (
-        f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
-        f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
-        f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
-        + (beyond if shares.flown < _NEARLY_ALL else "")
-        + _held_too_much(shares, remedy)
-    )

@@ -45,11 +45,13 @@ Series = tuple[float, ...]
 class Band(NullIsNaN):
     """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
 
-    Counted where the model's flights flew. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
+    Counted where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the
+    noise where it was found. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
     """
 
     level: float
     inside: float
+    model_error: float = 0.0
     time_s: Series
     measured: tuple[Series, Series]
     predicted: tuple[Series, Series]
@@ -61,6 +63,7 @@ class Prediction(Pictured, Result):
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
+    `left_out` are mechanisms of the model that belong to the times of its own flights.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -74,6 +77,7 @@ class Prediction(Pictured, Result):
     flown: float
     band: Band
     regions: tuple[Region, ...]
+    left_out: tuple[str, ...] = ()
     reason: str
 
     def headline(self) -> str:

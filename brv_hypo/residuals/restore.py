@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydantic import ValidationError
@@ -21,31 +22,35 @@ from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.residuals.baseline import TOLERATED, start_model
 from brv_hypo.residuals.linearisation import Applied, Model
-from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
+from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel, SavedRecordError
 
 
-def saved(
-    model: Model,
-    values: FloatArray | None = None,
-    covariance: FloatArray | None = None,
-    found_on: tuple[str, ...] = (),
-    flown: dict[str, tuple[float, float]] | None = None,
-) -> SavedModel:
-    """The model as data, with its coefficients (columns,) and their covariance where they are known."""
+@dataclass(frozen=True)
+class Found:
+    """What is known of a model: its coefficients (columns,), their covariance, and where they were found.
+
+    `elsewhere` (columns,) are the coefficients on other flights, NaN for columns that belong to these alone.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    elsewhere: FloatArray
+    error: ModelError
+    on: tuple[str, ...]
+    times: tuple[tuple[float, float], ...]
+    flown: dict[str, tuple[float, float]]
+
+
+def saved(model: Model, found: Found | None = None) -> SavedModel:
+    """The model as data, with what is known of it where it was fitted."""
     static = model.mechanisms.get(StaticMoment.name)
     table = model.mechanisms.get(TableSlope.name)
     schedule = model.mechanisms.get(SlopeSchedule.name)
-    nothing: list[float | None] = [None] * len(model.columns)
-    known = nothing if values is None else values.tolist()
-    errors = nothing if covariance is None else np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-    return SavedModel(
-        columns=tuple(_saved_column(*each) for each in zip(model.columns, known, errors, strict=True)),
-        covariance=() if covariance is None else tuple(tuple(row) for row in covariance.tolist()),
+    content = SavedModel(
+        columns=tuple(_saved_column(column) for column in model.columns),
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
         table=table.table if isinstance(table, TableSlope) else None,
         schedule=schedule if isinstance(schedule, SlopeSchedule) else None,
-        found_on=found_on,
-        flown=flown or {},
         record=tuple(
             SavedRecordError(
                 effect=a.effect.name,
@@ -57,6 +62,31 @@ def saved(
             for a in model.applied
         ),
         files=tuple(_file(m) for m in model.mechanisms.values() if isinstance(m, FiledMechanism)),
+    )
+    return content if found is None else _with_coefficients(content, found)
+
+
+def _with_coefficients(content: SavedModel, found: Found) -> SavedModel:
+    errors = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    known = zip(content.columns, found.values.tolist(), errors.tolist(), found.elsewhere.tolist(), strict=True)
+    return content.model_copy(
+        update={
+            "columns": tuple(
+                column.model_copy(
+                    update={
+                        "value": value,
+                        "std_error": error,
+                        "elsewhere": elsewhere if math.isfinite(elsewhere) and elsewhere != value else None,
+                    }
+                )
+                for column, value, error, elsewhere in known
+            ),
+            "covariance": tuple(tuple(row) for row in found.covariance.tolist()),
+            "error": found.error,
+            "found_on": found.on,
+            "times": found.times,
+            "flown": found.flown,
+        }
     )
 
 
@@ -107,7 +137,7 @@ def of_as_many(content: SavedModel, flights: int) -> SavedModel:
     )
 
 
-def _saved_column(column: Column, value: float | None, std_error: float | None) -> SavedColumn:
+def _saved_column(column: Column) -> SavedColumn:
     ends = [end if math.isfinite(end) else None for end in (column.course.start, column.course.stop)]
     return SavedColumn(
         mechanism=column.mechanism,
@@ -118,8 +148,6 @@ def _saved_column(column: Column, value: float | None, std_error: float | None) 
         start=ends[0],
         stop=ends[1],
         tied=column.tied,
-        value=value,
-        std_error=std_error,
         flight=column.flight,
     )
 

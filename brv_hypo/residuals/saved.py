@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, model_validator
@@ -21,8 +22,9 @@ class SavedColumn(_Saved):
     """A column of the moment model; `start`, `stop` s, None where its course has no such end.
 
     `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
-    `flight`: the one of several
-    flights that it belongs to, counted from 0; None for all.
+    `elsewhere` is the coefficient on other flights, where what belongs to the times and the instruments of the model's
+    own is left out; None where it is `value`. `flight`: the one of several flights that it belongs to, counted from 0;
+    None for all.
     """
 
     mechanism: str
@@ -35,7 +37,32 @@ class SavedColumn(_Saved):
     tied: bool = False
     value: float | None = None
     std_error: float | None = None
+    elsewhere: float | None = None
     flight: int | None = None
+
+
+class ModelError(_Saved):
+    """What the model leaves beyond the noise on stretches held out of its fit, 1-sigma of either moment coefficient.
+
+    By Mach number, which increases; without one, one value for all. `own`: the whole model; `elsewhere`: without what
+    belongs to the times and the instruments of its own flights.
+    """
+
+    mach: tuple[float, ...] = ()
+    own: tuple[float, ...]
+    elsewhere: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _sizes_fit(self) -> ModelError:
+        wanted = max(len(self.mach), 1)
+        if (len(self.own), len(self.elsewhere)) != (wanted, wanted):
+            raise ValueError(
+                f"the model's error has {len(self.own)} and {len(self.elsewhere)} values for {len(self.mach)} Mach "
+                f"numbers, expected {wanted}: edit all alike, or take it out"
+            )
+        if any(b <= a for a, b in pairwise(self.mach)):
+            raise ValueError("the Mach numbers of the model's error must increase")
+        return self
 
 
 class SavedRecordError(_Saved):
@@ -53,9 +80,9 @@ class SavedModel(_Saved):
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
     baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
-    stands in its place, `schedule` the prior of its slope's change with Mach number. `found_on` names
-    the flights; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is
-    known to nobody.
+    stands in its place, `schedule` the prior of its slope's change with Mach number. `found_on` names the flights,
+    `times` (s) are their starts and stops; `error` is what it left there; `flown` the ends of what they ran through, by
+    quantity (`mach`, `alpha` in rad): beyond, the model is known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -67,7 +94,9 @@ class SavedModel(_Saved):
     table: AeroTable | None = None
     schedule: SlopeSchedule | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
+    error: ModelError | None = None
     found_on: tuple[str, ...] = ()
+    times: tuple[tuple[float, float], ...] = ()
     flown: dict[str, tuple[float, float]] = {}
 
     @model_validator(mode="after")

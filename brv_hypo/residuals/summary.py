@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -24,11 +25,12 @@ from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.find import find
-from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.model_error import lasting, model_error
 from brv_hypo.residuals.problem import with_efficiency
-from brv_hypo.residuals.restore import saved
+from brv_hypo.residuals.restore import Found, saved
 from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
 
 _FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
@@ -51,16 +53,24 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
     state, last, model = end.state, end.state.seen, end.state.model
     here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
     final = find(here, state.left)
-    values, covariance = whole_fit(here)
-    moments = _with_increments(here, model, values, covariance)
+    moments = _coefficients(here)
+    elsewhere = _elsewhere(flights, end, moments)
     findings = _added(end.steps, "finding")
-    found_on = tuple(flight.path or flight.title for flight in flights)
     definition = saved(
-        replace(model, columns=moments.columns), moments.values, moments.covariance, found_on, flown(last)
+        replace(model, columns=moments.columns),
+        Found(
+            moments.values,
+            moments.covariance,
+            np.array([elsewhere.values.get(column, np.nan) for column in moments.columns]),
+            model_error(last, state.left, elsewhere.left),
+            tuple(flight.path or flight.title for flight in flights),
+            tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
+            flown(last),
+        ),
     )
     terms = (
         *term_estimates(last, moments.columns, moments.values, moments.covariance),
-        *_record_terms(here, model, covariance),
+        *_record_terms(here, model),
     )
     return Trace(
         flight=flight_summary(flights[0]),
@@ -126,6 +136,26 @@ def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
     return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
 
 
+@dataclass(frozen=True)
+class _Elsewhere:
+    """The model without what belongs to its own flights alone: its coefficients, and what it leaves here."""
+
+    values: dict[Column, float]
+    left: ResidualMoments
+
+
+def _elsewhere(flights: Sequence[Flight], end: Ending, own: _Coefficients) -> _Elsewhere:
+    """What stays is fitted anew: it takes over the mean of what is left out."""
+    state, model = end.state, end.state.model
+    lasts = lasting(model.columns, model.mechanisms)
+    if np.all(lasts) and not model.applied:
+        return _Elsewhere(own.by_column, state.left)
+    columns = tuple(itertools.compress(model.columns, lasts))
+    state = settled_state(flights, replace(model, columns=columns, applied=()), end.config)
+    here = bare_look(state.seen, state.model, state.values, end.config, state.problem.rows.noise)
+    return _Elsewhere(_coefficients(here).by_column, state.left)
+
+
 def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
     """Coefficients and nuisances on the whole record, constants of integration left out, and their covariance."""
     problem = with_efficiency(here.problem, here.null).on(here.seen.whole)
@@ -146,17 +176,24 @@ class _Coefficients:
     values: FloatArray
     covariance: FloatArray
 
+    @property
+    def by_column(self) -> dict[Column, float]:
+        """The coefficient of each column."""
+        return dict(zip(self.columns, self.values.tolist(), strict=True))
 
-def _with_increments(here: Look, model: Model, values: FloatArray, covariance: FloatArray) -> _Coefficients:
+
+def _coefficients(here: Look) -> _Coefficients:
     """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
-    count, always = len(model.columns), TimeFunction("constant")
+    values, covariance = whole_fit(here)
+    columns = here.null.columns
+    count, always = len(columns), TimeFunction("constant")
     items = here.problem.rows.nuisances.items
     places = [k for k, item in enumerate(items) if item.name in TOLERATED]
     scale = np.array([*np.ones(count), *(items[k].size for k in places)])
     chosen = np.array([*range(count), *(count + k for k in places)], dtype=int)
     more = (Column(items[k].name, items[k].component, (), always, items[k].units) for k in places)
     return _Coefficients(
-        (*model.columns, *more),
+        (*columns, *more),
         scale * values[chosen],
         covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale),
     )
@@ -196,11 +233,13 @@ def _region(seen: Seen, column: Column) -> tuple[float, float] | None:
     return max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))
 
 
-def _record_terms(here: Look, model: Model, covariance: FloatArray) -> tuple[TermEstimate, ...]:
+def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
     """
-    count = len(here.null.columns)
+    if not model.applied:
+        return ()
+    count, covariance = len(here.null.columns), whole_fit(here)[1]
     items = here.problem.rows.nuisances.items
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[count:]
     by_name = {(i.name, i.component, i.flight): float(s) * i.size for i, s in zip(items, sigmas, strict=True)}

@@ -1,0 +1,103 @@
+"""A prediction's outcome in a few sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from brv_hypo.residuals.prediction import Band
+
+# Share of the samples where the model's flights flew, from which nothing is said of it.
+_NEARLY_ALL = 0.995
+# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
+# the share of the moments' mean square below which the frozen model's is small enough to need none.
+_GREATLY, _SMALL = 0.5, 0.01
+# Share of the samples within a 95 % band below which the frozen model errs by more than it said.
+_HOLDS = 0.90
+_NARROW = " Here it errs by more than where it was found: do not take the band for its error."
+# Share of the noise's mean square from which what a model left where it was found is told.
+_TELLING = 0.25
+
+
+@dataclass(frozen=True)
+class Shares:
+    """What the frozen model explains, and the same model refitted; the share of the samples that both are told of.
+
+    Of the whole record: what the frozen model leaves (`left`), and what it would if record and vehicle erred within
+    their tolerances (`eased`).
+    """
+
+    left: float
+    eased: float
+    frozen: float
+    own: float
+    flown: float
+
+
+def reason(shares: Shares, band: Band, noise: float, remedy: str, left_out: Sequence[str]) -> str:
+    """The outcome in a few sentences.
+
+    `noise` is its mean square, `remedy` what `--refit` would name as well; `left_out` are mechanisms of the model that
+    belong to its own flights.
+    """
+    if shares.flown == 0.0:
+        nowhere = "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
+        return nowhere + _held_too_much(shares, remedy)
+    beyond = (
+        f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than the "
+        "model was found at, and are left out of these shares."
+    )
+    return (
+        f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
+        f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
+        f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
+        + (_NARROW if band.inside < _HOLDS else "")
+        + _of_the_model(band, noise)
+        + (beyond if shares.flown < _NEARLY_ALL else "")
+        + _held_too_much(shares, remedy)
+        + _of_other_times(left_out)
+    )
+
+
+def _explains(share: float) -> str:
+    """What a model does to a mean square; one that explains less than nothing does not hold."""
+    if share > 0.9995:
+        return "explains more than 99.9 % of"
+    if share >= 0.0:
+        return f"explains {100.0 * share:.1f} % of"
+    return f"does not hold here, and leaves {1.0 - share:.3g} times"
+
+
+def _held_too_much(shares: Shares, remedy: str) -> str:
+    """What to do where the model fails, or would fail far less, for what record and vehicle are held not to err by."""
+    much = shares.left > _SMALL and shares.eased < _GREATLY * shares.left
+    if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
+        return ""
+    return (
+        f" Over the whole record it leaves {shares.left:.3g} of the mean square. Errors of the record were taken as "
+        "none, and those of the vehicle as on the flights that the model was found on; "
+        f"`--refit {remedy}` lets this flight have its own"
+        + (f", and leaves about {shares.eased:.2g}." if much else ".")
+    )
+
+
+def _of_other_times(left_out: Sequence[str]) -> str:
+    if not left_out:
+        return ""
+    return (
+        f" {', '.join(left_out)} of the model belong to the times of its own flight, and are left out; what they "
+        "stood for there is in the band."
+    )
+
+
+def _of_the_model(band: Band, noise: float) -> str:
+    """What is said of a band that is wider than the noise for what the model left where it was found."""
+    if band.model_error**2 < _TELLING * noise:
+        return ""
+    return (
+        f" Where it was found the model left {band.model_error:.2g} (rms) on stretches held out of its fit, "
+        f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the band is as much "
+        "wider."
+    )
