@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import Legendre, legendre
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
@@ -74,6 +74,24 @@ class StaticMoment(Mechanism):
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
         scaled = _within(along, self.start, self.stop)
         return list(legendre.legvander(scaled, max(self.offset_degree, self.slope_degree)).T)
+
+
+def wavering_speeds(
+    courses: Sequence[tuple[FloatArray, FloatArray]], degree: int, share: float
+) -> tuple[float, float] | None:
+    """The ends of the speeds (m/s), where they change otherwise than a polynomial can follow; None where it can.
+
+    `courses`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,); `share` of the speed is
+    what it may leave. Wind along the track, drag that goes with the angle of attack, and a change of temperature do it.
+    """
+    wavers = False
+    for along, speed in courses:
+        left = speed - Legendre.fit(along, speed, degree)(along)
+        wavers |= bool(np.std(left) > share * np.mean(speed))
+    if not wavers:
+        return None
+    speeds = np.concatenate([speed for _, speed in courses])
+    return float(speeds.min()), float(speeds.max())
 
 
 def _within(values: FloatArray, low: float, high: float) -> FloatArray:

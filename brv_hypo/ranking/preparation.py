@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import Legendre
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import default_knots
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
@@ -161,21 +160,7 @@ def _static(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
         stop=max(float(t[-1]) for t in times),
         offset_degree=1 if config.offset_degree is None else config.offset_degree,
         slope_degree=slope,
-        speeds=_wavering_speeds(reconstructions, slope),
+        speeds=wavering_speeds(
+            [(rec.flight.time, rec.motion.velocity) for rec in reconstructions], slope, WAVERING_SPEED
+        ),
     )
-
-
-def _wavering_speeds(reconstructions: Sequence[Reconstruction], degree: int) -> tuple[float, float] | None:
-    """The ends of the speeds (m/s), where they change otherwise than a polynomial in time can follow.
-
-    Wind along the track, or drag that goes with the angle of attack: the slope of the moment follows Mach number.
-    """
-    wavers = False
-    for reconstruction in reconstructions:
-        time, speed = reconstruction.flight.time, reconstruction.motion.velocity
-        left = speed - Legendre.fit(time, speed, degree)(time)
-        wavers |= bool(np.std(left) > WAVERING_SPEED * np.mean(speed))
-    if not wavers:
-        return None
-    speeds = np.concatenate([reconstruction.motion.velocity for reconstruction in reconstructions])
-    return float(speeds.min()), float(speeds.max())

@@ -14,10 +14,11 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_mechanisms
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import Column
 from brv_hypo.model.slope_schedule import RELATIVE, SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.ranking.constants import WAVERING_SPEED
 from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.residuals.config import Baseline
@@ -104,9 +105,26 @@ def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment
     decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
     if decades is not None and not _reynolds_is_independent(flights):
         decades = None
+    narrow = not SlopeSchedule(low=mach[0], high=mach[1], size=1.0).sizes.size
     return StaticMoment(
-        start=mach[0], stop=mach[1], offset_degree=0, slope_degree=_SLOPE_DEGREE, by="mach", reynolds=decades
+        start=mach[0],
+        stop=mach[1],
+        offset_degree=0,
+        slope_degree=_SLOPE_DEGREE,
+        by="mach",
+        reynolds=decades,
+        speeds=_own_speeds(flights) if narrow else None,
     )
+
+
+def _own_speeds(flights: Sequence[Flight]) -> tuple[float, float] | None:
+    """The ends of the speeds (m/s), where they are no function of Mach number.
+
+    Where Mach number hardly changes, the temperature of the air moves it as much as the speed, and a slope that goes
+    with the conditions of flight is no function of it alone.
+    """
+    courses = [(flight.mach, flight.velocity) for flight in flights if flight.mach is not None]
+    return wavering_speeds(courses, _SLOPE_DEGREE, WAVERING_SPEED)
 
 
 def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
