@@ -19,9 +19,12 @@ _DETECTED = 25.0
 # The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
 # among many was asked of the fitted part before.
 _SIGMAS = 1.645
-# Standard errors by which the moments' error may grow where an error of the record is added: 5 %, one-sided, of
-# Student's distribution for eight stretches held out.
+# Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
+# for eight stretches held out.
 _WORSE = 1.9
+# Standard errors of that fall from which the moments' error need not have fallen by itself: one chance in a thousand.
+# The noise of the gyros, differentiated, may drown it, and what remains is a hint.
+_SURE = 3.0
 # How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
 # fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
@@ -57,14 +60,15 @@ class Tried:
     def taken(self) -> bool:
         """Whether the held-out part agrees.
 
-        The moments' error has to fall; an error of the record may show in the specific force alone, and then it must
-        not make the moments significantly worse. What every fit holds within its tolerance has nothing to predict that
+        The moments' error has to fall, unless rates and force leave no doubt; an error of the record may show in the
+        specific force alone. Then it must not make the moments significantly worse. What every fit holds within its tolerance has nothing to predict that
         others within theirs could not: that it must be larger is asked of the fitted part alone.
         """
+        no_worse = self.ratio < 1.0 + _WORSE * self.ratio_error
         if self.carried:
-            return self.ratio < 1.0 + _WORSE * self.ratio_error
-        most = 1.0 if self.candidate.effect is None else 1.0 + _WORSE * self.ratio_error
-        return self.score >= _SIGMAS and self.ratio < most
+            return no_worse
+        need_not_fall = self.candidate.effect is not None or self.score >= _SURE
+        return self.score >= _SIGMAS and (self.ratio < 1.0 or (need_not_fall and no_worse))
 
 
 @dataclass(frozen=True)
