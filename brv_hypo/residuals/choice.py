@@ -22,9 +22,9 @@ _SIGMAS = 1.645
 # Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
 # for eight stretches held out.
 _WORSE = 1.9
-# Standard errors of that fall from which the moments' error need not have fallen by itself: one chance in a thousand.
-# The noise of the gyros, differentiated, may drown it, and what remains is a hint.
-_SURE = 3.0
+# Standard errors of that fall from which the moments' error need not have fallen by itself: one chance in a thousand,
+# one-sided. The noise of the gyros, differentiated, may drown it, and it is a hint.
+_SURE = 3.09
 # How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
 # fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
@@ -61,8 +61,9 @@ class Tried:
         """Whether the held-out part agrees.
 
         The moments' error has to fall, unless rates and force leave no doubt; an error of the record may show in the
-        specific force alone. Then it must not make the moments significantly worse. What every fit holds within its tolerance has nothing to predict that
-        others within theirs could not: that it must be larger is asked of the fitted part alone.
+        specific force alone. Then it must not make the moments significantly worse. What every fit holds within its
+        tolerance has nothing to predict that others within theirs could not: that it must be larger is asked of the
+        fitted part alone.
         """
         no_worse = self.ratio < 1.0 + _WORSE * self.ratio_error
         if self.carried:

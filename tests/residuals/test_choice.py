@@ -120,6 +120,8 @@ def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
     [
         (False, 3.0, 0.99, True),
         (False, 3.0, 1.01, False),
+        (False, 3.2, 1.01, True),
+        (False, 3.2, 1.22, False),
         (False, 1.5, 0.5, False),
         (True, 3.0, 1.05, True),
         (True, 3.0, 1.18, True),
