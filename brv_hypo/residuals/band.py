@@ -2,7 +2,8 @@
 
 What the model's coefficients err by, and what is held of the record's errors within their tolerances, changes what is
 fitted along; to first order, what is left of it after that fit widens the band beyond the noise. So does what the model
-left where it was found, on stretches that took no part in its fit.
+left where it was found, on stretches that took no part in its fit. What is fitted along takes some of the noise with it
+where it is fitted, and brings its own error elsewhere.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from brv_hypo.residuals.prediction import Band
 
 # Standard deviations on either side of the prediction, and the share of a normal distribution between them.
 SIGMAS, LEVEL = 1.96, 0.95
+# Singular values of what is fitted that count, of the largest, and the least share of the noise that a fit leaves.
+_CUTOFF, _LEAST = 1e-12, 0.1
 # Samples of the band that are told: a picture has no more.
 _MOST_TOLD = 2000
 
@@ -32,30 +35,47 @@ def predictive_sigma(
     columns: Sequence[Column],
     covariance: FloatArray,
     fitted: BoolArray,
-    apart_sigma: FloatArray,
+    noise_sigma: FloatArray,
+    beyond: FloatArray,
 ) -> ComplexArray:
     """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
 
     `covariance` is that of the held coefficients (held columns, held columns); `fitted` (columns + nuisances,) what is
-    fitted here; `apart_sigma` (rows,) is of what no coefficient says: the noise, and what the model lacks.
+    fitted here; `noise_sigma` (rows,) is of the moments' noise, `beyond` (rows,) of what the model lacks.
     """
     constants = 2 * len(problem.rows.part.levels)
     count = len(columns)
     design = problem.whole_design(frame, columns)
     free = np.concatenate([fitted[:count], np.ones(constants, dtype=bool), fitted[count:]])
     scale = lengths(design[:, free])
-    answer = np.linalg.lstsq(design[:, free] / scale, design[:, ~free], rcond=None)[0] / scale[:, np.newaxis]
+    solved = np.linalg.pinv(design[:, free] / scale, rcond=_CUTOFF) / scale[:, np.newaxis]
     unknowns = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
     histories = np.column_stack([frame.columns(columns), *unknowns])
     moments = np.column_stack([residual_moments(frame, problem.records, column).body for column in histories.T])
     of_fitted = np.zeros((moments.shape[0], int(free.sum())), dtype=complex)
     of_fitted[:, ~_constants(free, count, constants)] = moments[:, fitted]
-    slopes = moments[:, ~fitted] - of_fitted @ answer
+    slopes = moments[:, ~fitted] - of_fitted @ (solved @ design[:, ~free])
     held = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))
-    return np.asarray(
-        np.sqrt(apart_sigma**2 + _variance(slopes.real, held))
-        + 1j * np.sqrt(apart_sigma**2 + _variance(slopes.imag, held))
-    )
+    factor = _raised(problem) ** -2
+    parts = []
+    for own, response in ((slopes.real, of_fitted.real @ solved), (slopes.imag, of_fitted.imag @ solved)):
+        share = factor * np.sum(response**2, axis=1) / noise_sigma**2
+        apart = (noise_sigma**2 + beyond**2) * _after_the_fit(problem, share)
+        parts.append(np.sqrt(apart + _variance(own, held)))
+    return np.asarray(parts[0] + 1j * parts[1])
+
+
+def _raised(problem: Problem) -> float:
+    """The level of the noise that the rates are weighed with, over that of the gyros."""
+    gyros = float(np.median([record.gyro_sigma for record in problem.records]))
+    return problem.rows.noise.rates.sigma / gyros
+
+
+def _after_the_fit(problem: Problem, share: FloatArray) -> FloatArray:
+    """Variance (rows,) of what a fit leaves over that before it; `share` (rows,) is that of what was fitted."""
+    inside = np.zeros(share.size, dtype=bool)
+    inside[problem.rows.part.rows] = True
+    return np.where(inside, np.maximum(1.0 - share, _LEAST), 1.0 + share)
 
 
 def _constants(free: BoolArray, count: int, constants: int) -> BoolArray:

@@ -15,11 +15,14 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.filed import FiledMechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.regression.whitening import effective_samples
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.saved import ModelError
 
 # Weights of a held-out stretch and of its neighbours in Mach number: one stretch alone holds few cycles.
 _NEIGHBOURS = (0.25, 0.5, 0.25)
+# Standard errors of the noise's mean square by which what is left has to exceed it: 5 %, one-sided.
+_SIGMAS = 1.645
 
 
 def lasting(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism]) -> BoolArray:
@@ -33,27 +36,40 @@ def _follows_time(column: Column, mechanism: Mechanism) -> bool:
 
 
 def model_error(seen: Seen, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
-    """What the model leaves on the held-out part, and what it leaves there without what belongs to its own flights."""
+    """What the model leaves on the held-out part, and what it leaves there without what belongs to its own flights.
+
+    Nothing where that is no more than the noise may leave by chance.
+    """
     pieces = [rows for a, b in seen.held_out.pieces if np.any(own.usable[rows := seen.held_out.rows[a:b]])]
     mach = np.concatenate([rec.motion.mach[seen.samples_of(k)] for k, rec in enumerate(seen.reconstructions)])
     noise = np.concatenate(
         [rec.moments.noise_sigma[seen.samples_of(k)] for k, rec in enumerate(seen.reconstructions)]
     )
-    excess = np.array([[_excess(left, rows, noise) for rows in pieces] for left in (own, elsewhere)])
-    sizes = np.array([np.count_nonzero(own.usable[rows]) for rows in pieces], dtype=float)
     places = np.array([float(np.mean(mach[rows])) for rows in pieces])
-    if not np.all(np.isfinite(places)) or np.unique(places).size < places.size:
-        return ModelError(**_told(excess @ sizes[:, np.newaxis] / sizes.sum()))
-    order = np.argsort(places)
-    weights = _near(places.size) * sizes[order]
-    smooth = (excess[:, order] @ weights.T) / weights.sum(axis=1)
-    return ModelError(mach=tuple(places[order].tolist()), **_told(smooth))
+    apart = bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size
+    order = np.argsort(places) if apart else np.arange(places.size)
+    pieces = [pieces[k] for k in order]
+    weights = _near(len(pieces)) if apart else np.ones((1, len(pieces)))
+    found = (_beyond(left, pieces, noise, weights) for left in (own, elsewhere))
+    told = dict(zip(("own", "elsewhere"), (tuple(np.sqrt(each).tolist()) for each in found), strict=True))
+    return ModelError(mach=tuple(places[order].tolist()) if apart else (), **told)
 
 
-def _excess(left: ResidualMoments, rows: IntArray, noise: FloatArray) -> float:
-    """Mean square of either coefficient on some rows, less that of the noise."""
-    kept = rows[left.usable[rows]]
-    return float(np.mean(np.abs(left.body[kept]) ** 2 / 2.0 - noise[kept] ** 2))
+def _beyond(
+    left: ResidualMoments, pieces: Sequence[IntArray], noise: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Mean square of either coefficient beyond that of the noise, by weighted means (means, pieces) of pieces."""
+    kept = [rows[left.usable[rows]] for rows in pieces]
+    weights = weights * [rows.size for rows in kept]
+    weights = weights / weights.sum(axis=1, keepdims=True)
+    squares = np.array([np.mean(np.abs(left.body[rows]) ** 2) / 2.0 for rows in kept])
+    noises = np.array([np.mean(noise[rows] ** 2) for rows in kept])
+    parts = [part(left.body[rows] / noise[rows]) for part in (np.real, np.imag) for rows in kept]
+    share = effective_samples(parts) / sum(part.size for part in parts)
+    # Of a mean square with so many degrees of freedom, were it noise alone.
+    errors = noises * np.sqrt(2.0 / np.maximum([2.0 * share * rows.size for rows in kept], 1.0))
+    excess, error = weights @ (squares - noises), np.sqrt(weights**2 @ errors**2)
+    return np.asarray(np.where(excess > _SIGMAS * error, excess, 0.0), dtype=float)
 
 
 def _near(count: int) -> FloatArray:
@@ -61,11 +77,6 @@ def _near(count: int) -> FloatArray:
     before, here, after = _NEIGHBOURS
     off = np.ones(max(count - 1, 0))
     return np.asarray(here * np.eye(count) + np.diag(before * off, -1) + np.diag(after * off, 1), dtype=float)
-
-
-def _told(variances: FloatArray) -> dict[str, tuple[float, ...]]:
-    own, elsewhere = np.sqrt(np.maximum(variances, 0.0)).tolist()
-    return {"own": tuple(own), "elsewhere": tuple(elsewhere)}
 
 
 def error_at(error: ModelError | None, mach: FloatArray, *, elsewhere: bool) -> FloatArray:

@@ -108,8 +108,7 @@ class _Task:
         """
         fitted = np.isnan(np.concatenate([self.held, self.others]))
         noise = self.seen.reconstructions[0].moments.noise_sigma[self.seen.samples_of(0)]
-        apart = np.hypot(noise, beyond)
-        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, apart)
+        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise, beyond)
 
     def left_before(self, error: ModelError | None) -> FloatArray:
         """What the model left on stretches held out where it was found, 1-sigma at each row (rows,)."""

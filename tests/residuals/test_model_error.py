@@ -1,0 +1,184 @@
+"""What a model leaves on held-out stretches: measured where it was found, in the band of what it predicts elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from brv_hypo.flight import load_flight, save_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import find
+from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, mechanism_of
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.residuals import Trace, predict
+from brv_hypo.residuals.baseline import start_model
+from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.linearisation import Seen, see
+from brv_hypo.residuals.model_error import error_at, lasting, model_error
+from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel
+from tests.chains import traced_trim, trimmed
+from tests.flights import nominal
+
+BY_MACH = ModelError(mach=(5.0, 10.0), own=(1e-5, 3e-5), elsewhere=(2e-5, 6e-5))
+JUMP = SavedColumn(
+    mechanism="bodyfixed", term="C_b cos(phi_b)", units="1", kind="jump", start=2.0, tied=True, value=5e-4, std_error=1e-6
+)
+
+
+@pytest.fixture(scope="module")
+def seen() -> Seen:
+    flight = nominal().flight
+    falling = replace(flight, mach=np.linspace(12.0, 6.0, flight.samples))
+    return see((falling,), start_model((falling,), ()), TraceConfig())
+
+
+def left_at(seen: Seen, sigma: Any, seed: int = 1) -> ResidualMoments:
+    """Residual moments of that standard deviation, number or (rows,), beside the noise."""
+    rng = np.random.default_rng(seed)
+    moments, samples = seen.reconstructions[0].moments, seen.samples_of(0)
+    size = np.hypot(moments.noise_sigma[samples], sigma)
+    body = size * (rng.standard_normal(samples.size) + 1j * rng.standard_normal(samples.size))
+    return ResidualMoments(body, moments.usable[samples])
+
+
+@pytest.mark.parametrize("times", [2.0, 10.0])
+def test_what_is_left_beyond_the_noise_comes_back(seen: Seen, times: float) -> None:
+    noise = float(np.median(seen.reconstructions[0].moments.noise_sigma))
+    found = model_error(seen, left_at(seen, times * noise), left_at(seen, 2.0 * times * noise))
+    assert np.all(np.diff(found.mach) > 0.0)
+    assert np.sqrt(np.mean(np.square(found.own))) == pytest.approx(times * noise, rel=0.15)
+    assert np.sqrt(np.mean(np.square(found.elsewhere))) == pytest.approx(2.0 * times * noise, rel=0.15)
+
+
+def test_a_model_that_leaves_noise_alone_adds_little_to_it(seen: Seen) -> None:
+    found = model_error(seen, left_at(seen, 0.0), left_at(seen, 0.0))
+    noise = float(np.median(seen.reconstructions[0].moments.noise_sigma))
+    assert np.sqrt(np.mean(np.square(found.own))) < 0.4 * noise
+
+
+def test_it_is_told_where_it_was_left(seen: Seen) -> None:
+    mach = seen.reconstructions[0].motion.mach[seen.samples_of(0)]
+    found = model_error(seen, left_at(seen, np.where(mach > 9.0, 1e-3, 0.0)), left_at(seen, 0.0))
+    low, high = error_at(found, np.array([6.5, 11.5]), elsewhere=False)
+    assert low < 0.1 * high
+    assert high == pytest.approx(1e-3, rel=0.25)
+
+
+def test_without_a_mach_number_there_is_one_value() -> None:
+    flight = nominal().flight
+    unknown = see((replace(flight, mach=None),), start_model((flight,), ()), TraceConfig())
+    found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
+    assert found.mach == ()
+    assert found.own[0] == pytest.approx(1e-3, rel=0.2)
+
+
+@pytest.mark.parametrize(("mach", "expected"), [(4.0, 2e-5), (10.0, 6e-5), (20.0, 6e-5), (7.5, np.sqrt(20.0) * 1e-5)])
+def test_it_is_read_between_mach_numbers_and_kept_beyond_them(mach: float, expected: float) -> None:
+    assert error_at(BY_MACH, np.array([mach]), elsewhere=True)[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"), [(BY_MACH, np.sqrt(5.0) * 1e-5), (ModelError(own=(4e-5,), elsewhere=(5e-5,)), 4e-5), (None, 0.0)]
+)
+def test_where_the_mach_number_is_unknown_it_is_the_mean(error: ModelError | None, expected: float) -> None:
+    assert error_at(error, np.array([np.nan]), elsewhere=False)[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"mach": (5.0, 10.0), "own": (1e-5,), "elsewhere": (1e-5, 1e-5)},
+        {"mach": (10.0, 5.0), "own": (1e-5, 1e-5), "elsewhere": (1e-5, 1e-5)},
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused(content: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match="model's error"):
+        ModelError.model_validate(content)
+
+
+def test_what_follows_the_records_time_does_not_last() -> None:
+    always = TimeFunction("constant")
+    terms = (
+        FiledTerm(name="late", axis="body_y", factors=(Factor(of="time", function="step", at=1.0),)),
+        FiledTerm(name="slow", axis="body_y", factors=(Factor(of="mach", function="step", at=9.0, width=1.0),)),
+    )
+    described = mechanism_of(MechanismFile(name="described", title="t", claims="c", source="a test", terms=terms))
+    columns = (
+        Column("described", "late", (), always, "1"),
+        Column("described", "slow", (), always, "1"),
+        Column("trim", "C_m0", (), always, "1"),
+        Column("trim", "C_m0", (), TimeFunction("jump", 1.0), "1"),
+    )
+    found = lasting(columns, {"described": described, "trim": find("trim")})
+    assert found.tolist() == [False, True, True, False]
+
+
+def with_a_jump(result: Trace, found_on: str, elsewhere: float | None = None) -> SavedModel:
+    """The model of a trace with a body-fixed moment from 2 s on."""
+    definition = result.model.definition
+    columns = tuple(
+        column.model_copy(update={"elsewhere": elsewhere if column.term == "C_N0" else None})
+        for column in definition.columns
+    )
+    zeros = tuple(0.0 for _ in columns)
+    covariance = (*((*row, 0.0, 0.0) for row in definition.covariance), (*zeros, 1e-12, 0.0), (*zeros, 0.0, 1e-12))
+    across = JUMP.model_copy(update={"term": "C_b sin(phi_b)"})
+    return definition.model_copy(
+        update={"columns": (*columns, JUMP, across), "covariance": covariance, "found_on": (found_on,)}
+    )
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    """The traced flight, in a file."""
+    path = tmp_path_factory.mktemp("record") / "flight.h5"
+    save_flight(trimmed().flight, path)
+    return load_flight(path)
+
+
+def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(record: Flight) -> None:
+    at_home = predict(record, with_a_jump(traced_trim(), str(record.path)))
+    elsewhere = predict(record, with_a_jump(traced_trim(), "another.h5"))
+    assert at_home.left_out == ()
+    assert any(term.mechanism == "bodyfixed" for term in at_home.frozen)
+    assert elsewhere.left_out == ("bodyfixed",)
+    assert not any(term.mechanism == "bodyfixed" for term in elsewhere.frozen)
+    assert "bodyfixed of the model belong to the times of its own flight" in elsewhere.reason
+    assert elsewhere.error.frozen < 0.5 * at_home.error.frozen
+
+
+def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record: Flight) -> None:
+    model = with_a_jump(traced_trim(), str(record.path)).model_copy(update={"times": ((0.0, 3.0),)})
+    assert predict(record, model).left_out == ("bodyfixed",)
+
+
+def test_elsewhere_what_stays_has_its_own_coefficient(record: Flight) -> None:
+    predicted = predict(record, with_a_jump(traced_trim(), "another.h5", elsewhere=1.5e-4))
+    assert next(term.value for term in predicted.frozen if term.name == "C_N0") == 1.5e-4
+
+
+def test_what_the_model_left_widens_the_band_and_is_told(record: Flight) -> None:
+    definition = traced_trim().model.definition
+    plain, unsure = (
+        predict(record, definition.model_copy(update={"error": error}))
+        for error in (None, ModelError(own=(1e-3,), elsewhere=(1e-3,)))
+    )
+    assert plain.band.model_error == 0.0
+    assert unsure.band.model_error == pytest.approx(1e-3)
+    np.testing.assert_allclose(unsure.band.half_width, 1.96e-3, rtol=0.1)
+    assert "times the noise: it is not adequate there" in unsure.reason
+    assert "not adequate" not in plain.reason
+
+
+def test_a_trace_tells_its_models_error(record: Flight) -> None:
+    definition = traced_trim().model.definition
+    assert definition.error is not None
+    assert definition.times == ((float(record.time[0]), float(record.time[-1])),)
+    assert max(definition.error.own) < 3.0 * np.sqrt(traced_trim().noise_floor)
