@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,14 @@ from tests.flights import nominal
 
 BY_MACH = ModelError(mach=(5.0, 10.0), own=(1e-5, 3e-5), elsewhere=(2e-5, 6e-5))
 JUMP = SavedColumn(
-    mechanism="bodyfixed", term="C_b cos(phi_b)", units="1", kind="jump", start=2.0, tied=True, value=5e-4, std_error=1e-6
+    mechanism="bodyfixed",
+    term="C_b cos(phi_b)",
+    units="1",
+    kind="jump",
+    start=2.0,
+    tied=True,
+    value=5e-4,
+    std_error=1e-6,
 )
 
 
@@ -85,7 +91,8 @@ def test_it_is_read_between_mach_numbers_and_kept_beyond_them(mach: float, expec
 
 
 @pytest.mark.parametrize(
-    ("error", "expected"), [(BY_MACH, np.sqrt(5.0) * 1e-5), (ModelError(own=(4e-5,), elsewhere=(5e-5,)), 4e-5), (None, 0.0)]
+    ("error", "expected"),
+    [(BY_MACH, np.sqrt(5.0) * 1e-5), (ModelError(own=(4e-5,), elsewhere=(5e-5,)), 4e-5), (None, 0.0)],
 )
 def test_where_the_mach_number_is_unknown_it_is_the_mean(error: ModelError | None, expected: float) -> None:
     assert error_at(error, np.array([np.nan]), elsewhere=False)[0] == pytest.approx(expected)

@@ -15,7 +15,14 @@ from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
 from brv_hypo.model.slope_schedule import BENT, SlopeSchedule
 from brv_hypo.residuals import TraceConfig
-from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns, tolerated
+from brv_hypo.residuals.baseline import (
+    has_schedule,
+    scheduled,
+    start_model,
+    starting_columns,
+    static_moment,
+    tolerated,
+)
 from brv_hypo.residuals.choice import comes_first, follows
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.linearisation import see
@@ -52,6 +59,26 @@ def test_the_slopes_spread_is_at_most_its_size(low: float, ratio: float) -> None
 @pytest.mark.parametrize(("baseline", "expected"), [("scheduled", True), ("constant", False)])
 def test_a_scheduled_baseline_follows_the_mach_number(baseline: Any, expected: bool) -> None:
     assert has_schedule(start_model((_falling(),), (), baseline)) is expected
+
+
+@pytest.mark.parametrize(
+    ("mach", "warming", "wavers"),
+    [
+        ((16.0, 15.7), 0.0, False),  # at one temperature the speed is Mach number by another name
+        ((16.0, 15.7), 0.05, True),
+        ((12.0, 6.0), 0.05, False),  # the schedule over so wide a range can follow it
+    ],
+)
+def test_where_mach_number_hardly_changes_the_slope_follows_the_speed_too(
+    mach: tuple[float, float], warming: float, wavers: bool
+) -> None:
+    flight = nominal().flight
+    share = np.linspace(0.0, 1.0, flight.samples)
+    own = mach[0] + (mach[1] - mach[0]) * share
+    speed = 300.0 * own * (1.0 + warming * np.sin(np.pi * share))
+    static = static_moment([replace(flight, mach=own, velocity=speed)], "scheduled")
+    assert static.by == "mach"
+    assert static.speeds == (pytest.approx((speed.min(), speed.max())) if wavers else None)
 
 
 def _falling() -> Any:

@@ -1,0 +1,23 @@
+"""The loop on independent flights whose like it once got wrong; the study by hand is `loop_study`."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.independent.loop_study import Outcome, fly
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [43016, 43134])
+def test_a_slope_that_follows_the_speed_is_no_finding(seed: int) -> None:
+    """A light biconic: the temperature of the air moves its Mach number as much as its speed does."""
+    found = fly(seed, "none")
+    assert isinstance(found, Outcome)
+    assert found.added == ()
+
+
+@pytest.mark.thorough
+def test_an_effect_beyond_doubt_is_added_though_the_gyros_noise_drowns_the_moments_error() -> None:
+    found = fly(43121, "damping")
+    assert isinstance(found, Outcome)
+    assert [each.name for each in found.added] == ["damping"]
