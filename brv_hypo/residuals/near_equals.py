@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.columns import Column
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate
@@ -16,16 +19,23 @@ _NEARLY_EQUAL = 0.95
 _SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
 
 
-def near_equals(problem: Problem, candidates: Sequence[Candidate]) -> dict[str, tuple[str, ...]]:
-    """For each candidate the others whose columns hold nearly all that it predicts, the nearest first."""
+def near_equals(
+    problem: Problem, candidates: Sequence[Candidate], tried: Sequence[Candidate] = ()
+) -> dict[str, tuple[str, ...]]:
+    """For each candidate the others whose columns hold nearly all that it predicts, the nearest first.
+
+    An effect that is constant where it is tried may act at the times of another as well: `tried` are all that were.
+    """
     base = _basis(problem.design(problem.frame, problem.baseline))
-    spans = {c.name: _span(problem, base, c) for c in candidates}
+    spans = {c.name: _span(problem, base, c, c.fit.selected) for c in candidates}
     found = {}
     for candidate in candidates:
         size = float(np.linalg.norm(candidate.contribution))
+        timed = {each.name: columns for each in tried if (columns := _at_the_times_of(candidate, each))}
+        own = {each.name: _span(problem, base, each, timed[each.name]) for each in tried if each.name in timed}
         cosines = {
             name: float(np.linalg.norm(span.T @ candidate.contribution)) / size
-            for name, span in spans.items()
+            for name, span in {**spans, **own}.items()
             if name != candidate.name and size > 0.0
         }
         near = sorted((name for name in cosines if cosines[name] > _NEARLY_EQUAL), key=lambda name: -cosines[name])
@@ -33,9 +43,24 @@ def near_equals(problem: Problem, candidates: Sequence[Candidate]) -> dict[str, 
     return found
 
 
-def _span(problem: Problem, base: FloatArray, candidate: Candidate) -> FloatArray:
-    """Orthonormal directions (rows, columns) of a candidate's own columns beyond the baseline and the nuisances."""
-    design = problem.design(candidate.fit.frame, candidate.fit.selected)
+def _at_the_times_of(candidate: Candidate, other: Candidate) -> tuple[Column, ...]:
+    """The other's columns where the candidate's begin, end and change; none where either cannot."""
+    if not other.fit.mechanisms or not all(_may_come_and_go(m, other) for m in other.fit.mechanisms):
+        return ()
+    courses = dict.fromkeys(c.course for c in candidate.fit.selected if c.course.kind != "constant")
+    return tuple(replace(column, course=course) for course in courses for column in other.fit.selected)
+
+
+def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
+    """Whether it was tried as constant alone, but is no part of the vehicle and no schedule."""
+    flight = candidate.fit.frame.reconstructions[0].flight
+    constant = mechanism.time_variation == ("constant",) and mechanism.follows is None
+    return constant and not mechanism.of_each_flight(flight)
+
+
+def _span(problem: Problem, base: FloatArray, candidate: Candidate, columns: Sequence[Column]) -> FloatArray:
+    """Orthonormal directions (rows, columns) of columns of a candidate's beyond the baseline and the nuisances."""
+    design = problem.design(candidate.fit.frame, columns)
     return _basis(design - base @ (base.T @ design), lengths(design))
 
 

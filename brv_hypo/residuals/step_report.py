@@ -30,7 +30,7 @@ def step_of(
 ) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     told, taken = choice.told[:_TOLD], choice.taken
-    near = near_equals(here.problem, told)
+    near = near_equals(here.problem, told, here.candidates)
     known = has_schedule(state.model)
     share = None if taken is None else named_in(here, choice.ranked, taken.candidate.name, config, known)
     leading = choice.leading

@@ -21,3 +21,15 @@ def test_an_effect_beyond_doubt_is_added_though_the_gyros_noise_drowns_the_momen
     found = fly(43121, "damping")
     assert isinstance(found, Outcome)
     assert [each.name for each in found.added] == ["damping"]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "truth", "near"), [(43317, "magnus", True), (43229, "sticking", False)])
+def test_an_effect_that_is_tried_as_constant_is_a_near_equal_at_the_times_of_another(
+    seed: int, truth: str, near: bool
+) -> None:
+    """A Magnus moment that begins and ends looks like sticking; sticking does not look like a Magnus moment."""
+    found = fly(seed, truth)
+    assert isinstance(found, Outcome)
+    assert found.added[0].name == "sticking"
+    assert ("magnus" in found.added[0].near) is near
