@@ -357,7 +357,7 @@ def linearisation_point(
 
 def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
     """The reconstruction with its motion propagated from the start, and a slow walk."""
-    motion, start = reconstruction.motion, start_of(reconstruction)
+    motion, start = reconstruction.motion, reconstruction.start
     direction = wind_direction(record, start)
     turn, walk = wind_to_body(record, direction), _walk(record, walk_modes(record, reconstruction))
     open_loop = body_crossflow(record, direction)
@@ -376,13 +376,6 @@ def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> R
         history=None,
     )
     return replace(reconstruction, motion=recorded(moved))
-
-
-def start_of(reconstruction: Reconstruction) -> WindStart:
-    """The direction of the velocity and gravity at the first sample, in its body axes."""
-    motion = reconstruction.motion
-    xi = crossflow(motion.alpha[:1], motion.windward_meridian[:1])[0]
-    return WindStart(np.array([np.cos(motion.alpha[0]), xi.real, xi.imag]), reconstruction.gravity_body)
 
 
 def _near(angle: FloatArray, reference: FloatArray) -> FloatArray:
