@@ -147,7 +147,7 @@ def effect_responses(
     forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
-        records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in some]
+        records = perturbed(smooth, [effect.apply(smooth.flight, STEP * effect.size) for effect in some])
         drift[:, :, first : first + width] = kept.of(_drift(smooth, crossflow, records))
         for k, moved in enumerate(records, start=first):
             forces.add(k, moved.transverse_force - smooth.transverse_force)

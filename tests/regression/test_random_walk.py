@@ -24,8 +24,8 @@ def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: in
     direction = wind_direction(record, start)
     turn = wind_to_body(record, direction)
     noise = 1j * turn * _walk_noise(record, order + 1)[:, order]
-    noisy = perturbed(
-        record, replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)
+    (noisy,) = perturbed(
+        record, [replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)]
     )
     shift = body_crossflow(noisy, wind_direction(noisy, start)) - body_crossflow(record, direction)
     walk = _walk(record, order + 1)[:, order]
