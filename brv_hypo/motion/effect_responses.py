@@ -31,7 +31,7 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
 STEP = 1e-3
 # Samples of perturbed records that are held at once, some 200 bytes each.
-AT_ONCE = 200_000
+AT_ONCE = 60_000
 MOST_NAMED = 3  # errors told where none can be taken out
 
 
