@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.constants import LIMIT_FALL
-from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 
@@ -53,8 +53,12 @@ class _Shape:
 def limits(
     problem: Problem, mechanisms: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit]
 ) -> tuple[Limit, ...]:
-    """A limit for every hypothesis; a joined one has the largest of its mechanisms, and none has none."""
-    moment = _moment_rms(problem)
+    """A limit for every hypothesis; a joined one has the largest of its mechanisms, and none has none.
+
+    The moment of which it is a share is the leader's: what was measured holds errors of instruments and axes.
+    """
+    leader = likeliest(fits)
+    moment = _rms(leader.frame.moments(leader.columns) @ leader.values)
     variance = max(min(fit.rss for fit in fits) / problem.samples, 1.0) / problem.efficiency
     known: dict[str, float] = {}
     for group in mechanisms.values():
@@ -64,37 +68,49 @@ def limits(
     found = []
     for fit in fits:
         if fit.mechanisms:
-            fitted = _share_of(fit) / moment
-            # More than the whole moment could only cancel against the baseline: the data do not see it.
-            seen = fitted if fitted <= 1.0 else 0.0
-            found.append(Limit(fit.name, max(seen, *(known[m.name] for m in fit.mechanisms))))
+            size, margin = _fitted(fit)
+            # What is not seen the regions tell, and more than the whole moment could only cancel against the baseline.
+            seen = (fit is leader or size > margin) and size + margin <= moment
+            fitted = (size + margin) / moment if seen else 0.0
+            found.append(Limit(fit.name, max(fitted, *(known[m.name] for m in fit.mechanisms))))
     return tuple(found)
 
 
-def _share_of(fit: HypothesisFit) -> float:
-    """The largest rms moment of what was fitted, at 95 %; 0 where it is not seen, and the regions tell all."""
+def _fitted(fit: HypothesisFit) -> tuple[float, float]:
+    """The rms moment of what was fitted, and by how much more it may be at 95 %.
+
+    Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
+    lag do, the moment is known better than they are.
+    """
     count = fit.baseline_size
+    values = fit.values[count:]
     moments = fit.frame.moments(fit.selected)
-    gram = np.real(np.conj(moments).T @ moments) / moments.shape[0]
-    values, covariance = fit.values[count:], fit.covariance[count:, count:]
-    size = float(np.sqrt(max(values @ gram @ values, 0.0)))
-    gradient = gram @ values / max(size, 1e-300)
-    margin = float(np.sqrt(LIMIT_FALL * max(gradient @ covariance @ gradient, 0.0)))
-    return size + margin if size > margin else 0.0
+    size = _rms(moments @ values)
+    gradient = np.concatenate(
+        [
+            np.real(np.conj(moments).T @ (moments @ values)) / (moments.shape[0] * max(size, 1e-300)),
+            _slopes(fit),
+        ]
+    )
+    variance = float(gradient @ fit.joint_covariance[count:, count:] @ gradient)
+    return size, math.sqrt(LIMIT_FALL * max(variance, 0.0))
 
 
-def _moment_rms(problem: Problem) -> float:
-    """Rms of the moment coefficients that the baseline's fit flew."""
-    frame = problem.frame
-    moments = [frame.reconstructions[s.flight].moments for s in frame.segments]
-    body = np.concatenate(
-        [m.body[s.rows][m.usable[s.rows]] for m, s in zip(moments, frame.segments, strict=True)]
-    )
-    noise = np.concatenate(
-        [m.noise_sigma[s.rows][m.usable[s.rows]] for m, s in zip(moments, frame.segments, strict=True)]
-    )
-    square = float(np.mean(np.abs(body) ** 2)) - 2.0 * float(np.mean(noise**2))
-    return float(np.sqrt(max(square, 1e-4 * float(np.mean(np.abs(body) ** 2)))))
+def _slopes(fit: HypothesisFit) -> FloatArray:
+    """Derivatives of the rms moment by each delay and knot (nonlinear,), across one standard error of it."""
+    out = []
+    for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
+        low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds)
+        ends = [
+            _rms(fit.frame.moments(moved[fit.baseline_size :]) @ fit.values[fit.baseline_size :])
+            for moved in (parameter.moved(fit.columns, float(low)), parameter.moved(fit.columns, float(high)))
+        ]
+        out.append((ends[1] - ends[0]) / (high - low) if high > low else 0.0)
+    return np.array(out)
+
+
+def _rms(moments: ComplexArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(moments) ** 2)))
 
 
 def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:

@@ -239,7 +239,8 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
         fit,
         columns=identification.columns,
         values=identification.values,
-        covariance=identification.covariance,
+        nonlinear=(),
+        joint_covariance=identification.covariance,
     )
     return likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
 

@@ -43,8 +43,8 @@ class HypothesisFit:
     """A fitted hypothesis in the whitened frame.
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
-    `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots
-    with `nonlinear_errors`; both uncertainties are empty until `with_errors`. `bound_cost` is the fall of 2 ln L where
+    `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots;
+    `joint_covariance`, of values and then those, is empty until `with_errors`. `bound_cost` is the fall of 2 ln L where
     coefficients are held within their mechanism's bounds. `grid` is what the search began from.
     """
 
@@ -59,11 +59,21 @@ class HypothesisFit:
     efficiency: float
     searched: int
     nonlinear: tuple[Nonlinear, ...] = ()
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    nonlinear_errors: tuple[float, ...] = ()
+    joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     ended_early: bool = False
     bound_cost: float = 0.0
     grid: GridFactors | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the coefficients, delays and knots free (columns, columns)."""
+        return self.joint_covariance[: self.values.size, : self.values.size]
+
+    @property
+    def nonlinear_errors(self) -> tuple[float, ...]:
+        """Standard errors of delays and knots, s."""
+        variances = np.diag(self.joint_covariance)[self.values.size :]
+        return tuple(np.sqrt(np.maximum(variances, 0.0)).tolist())
 
     @property
     def rss(self) -> float:
@@ -185,14 +195,7 @@ def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
         slopes = prediction_slopes(fit.nonlinear, fit.columns, fit.values, fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    linear = fit.values.size
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))[linear:]
-    return replace(
-        fit,
-        efficiency=problem.efficiency,
-        covariance=covariance[:linear, :linear],
-        nonlinear_errors=tuple(errors.tolist()),
-    )
+    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
 
 
 def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from brv_hypo import compare
@@ -40,3 +41,23 @@ def test_coloured_noise_is_no_mechanism(seed: int) -> None:
 def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str) -> None:
     """Errors of several degrees of freedom at once are large: linear only about where they are."""
     assert said(draw_flight(seed, truth=truth, grade="industrial")).winner == truth
+
+
+@pytest.mark.parametrize(
+    ("seed", "truth", "grade"),
+    [
+        (63178, "lag", "industrial"),
+        (63082, "lag", "industrial"),
+        (64163, "damping", "industrial"),
+        (64083, "sticking", "laboratory"),
+    ],
+)
+def test_the_limit_of_what_is_plainly_seen_holds_it_and_little_more(
+    seed: int, truth: str, grade: str
+) -> None:
+    """A short lag's fraction and delay make up for one another, and the measured moment holds errors of the axes."""
+    made = draw_flight(seed, truth=truth, grade=grade)
+    whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))
+    planted = float(np.sqrt(np.mean(np.abs(made.true.contribution) ** 2)) / whole)
+    (limit,) = (each for each in said(made).limits if each.mechanism == truth)
+    assert planted <= limit.share_of_moment_95 <= 1.3 * planted

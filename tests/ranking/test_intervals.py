@@ -40,7 +40,7 @@ def test_the_order_of_the_columns_is_that_of_nothing() -> None:
         fit,
         columns=tuple(fit.columns[j] for j in order),
         values=fit.values[order],
-        covariance=fit.covariance[np.ix_(order, order)],
+        joint_covariance=fit.joint_covariance[np.ix_(order, order)],
     )
     for one, other in zip(intervals(fit), intervals(turned), strict=True):
         assert (one.start, one.stop) == (other.start, other.stop)
