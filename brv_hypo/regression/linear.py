@@ -56,14 +56,13 @@ def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:
     al., ETNA 44:306, 2015: Cholesky QR twice); directions of unit columns that are shorter than `_SHORT` drop out.
     """
     scale = lengths(design)
-    unit = design / scale
-    size, directions = np.linalg.eigh(unit.T @ unit)
+    size, directions = np.linalg.eigh(design.T @ design / np.outer(scale, scale))
     kept = size > _SHORT**2 * size[-1]
-    first = directions[:, kept] / np.sqrt(size[kept])
-    nearly = unit @ first
+    first = directions[:, kept] / np.sqrt(size[kept]) / scale[:, np.newaxis]
+    nearly = design @ first
     triangle = np.linalg.cholesky(nearly.T @ nearly).T
     inverse = solve_triangular(triangle, np.eye(triangle.shape[0]))
-    return np.asarray(nearly @ inverse, dtype=float), (first @ inverse) / scale[:, np.newaxis]
+    return np.asarray(nearly @ inverse, dtype=float), first @ inverse
 
 
 def lengths(design: FloatArray) -> FloatArray:

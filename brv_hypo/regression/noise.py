@@ -45,8 +45,7 @@ def settled_noise(problem: Problem) -> Noise:
     rows, part = problem.rows, problem.rows.part
     thinning = 1 if part.rows.size <= _MOST_UNTHINNED else rows.noise.thinning
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
-    design = plain.whole_design(frame, columns)
-    basis, coefficients = orthonormal(design)
+    basis, coefficients = orthonormal(plain.whole_design(frame, columns))
     values = coefficients @ (basis.T @ plain.raw_response)
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
