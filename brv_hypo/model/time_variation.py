@@ -26,8 +26,6 @@ class TimeFunction:
         """The course at `time`, any shape."""
         if self.kind == "ramp":
             return np.asarray(np.clip(time, self.start, self.stop) - self.start, dtype=float)
-        if self.start == -np.inf and self.stop == np.inf:
-            return np.ones(np.shape(time))
         return ((time >= self.start) & (time < self.stop)).astype(float)
 
     def units(self, coefficient_units: str) -> str:
