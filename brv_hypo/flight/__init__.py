@@ -6,6 +6,7 @@
 - schema.py: what a valid record holds (pydantic)
 - assemble.py: from record to flight through spikes.py, resample.py (gaps too) and derive.py
 - faults.py: faults of single channels, masked on reading, by stuck.py, bursts.py and clock.py; `RecordTrial`
+- averaging.py: means of a record that is sampled far more finely than its motion needs
 - noise.py: the one estimate of white noise
 - `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
 - `import_record`, `bring_in` (foreign.py): csv, parquet and mat (tables.py) through a map (record_map.py); clocks.py,

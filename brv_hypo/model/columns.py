@@ -38,6 +38,11 @@ class Column:
         """What the components of one vector share, on one flight."""
         return (self.mechanism, self.theta, self.course)
 
+    @property
+    def choice(self) -> tuple[str, str | None, Theta, TimeFunction]:
+        """What is chosen with the column: a vector's components are one choice."""
+        return (self.mechanism, None if self.tied else self.term, self.theta, self.course)
+
     def acts_on(self, flight: int) -> bool:
         """Whether it is part of the moments of that flight."""
         return self.flight is None or self.flight == flight

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.assemble import masked_flight
+from brv_hypo.flight.averaging import averaged
 from brv_hypo.flight.faults import RecordFault, RecordTrial
 from brv_hypo.flight.record import Flight
 from brv_hypo.flight.schema import MINIMUM_SAMPLES
@@ -67,7 +68,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     except FlightRecordError as error:
         unusable = _fault(flight, "record", "unusable", str(error))
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
-    found = (*faults, *_contradictions(masked))
+    found = (*faults, *_contradictions(averaged(masked)))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
+from brv_hypo.flight.averaging import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.isolation import checked_terms, without_faulty
@@ -39,7 +40,7 @@ from brv_hypo.ranking.preparation import Settings, about, settled
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
-from brv_hypo.ranking.summary import record_summary, refused, summarise
+from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Score, judge
 from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
 from brv_hypo.regression.fit import (
@@ -77,9 +78,15 @@ def compare(
     tried = [flight for flight, _ in trials]
     if not (record.sound or config.accept_record):
         return refused(tried, record, config.method)
+    analysed = [averaged(flight) for flight in tried]
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found, reasons = without_faulty(lambda faulty: _compare(tried, config, say, faulty))
-    return found.model_copy(update={"record": record, "warnings": (*found.warnings, *reasons)})
+        found, reasons = without_faulty(lambda faulty: _compare(analysed, config, say, faulty))
+    about_record = {
+        "record": record,
+        "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
+        "warnings": (*found.warnings, *reasons),
+    }
+    return found.model_copy(update=about_record)
 
 
 def _compare(

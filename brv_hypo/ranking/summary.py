@@ -81,8 +81,8 @@ def summarise(
     )
 
 
-def flight_summary(flight: Flight) -> FlightSummary:
-    """The part of a record that was compared."""
+def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSummary:
+    """The part of a record that was compared, and what was done to it before it was `analysed`."""
     return FlightSummary(
         path=flight.path,
         samples=flight.samples,
@@ -90,7 +90,7 @@ def flight_summary(flight: Flight) -> FlightSummary:
         stop_s=float(flight.time[-1]),
         sample_rate_hz=flight.sample_rate,
         title=flight.title,
-        notes=flight.notes,
+        notes=(analysed or flight).notes,
     )
 
 

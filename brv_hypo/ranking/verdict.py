@@ -60,12 +60,15 @@ def judge(
 ) -> Verdict:
     """Name a hypothesis that leads, predicts held-out blocks, leaves only noise and has possible values.
 
-    `left` is what the leader leaves; `stability` the share of repetitions that give the same leader.
+    `left` is what the leader leaves; `stability` the share of repetitions that give the same leader. What a leader that
+    cannot be explains, something outside the list does.
     """
     leader = min(scores, key=lambda score: score.information)
     chances = probabilities({s.name: s.information for s in scores}, leader.information - left.gain)
     chances = _shaken(chances, leader.name, stability)
     possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
+    if not possible:
+        chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
     adequate = chances[OTHER] < 0.5 and possible
     rivals = [score for score in scores if score is not leader]
     null = next((score for score in scores if score.name == NONE), None)

@@ -43,7 +43,7 @@ class HypothesisFit:
     """A fitted hypothesis in the whitened frame.
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
-    `residual` (rows,) is whitened; `searched` counts the candidates. `nonlinear` are the delays and knots;
+    `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
     `joint_covariance`, of values and then those, is empty until `with_errors`. `bound_cost` is the fall of 2 ln L where
     coefficients are held within their mechanism's bounds. `grid` is what the search began from.
     """
@@ -99,8 +99,9 @@ class HypothesisFit:
     def information(self) -> float:
         """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
         own = self._own_likelihood() + self.bound_cost
+        chosen = len({column.choice for column in self.selected})
         return own + extended_bic(
-            self.rss, self.samples, self.effective, self.parameters, self.searched, len(self.selected)
+            self.rss, self.samples, self.effective, self.parameters, self.searched, chosen
         )
 
     def _own_likelihood(self) -> float:

@@ -37,8 +37,8 @@ class Offers:
 
     @property
     def count(self) -> int:
-        """Number of different columns, which the search pays for."""
-        return len({column for offer in self.joint or self.single for column in offer})
+        """Number of choices at one theta, which the search pays for; theta itself is paid for as a parameter."""
+        return len({column.at((), column.course).choice for offer in self.single for column in offer})
 
 
 def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:

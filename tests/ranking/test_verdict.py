@@ -68,6 +68,16 @@ def test_a_value_that_no_body_can_have_makes_none_adequate() -> None:
     verdict = judge([NULL, impossible], NOISE, 1.0)
     assert (verdict.winner, verdict.outcome) == (None, "none adequate")
     assert "eps = 1.7" in verdict.reason
+    assert verdict.probability["lag"] == 0.0
+    assert verdict.probability[OTHER] > 0.99
+
+
+def test_errors_beyond_all_tolerance_leave_the_leader_no_probability() -> None:
+    """A name that is refused is not quoted with a probability."""
+    verdict = judge([NULL, LAG], Misfit(ratio=1.0, p_value=0.4, gain=-30.0, errors_p_value=1e-9), 1.0)
+    assert verdict.outcome == "none adequate"
+    assert verdict.probability[OTHER] > 0.99
+    assert sum(verdict.probability.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("stability", [0.0, 0.3, 0.6, 0.85])
