@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -100,6 +101,37 @@ class Shapes:
     in_plane: ComplexArray
     motion: Motion
     past: tuple[Motion, ...]
+    here: Point
+
+    @cached_property
+    def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
+        """The accelerations times their courses (columns, n), as `kink` has them where a knot lies between nodes; the
+        columns with a knot, and what the angular rate lacks there per unit of each (columns with a knot, n), rad/s.
+        """
+        time, half, u = self.here.time, self.here.input("half"), self.here.u
+        on_grid_too, knotted = self.acceleration.copy(), [j for j, c in enumerate(self.columns) if has_knot(c)]
+        lacking = np.empty((len(knotted), time.size), dtype=complex)
+        for k, j in enumerate(knotted):
+            row, course, shape = SLOPES + 4 * k, self.columns[j].course, self.acceleration[j]
+            first, second = kink(course, time, half)
+            slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
+            on_grid_too[j] = on_grid(course, time, half) * shape - first * slope + second * curvature
+            lacking[k] = first * shape - 2.0 * second * slope
+        return on_grid_too, knotted, lacking
+
+    def averaged(self, block: float) -> ComplexArray:
+        """The accelerations (columns, n) times what a block of so many seconds sees of their courses."""
+        if block not in self._averaged:
+            out = self.acceleration.copy()
+            for own, column in zip(out, self.columns, strict=True):
+                if has_knot(column):
+                    own *= averaged(column.course, self.here.time, block)
+            self._averaged[block] = out
+        return self._averaged[block]
+
+    @cached_property
+    def _averaged(self) -> dict[float, ComplexArray]:
+        return {}
 
 
 @dataclass(frozen=True)
@@ -116,6 +148,10 @@ class VehicleModel:
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 
+    def on(self, contexts: Sequence[Context]) -> VehicleModel:
+        """The model on segments that were laid out anew; nothing of the old ones is remembered."""
+        return VehicleModel(self.moments, contexts, self.force_names, self.span)
+
     def dynamics(
         self,
         x: FloatArray,
@@ -126,23 +162,9 @@ class VehicleModel:
     ) -> FloatArray:
         """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
         here, context = point(x, u, t), self._context(u)
-        shapes = self.shapes(here, theta, delayed or {})
+        courses, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
         weights = self._coefficients(theta)
-        half = here.input("half")
-        acceleration = np.zeros(t.size, dtype=complex)
-        lacking = np.zeros(t.size, dtype=complex)
-        row = SLOPES
-        for weight, column, shape in zip(weights, shapes.columns, shapes.acceleration, strict=True):
-            if not has_knot(column):
-                acceleration += weight * shape
-                continue
-            first, second = kink(column.course, t, half)
-            slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
-            acceleration += weight * (
-                on_grid(column.course, t, half) * shape - first * slope + second * curvature
-            )
-            lacking += weight * (first * shape - 2.0 * second * slope)
-            row += 4
+        acceleration, lacking = weights @ courses, weights[knotted] @ missing
         scale = self._moment_share(context, theta)
         acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
         moving = replace(here, omega=here.omega + lacking)
@@ -165,16 +187,7 @@ class VehicleModel:
         arm = context.vehicle.accelerometer_position
         if any(arm):
             shapes = self.shapes(here, theta, delayed or {})
-            courses = [
-                averaged(column.course, t, context.block) if has_knot(column) else 1.0
-                for column in shapes.columns
-            ]
-            acceleration = sum(
-                weight * course * shape
-                for weight, course, shape in zip(
-                    self._coefficients(theta), courses, shapes.acceleration, strict=True
-                )
-            )
+            acceleration = self._coefficients(theta) @ shapes.averaged(context.block)
             scaled = acceleration * self._moment_share(context, theta)
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
@@ -199,7 +212,7 @@ class VehicleModel:
         columns, planes = self.moments.planes(now, past, theta, here.input("half"))
         scale = here.input("pressure") * context.vehicle.moment_scale
         turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        return Shapes(columns, planes * turn, planes, now, tuple(past.values()))
+        return Shapes(columns, planes * turn, planes, now, tuple(past.values()), here)
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
         """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
@@ -210,8 +223,8 @@ class VehicleModel:
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, rates)
         return self._motions(key, lambda: self._moving(at, context, theta))
 
-    def _coefficients(self, theta: Values) -> list[float]:
-        return [theta[name] for name in self.moments.structure.names]
+    def _coefficients(self, theta: Values) -> FloatArray:
+        return np.array([theta[name] for name in self.moments.structure.names])
 
     def _context(self, u: FloatArray) -> Context:
         return self.contexts[round(float(u[ROW["segment"], 0]))]

@@ -84,7 +84,7 @@ class Problem:
 
         block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
         records = node_records(frame, columns, values, self.inputs, block, self.placed_delays, fitted)
-        model = replace(self.model, contexts=tuple(record.context for record in records))
+        model = self.model.on(tuple(record.context for record in records))
         states = self.states if block == self.block else ()
         return replace(self, frame=frame, records=records, model=model, block=block, states=states)
 

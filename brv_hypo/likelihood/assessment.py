@@ -239,4 +239,6 @@ def _columns(by_parameter: FloatArray, index: IntArray, known: IntArray) -> Floa
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:
-    return dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    """Standard errors; nan where rounding has left no variance, of parameters that all but stand for each other."""
+    variance = np.diag(covariance)
+    return dict(zip(names, np.sqrt(np.where(variance >= 0.0, variance, np.nan)).tolist(), strict=True))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial import Legendre, legendre
+from numpy.polynomial import Legendre
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
@@ -57,12 +57,12 @@ class StaticMoment(Mechanism):
         """Each static term times each polynomial; the first of each is the mean over the window."""
         polynomials = self._polynomials(motion.time if self.by == "time" else motion.mach)
         found: list[Term] = []
+        nothing = np.zeros_like(motion.alpha)
         for term, degree in zip(static_terms(motion), (self.offset_degree, self.slope_degree), strict=True):
             for order in range(degree + 1):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
                 course = polynomials[order]
-                found.append(Term(name, term.in_plane * course, term.out_of_plane * course, term.units))
-        nothing = np.zeros_like(motion.alpha)
+                found.append(Term(name, term.in_plane * course, nothing, term.units))
         if self.reynolds is not None:
             course = _within(np.log10(motion.reynolds), *self.reynolds)
             found.append(Term("C_Nalpha drift Re", motion.alpha * course, nothing, "1/rad"))
@@ -73,7 +73,15 @@ class StaticMoment(Mechanism):
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
         scaled = _within(along, self.start, self.stop)
-        return list(legendre.legvander(scaled, max(self.offset_degree, self.slope_degree)).T)
+        return _legendre(scaled, max(self.offset_degree, self.slope_degree))
+
+
+def _legendre(place: FloatArray, degree: int) -> list[FloatArray]:
+    """Legendre's polynomials of degrees 0 to `degree` at places (n,) from -1 to 1, each (n,), by Bonnet's recursion."""
+    found = [np.ones_like(place), place]
+    for order in range(2, degree + 1):
+        found.append((found[-1] * place * (2 * order - 1) - found[-2] * (order - 1)) / order)
+    return found
 
 
 def wavering_speeds(

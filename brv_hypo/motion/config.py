@@ -6,8 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.motion.reconstruction import Method
-
+Method = Literal["joint", "velocity", "rates", "polar"]
 Ties = Literal["auto", "force", "moment", "both"]
 
 

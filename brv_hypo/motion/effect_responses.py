@@ -31,7 +31,7 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
 STEP = 1e-3
 # Samples of perturbed records that are held at once, some 200 bytes each.
-AT_ONCE = 200_000
+AT_ONCE = 60_000
 MOST_NAMED = 3  # errors told where none can be taken out
 
 
@@ -147,7 +147,7 @@ def effect_responses(
     forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
-        records = [perturbed(smooth, effect.apply(smooth.flight, STEP * effect.size)) for effect in some]
+        records = perturbed(smooth, [effect.apply(smooth.flight, STEP * effect.size) for effect in some])
         drift[:, :, first : first + width] = kept.of(_drift(smooth, crossflow, records))
         for k, moved in enumerate(records, start=first):
             forces.add(k, moved.transverse_force - smooth.transverse_force)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -88,23 +89,28 @@ class _Past:
 class EarlierMotion(Motion):
     """A recorded motion some time ago: each quantity is interpolated when it is asked for, and cannot be written to."""
 
+    @cached_property
+    def places(self) -> Places:
+        """Where its times lie among the samples of the recorded motion."""
+        time = vars(self)["past"].motion.time
+        return Places.among(time, np.maximum(self.time, time[0]))
+
     def __getattr__(self, name: str) -> Any:
         past = vars(self).get("past")
         if past is None or name.startswith("_") or not hasattr(past.motion, name):
             raise AttributeError(f"a motion has no quantity '{name}'")
         found = None if name == _MOMENT else past.kept.get((past.ago, name))
         if found is None:
-            found = _fixed(_at(past, self.time, name))
+            found = _fixed(_at(past, self.time, self.places, name))
             if name != _MOMENT:
                 past.kept.put((past.ago, name), found)
         vars(self)[name] = found
         return found
 
 
-def _at(past: _Past, time: FloatArray, name: str) -> Any:
-    """One quantity of the motion at these times (n,)."""
+def _at(past: _Past, time: FloatArray, places: Places, name: str) -> Any:
+    """One quantity of the motion at these times (n,), which lie at these places."""
     motion = past.motion
-    places = Places.among(motion.time, np.maximum(time, motion.time[0]))
     if name == "alpha":
         return angle_of_attack(_crossflow_at(past, places))
     if name == "windward_meridian":

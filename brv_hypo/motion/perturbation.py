@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,25 +31,58 @@ class Perturbation:
     apply: Callable[[Flight, float], Flight]
 
 
-def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
-    """The inertial record of a flight that differs little from the one of `record`.
+def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[InertialRecord]:
+    """The inertial records of flights that differ little from the one of `record`.
 
     The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
     """
     before = record.flight
-    turned = any(getattr(flight, name) is not getattr(before, name) for name in _TURNING)
-    roll, attitude, rate, change = record.roll, record.attitude, record.transverse_rate, record.rate_change
+    turned = [
+        k
+        for k, flight in enumerate(flights)
+        if any(getattr(flight, name) is not getattr(before, name) for name in _TURNING)
+    ]
+    turns: dict[int, _Turned] = {}
     if turned:
-        measured = flight.q + 1j * flight.r
-        roll, attitude = body_attitude(record.time, flight.p, measured)
-        more = measured - (before.q + 1j * before.r)
-        rate, change = rate + more, change + np.gradient(more, record.time)
+        measured = np.stack([flights[k].q + 1j * flights[k].r for k in turned], axis=1)
+        rolls, attitudes = body_attitude(record.time, np.stack([flights[k].p for k in turned], axis=1), measured)
+        more = measured - (before.q + 1j * before.r)[:, np.newaxis]
+        rates = record.transverse_rate[:, np.newaxis] + more
+        changes = record.rate_change[:, np.newaxis] + np.gradient(more, record.time, axis=0)
+        turns = {
+            k: _Turned(*(np.ascontiguousarray(each[:, j]) for each in (rolls, attitudes, rates, changes)))
+            for j, k in enumerate(turned)
+        }
+    return [_moved(record, flight, turns.get(k)) for k, flight in enumerate(flights)]
+
+
+class _Turned(NamedTuple):
+    """Roll (n,), attitude (n, 3, 3), transverse rate (n,) and its derivative of a record of other rates."""
+
+    roll: FloatArray
+    attitude: FloatArray
+    rate: ComplexArray
+    change: ComplexArray
+
+
+def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None) -> InertialRecord:
+    """The inertial record of one flight; `turned` where its rates differ."""
+    before = record.flight
+    roll, attitude, rate, change = turned or (
+        record.roll,
+        record.attitude,
+        record.transverse_rate,
+        record.rate_change,
+    )
     force = record.force
     if any(getattr(flight, name) is not getattr(before, name) for name in _SENSED):
         force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
         force = force + _swing(before, record.transverse_rate, record.rate_change)
         force -= _swing(flight, rate, change)
+    spin_angle = record.spin_angle
+    if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
+        spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     return replace(
         record,
         flight=flight,
@@ -56,7 +90,7 @@ def perturbed(record: InertialRecord, flight: Flight) -> InertialRecord:
         attitude=attitude,
         transverse_rate=rate,
         rate_change=change,
-        spin_angle=(1.0 - flight.vehicle.inertia_ratio) * roll,
+        spin_angle=spin_angle,
         force=force,
     )
 

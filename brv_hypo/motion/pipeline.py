@@ -15,7 +15,7 @@ from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.limits import limits_of
-from brv_hypo.motion.methods import METHODS, WindHistory
+from brv_hypo.motion.methods import METHODS, WindHistory, joint
 from brv_hypo.motion.moments import moment_estimate, static_in_plane
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import Perturbation
@@ -23,18 +23,24 @@ from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Recon
 
 
 def reconstruct(
-    flight: Flight, config: ReconstructionConfig | None = None, perturbations: Sequence[Perturbation] = ()
+    flight: Flight,
+    config: ReconstructionConfig | None = None,
+    perturbations: Sequence[Perturbation] = (),
+    like: Reconstruction | None = None,
 ) -> Reconstruction:
     """Wind-relative motion and moments of `flight`, with standard deviations.
 
     The record may err by each of `perturbations`, as likely as their sizes say; without any it is taken as
-    free of all but white noise. Raises UnanswerableError where the record is too short, or the vehicle is
-    not in the air.
+    free of all but white noise. `like` is what the same method and options made of nearly the same record: the joint
+    method begins there. Raises UnanswerableError where the record is too short, or the vehicle is not in the air.
     """
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
-    wind = METHODS[config.method](record, config, perturbations)
+    if config.method == "joint":
+        wind = joint(record, config, perturbations, like)
+    else:
+        wind = METHODS[config.method](record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     return Reconstruction(
@@ -46,6 +52,7 @@ def reconstruct(
         phi_w_sigma=wind.phi_w_sigma,
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,
+        normal_force_terms=wind.normal_force_terms,
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,
         effects=_estimates(wind.effects),

@@ -10,12 +10,12 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.config import Method
+from brv_hypo.motion.frames import crossflow, plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.smoothing import InputError
+from brv_hypo.motion.wind import WindStart
 from brv_hypo.tabular import Histories, Pictured
-
-Method = Literal["joint", "velocity", "rates", "polar"]
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,12 @@ class Reconstruction(Pictured, Histories):
     """Wind-relative motion and moments of one flight.
 
     Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
-    axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force; `gyro_sigma` rad/s
-    and `accel_sigma` m/s^2 are the white-noise levels estimated from the record. `status` is "ok" or
-    "degraded"; `warnings` say what limits the result and what would help. `effects` are the errors that the
-    record was allowed to have; `corrected` is the flight with what was found of them taken out. `input_errors` are
-    what smoothing left of the noise of inputs, where `flight` holds them smoothed.
+    axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force, a course in time of
+    `normal_force_terms` coefficients (0 where it was not found); `gyro_sigma` rad/s and `accel_sigma` m/s^2
+    are the white-noise levels estimated from the record. `status` is "ok" or "degraded"; `warnings` say what
+    limits the result and what would help. `effects` are the errors that the record was allowed to have;
+    `corrected` is the flight with what was found of them taken out. `input_errors` are what smoothing left of
+    the noise of inputs, where `flight` holds them smoothed.
     """
 
     flight: Flight
@@ -86,6 +87,7 @@ class Reconstruction(Pictured, Histories):
     status: Literal["ok", "degraded"]
     warnings: tuple[str, ...]
     input_errors: tuple[InputError, ...] = ()
+    normal_force_terms: int = 0
 
     __repr__ = Histories.__repr__
 
@@ -114,6 +116,17 @@ class Reconstruction(Pictured, Histories):
     def units(self) -> Mapping[str, str]:
         """Units of the columns."""
         return {name: "s" if name == "time" else "1" if name.startswith("C_") else "rad" for name in self.columns()}
+
+    @property
+    def crossflow(self) -> ComplexArray:
+        """(v + i w) / V (n,) in body axes."""
+        return crossflow(self.motion.alpha, self.motion.windward_meridian)
+
+    @property
+    def start(self) -> WindStart:
+        """Direction of the velocity and gravity at the first sample, in its body axes."""
+        first = crossflow(self.motion.alpha[:1], self.motion.windward_meridian[:1])[0]
+        return WindStart(np.array([np.cos(self.motion.alpha[0]), first.real, first.imag]), self.gravity_body)
 
     @property
     def plane_moments(self) -> ComplexArray:

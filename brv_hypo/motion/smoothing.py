@@ -7,6 +7,7 @@ standard errors know of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -65,14 +66,15 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     faster than the spline can is taken for noise.
     """
     n = values.size
-    weight = np.ones(n) if weight is None else weight / np.sqrt(np.mean(weight**2))
     count = min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
     basis = _splines(np.linspace(0.0, 1.0, n), count)
-    weighted = weight[:, None] * basis
-    normal = weighted.T @ weighted
-    normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
-    penalty = np.diff(np.eye(count), _ORDER, axis=0)
-    rough, modes = eigh(penalty.T @ penalty, normal)
+    if weight is None:
+        weight, weighted = np.ones(n), basis
+        rough, modes = _even_modes(n, count)
+    else:
+        weight = weight / np.sqrt(np.mean(weight**2))
+        weighted = weight[:, None] * basis
+        rough, modes = _modes(weighted)
     relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
     relative[:_ORDER] = 0.0
     level = float(np.mean(values))
@@ -86,6 +88,22 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     best = int(np.argmin(misfit))
     scale = modes * np.sqrt(power[best] * shrink[best])
     return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale[:, :_MOST_SHAPES])
+
+
+@lru_cache(maxsize=4)
+def _even_modes(n: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """The modes of so many splines on `n` samples that count alike."""
+    return _modes(_splines(np.linspace(0.0, 1.0, n), count))
+
+
+def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Roughness (count,) and coefficients (count, count) of orthonormal combinations of the columns (n, count)."""
+    count = weighted.shape[1]
+    normal = weighted.T @ weighted
+    normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
+    penalty = np.diff(np.eye(count), _ORDER, axis=0)
+    rough, modes = eigh(penalty.T @ penalty, normal)
+    return np.asarray(rough, dtype=float), np.asarray(modes, dtype=float)
 
 
 def _splines(place: FloatArray, count: int) -> FloatArray:

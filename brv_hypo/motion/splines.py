@@ -44,6 +44,19 @@ class SplineGrid:
         dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
         return dl, d, du, du2, pivots
 
+    @cached_property
+    def _weights(self) -> tuple[FloatArray, FloatArray]:
+        """What the equation of each slope has of the rises of the values before and after its sample (m, 1); at the
+        ends, of the first two and of the last two.
+        """
+        h = self.steps
+        before, after = np.empty((2, self.time.size, 1))
+        before[1:-1], after[1:-1] = 3.0 * h[1:] / h[:-1], 3.0 * h[:-1] / h[1:]
+        first, last = h[0] + h[1], h[-1] + h[-2]
+        before[0], after[0] = (h[0] + 2.0 * first) * h[1] / (h[0] * first), h[0] ** 2 / (h[1] * first)
+        before[-1], after[-1] = h[-1] ** 2 / (h[-2] * last), (2.0 * last + h[-1]) * h[-2] / (h[-1] * last)
+        return before, after
+
     def slopes(self, values: Values) -> Values:
         """Slopes at the samples of the splines through `values` (m, columns), real or complex."""
         return self._by_columns(self._slopes, values)
@@ -65,23 +78,28 @@ class SplineGrid:
         return out
 
     def _slopes(self, values: Values) -> Values:
-        h = self.steps
-        chords = np.diff(values, axis=0) / h
-        right = np.empty(values.shape, dtype=chords.dtype)
-        right[1:-1] = 3.0 * (h[1:] * chords[:-1] + h[:-1] * chords[1:])
-        first, last = h[0] + h[1], h[-1] + h[-2]
-        right[0] = ((h[0] + 2.0 * first) * h[1] * chords[0] + h[0] ** 2 * chords[1]) / first
-        right[-1] = (h[-1] ** 2 * chords[-2] + (2.0 * last + h[-1]) * h[-2] * chords[-1]) / last
-        found, _ = dgttrs(*self._factors, right.view(float))
+        before, after = self._weights
+        rises = np.diff(values, axis=0)
+        right = np.empty(values.shape, dtype=rises.dtype)
+        np.multiply(before[1:-1], rises[:-1], out=right[1:-1])
+        right[1:-1] += after[1:-1] * rises[1:]
+        for own, (one, other) in ((0, (0, 1)), (-1, (-2, -1))):
+            right[own] = before[own] * rises[one] + after[own] * rises[other]
+        found, _ = dgttrs(*self._factors, right.view(float), overwrite_b=True)
         return np.ascontiguousarray(found).view(right.dtype)
 
     def _integrals(self, values: Values, slopes: Values) -> Values:
-        h = self.steps
+        half, twelfth = self._shares
         out = np.zeros_like(slopes)
-        np.cumsum(
-            h / 2.0 * (values[:-1] + values[1:]) + h**2 / 12.0 * (slopes[:-1] - slopes[1:]), axis=0, out=out[1:]
-        )
+        pieces = half * (values[:-1] + values[1:])
+        pieces += twelfth * (slopes[:-1] - slopes[1:])
+        np.cumsum(pieces, axis=0, out=out[1:])
         return out
+
+    @cached_property
+    def _shares(self) -> tuple[FloatArray, FloatArray]:
+        """What a step's integral has of the values at its ends and of the difference of their slopes (m - 1, 1)."""
+        return self.steps / 2.0, self.steps**2 / 12.0
 
 
 class Spline:

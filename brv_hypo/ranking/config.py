@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.motion.reconstruction import Method
+from brv_hypo.motion.config import Method
 
 
 class CompareConfig(BaseModel):

@@ -114,11 +114,16 @@ def about(
 ) -> Problem:
     """The problem of the records without the errors of a linearisation point, under the noise that they have."""
     cleaned = [
-        reconstruct(without(rec.flight, errors), setting)
+        reconstruct(without(rec.flight, errors), setting, rec if _plain(setting) else None)
         for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
     ]
     problem = _problem(cleaned, settings, config, point)
     return problem.under(settled_noise(problem))
+
+
+def _plain(setting: ReconstructionConfig) -> bool:
+    """Whether the noise is the record's own: another may want another normal force."""
+    return setting.gyro_sigma is None and setting.accel_sigma is None
 
 
 def _problem(

@@ -23,7 +23,7 @@ from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
-from brv_hypo.regression.response import ForceModel, LinearisedFlight, start_of
+from brv_hypo.regression.response import ForceModel, LinearisedFlight
 from brv_hypo.regression.whitening import difference
 
 # Residual of the normal force, in units of its median, from which a sample is a spike.
@@ -184,7 +184,7 @@ def linearised(
     return LinearisedFlight(
         record,
         reconstruction,
-        start_of(reconstruction),
+        reconstruction.start,
         frame.mechanisms,
         columns,
         values,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from brv_hypo.arrays import FloatArray
 
@@ -10,6 +11,7 @@ from brv_hypo.arrays import FloatArray
 # columns in normal equations.
 _SPENT = 1e-12
 _ROUNDING = 1e-14  # some 45 units of double precision's rounding
+_SHORT = 3e-7  # of the longest direction: the root of what products of double precision tell from nothing
 
 
 def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = 1e-12) -> FloatArray:
@@ -45,6 +47,22 @@ def covariance_of(design: FloatArray, residual: FloatArray, samples: int, effici
     kept = singular > 1e-10 * singular[0]
     inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
     return np.asarray(variance * (right.T * inverse**2) @ right / np.outer(scale, scale), dtype=float)
+
+
+def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns (rows, rank) that span those of `design`, and what makes them of these (columns, rank).
+
+    From products of the columns, and once more from those of what is found, which leaves rounding alone (Yamamoto et
+    al., ETNA 44:306, 2015: Cholesky QR twice); directions of unit columns that are shorter than `_SHORT` drop out.
+    """
+    scale = lengths(design)
+    size, directions = np.linalg.eigh(design.T @ design / np.outer(scale, scale))
+    kept = size > _SHORT**2 * size[-1]
+    first = directions[:, kept] / np.sqrt(size[kept]) / scale[:, np.newaxis]
+    nearly = design @ first
+    triangle = np.linalg.cholesky(nearly.T @ nearly).T
+    inverse = solve_triangular(triangle, np.eye(triangle.shape[0]))
+    return np.asarray(nearly @ inverse, dtype=float), first @ inverse
 
 
 def lengths(design: FloatArray) -> FloatArray:

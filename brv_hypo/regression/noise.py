@@ -14,7 +14,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.regression.channels import Noise, Part
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.free_moment import free_moment
-from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.linear import orthonormal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import fit_noise, lasting_sigma, taken_by, white
@@ -23,8 +23,6 @@ from brv_hypo.regression.whitening import fit_noise, lasting_sigma, taken_by, wh
 _NOISE_ORDER = 12
 # Rows up to which the fit that the noise is left by keeps them all; beyond, what it takes of the noise is nothing.
 _MOST_UNTHINNED = 8000
-# Singular values of that fit that count, of the largest.
-_CUTOFF = 1e-9
 # Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
 _PER_CYCLE = 12
 # Frequency, of the fastest motion's, above which a spectrum is noise alone.
@@ -47,13 +45,8 @@ def settled_noise(problem: Problem) -> Noise:
     rows, part = problem.rows, problem.rows.part
     thinning = 1 if part.rows.size <= _MOST_UNTHINNED else rows.noise.thinning
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
-    design = plain.whole_design(frame, columns)
-    scale = lengths(design)
-    orthonormal, triangle = np.linalg.qr(design / scale)
-    left, singular, right = np.linalg.svd(triangle)
-    kept = singular > _CUTOFF * singular[0]
-    values = (right[kept].T / singular[kept]) @ (left[:, kept].T @ (orthonormal.T @ plain.raw_response)) / scale
-    basis = orthonormal if np.all(kept) else orthonormal @ left[:, kept]
+    basis, coefficients = orthonormal(plain.whole_design(frame, columns))
+    values = coefficients @ (basis.T @ plain.raw_response)
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
     force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]

@@ -9,6 +9,7 @@ motion's errors pose as an effect.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -70,9 +71,19 @@ class ForceModel:
 
     def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
         """Columns (n, 3) at the crossflow xi (n,)."""
-        time = np.linspace(-1.0, 1.0, xi.size)
-        normal = -record.force_scale * self.slope * effective(xi)
-        return np.stack([normal, normal * time, normal * time**2], axis=1)
+        return self._normal(record, xi)[:, np.newaxis] * self._parabola
+
+    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
+        """The force (n,) m/s^2 with these coefficients (3,) at the crossflow xi (n,)."""
+        return np.asarray(self._normal(record, xi) * (self._parabola @ values))
+
+    def _normal(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
+        return np.asarray(-record.force_scale * self.slope * effective(xi))
+
+    @cached_property
+    def _parabola(self) -> FloatArray:
+        """Powers of time over the record, from -1 to 1 (n, 3)."""
+        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
 
 
 @dataclass(frozen=True)
@@ -117,16 +128,26 @@ class LinearisedFlight:
         """What components of effects, by these sizes, do to the residual (n,) to first order, on the fitted, noise-free
         motion.
         """
-        moved = ((self._read(effect, component, STEP * size), self.start) for effect, component, size in wanted)
-        for high in self._propagated(moved):
-            yield (high - self._at_noise_free).times(1.0 / STEP)
+        for some in self._so_many(wanted):
+            for high in self._propagated((record, self.start) for record in self._read(some)):
+                yield (high - self._at_noise_free).times(1.0 / STEP)
 
-    def _read(self, effect: RecordEffect, component: str, value: float) -> InertialRecord:
-        """The noise-free record with an error: its motion is that of the measured rates, its rates the model's."""
+    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]]) -> Iterator[InertialRecord]:
+        """The noise-free record with each of some errors: its motion is that of the measured rates, its rates the
+        model's.
+        """
         smooth = self._noise_free
-        record = perturbed(smooth, effect.perturb(smooth.flight, component, value))
-        seen = effect.perturb(self._as_modelled, component, value)
-        return _reading(record, seen)
+        sizes = [(effect, component, STEP * size) for effect, component, size in errors]
+        records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
+        for record, (effect, component, value) in zip(records, sizes, strict=True):
+            yield _reading(record, effect.perturb(self._as_modelled, component, value))
+
+    def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
+        """Lists of what records are moved by, so many at once that the records stay small."""
+        remaining = iter(each)
+        width = 1 + AT_ONCE // self.record.flight.samples
+        while some := list(itertools.islice(remaining, width)):
+            yield some
 
     @cached_property
     def _as_modelled(self) -> Flight:
@@ -154,7 +175,7 @@ class LinearisedFlight:
         A column made of a measured channel would hold the same noise as the response, and find itself.
         """
         record, flight = self.record, self.record.flight
-        modelled = self.force.columns(record, self.crossflow) @ self.force_values
+        modelled = self.force.at(record, self.crossflow, self.force_values)
         noise = record.transverse_force - modelled
         rate = record.transverse_rate
         quiet = replace(
@@ -168,7 +189,7 @@ class LinearisedFlight:
             dynamic_pressure=smooth_channel(flight, flight.dynamic_pressure),
             velocity=smooth_channel(flight, flight.velocity),
         )
-        return replace(perturbed(record, quiet), transverse_rate=rate)
+        return replace(perturbed(record, [quiet])[0], transverse_rate=rate)
 
     @cached_property
     def _at_noise_free(self) -> Rows:
@@ -187,8 +208,9 @@ class LinearisedFlight:
             else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + STEP * shape))
             for shape in error.shapes(flight.time)
         )
-        for high in self._propagated((perturbed(self.record, each), self.start) for each in moved):
-            yield (high - self.here).times(1.0 / STEP)
+        for some in self._so_many(moved):
+            for high in self._propagated((record, self.start) for record in perturbed(self.record, some)):
+                yield (high - self.here).times(1.0 / STEP)
 
     def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
@@ -246,14 +268,16 @@ class LinearisedFlight:
         """The residual of records of the same times at a crossflow; their moments are integrated at once."""
         flight, count = moved[0][0].flight, len(moved)
         rates, integrands = np.empty((2, count, flight.samples), dtype=complex)
+        derotations = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
+        changes = np.gradient(np.stack([xi - self.crossflow for _, xi in moved]), flight.time, axis=1)
         for k, (record, xi) in enumerate(moved):
-            derotation = np.exp(1j * record.spin_angle)
-            integrands[k] = derotation * record.moment_scale * self._moment(self._moved(record, xi))
+            derotation = derotations[id(record.spin_angle)]
+            integrands[k] = derotation * record.moment_scale * self._moment(self._moved(record, xi, changes[k]))
             rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
         for a, b in flight.segments:
             rates[:, a:b] -= running_integral(flight.time[a:b], integrands[:, a:b].T).T
         return [
-            Rows(own, record.transverse_force - self.force.columns(record, xi) @ self.force_values)
+            Rows(own, record.transverse_force - self.force.at(record, xi, self.force_values))
             for own, (record, xi) in zip(rates, moved, strict=True)
         ]
 
@@ -272,10 +296,11 @@ class LinearisedFlight:
             outside += weight * term.out_of_plane
         return body_from_plane(inside, outside, motion.windward_meridian)
 
-    def _moved(self, record: InertialRecord, xi: ComplexArray) -> Motion:
-        """The motion with another crossflow, and with the record's own rates and air data."""
+    def _moved(self, record: InertialRecord, xi: ComplexArray, change: ComplexArray) -> Motion:
+        """The motion with another crossflow, whose rate differs by `change` (n,) 1/s, and with the record's own rates
+        and air data.
+        """
         motion, flight = self.reconstruction.motion, record.flight
-        change = np.gradient(xi - self.crossflow, motion.time)
         xi_rate = self._crossflow_rate + change
         alpha_rate, meridian_rate = angle_rates(xi, xi_rate)
         moved = replace(
@@ -357,7 +382,7 @@ def linearisation_point(
 
 def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
     """The reconstruction with its motion propagated from the start, and a slow walk."""
-    motion, start = reconstruction.motion, start_of(reconstruction)
+    motion, start = reconstruction.motion, reconstruction.start
     direction = wind_direction(record, start)
     turn, walk = wind_to_body(record, direction), _walk(record, walk_modes(record, reconstruction))
     open_loop = body_crossflow(record, direction)
@@ -376,13 +401,6 @@ def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> R
         history=None,
     )
     return replace(reconstruction, motion=recorded(moved))
-
-
-def start_of(reconstruction: Reconstruction) -> WindStart:
-    """The direction of the velocity and gravity at the first sample, in its body axes."""
-    motion = reconstruction.motion
-    xi = crossflow(motion.alpha[:1], motion.windward_meridian[:1])[0]
-    return WindStart(np.array([np.cos(motion.alpha[0]), xi.real, xi.imag]), reconstruction.gravity_body)
 
 
 def _near(angle: FloatArray, reference: FloatArray) -> FloatArray:

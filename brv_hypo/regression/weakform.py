@@ -130,11 +130,15 @@ class WeakSegment:
 
     def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
-        base = integral.at(Places.among(self.time, told.begin), which)
         out = integral.at_samples[:, which]
-        out -= base
-        for j, first in enumerate(self.time.searchsorted(told.begin)):
-            out[:first, j] = 0.0
+        base = np.zeros(which.size, dtype=complex)
+        late = np.flatnonzero(told.begin > self.time[0])
+        if late.size:
+            begin = told.begin[late]
+            base[late] = integral.at(Places.among(self.time, begin), which[late])
+            out -= base
+            for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
+                out[:first, j] = 0.0
         for j in np.flatnonzero(told.end < self.time[-1]).tolist():
             after = self.time.searchsorted(told.end[j])
             place = Places.among(self.time, told.end[j : j + 1])

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.model.aero_table import AeroTable
-from brv_hypo.motion.reconstruction import Method
+from brv_hypo.motion.config import Method
 from brv_hypo.residuals.saved import SavedModel
 
 # Samples from which a record is enough to hold any out.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg.lapack import dgeqrf
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.subset.constraints import (
     Constraints,
@@ -30,6 +32,8 @@ WEAK_DIAGONAL = 1e-6
 # second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
 ROUNDING_MULTIPLE = 64.0
 MEANINGFUL_MULTIPLE = 2.0**16
+# Rows and columns up to which a factor is had without work in blocks.
+_SMALL = 48
 # Relative size of the terms of a combination that are named.
 NAMED_TERM = 1e-9
 
@@ -136,7 +140,17 @@ def build_frame(
 
 def triangle(columns: FloatArray) -> FloatArray:
     """The triangular factor R of the columns, by Householder reflections."""
-    return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
+    rows, count = columns.shape
+    if max(rows, count) > _SMALL or not columns.size:
+        return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
+    factor = dgeqrf(columns)[0][: min(rows, count)]
+    return np.asarray(np.where(_upper(*factor.shape), factor, 0.0), dtype=np.float64)
+
+
+@lru_cache(maxsize=4 * _SMALL)
+def _upper(rows: int, columns: int) -> BoolArray:
+    """Where the upper triangle of a matrix of this shape is."""
+    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 def dependency(R: FloatArray, noise: FloatArray) -> list[int]:

@@ -6,10 +6,11 @@ S is the Schur complement of the undecided columns given the included ones, H = 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.frame import triangle
@@ -137,11 +138,10 @@ class TriangularNode:
 
     def rises(self) -> FloatArray:
         """Rise of the bound on dropping each undecided candidate; zero where the factor is singular."""
-        try:
-            inverse = np.linalg.solve(self.R, np.column_stack([self.z, np.eye(self.z.size)]))
-        except np.linalg.LinAlgError:
+        inverse, singular = dtrtri(self.R)
+        if singular:
             return np.zeros(self.z.size)
-        return np.asarray(inverse[:, 0] ** 2 / np.sum(inverse[:, 1:] ** 2, axis=1))
+        return np.asarray((inverse @ self.z) ** 2 / np.einsum("ij,ij->i", inverse, inverse))
 
     def normal(self) -> tuple[FloatArray, FloatArray]:
         """S and c over the undecided candidates."""
@@ -149,22 +149,26 @@ class TriangularNode:
 
     def include(self, label: int) -> TriangularNode:
         """Rotate the column to the front and strike its row."""
-        j = self._position(label)
-        others = np.delete(np.arange(self.z.size), j)
-        factor = triangle(np.column_stack([self.R[:, [j]], self.R[:, others], self.z]))
-        return replace(
-            self, included=(*self.included, label), labels=self.labels[others], R=factor[1:, 1:-1],
-            z=factor[1:, -1],
-        )  # fmt: skip
+        j, others = self._apart(label)
+        factor = self._triangle([j, *others])
+        return TriangularNode(
+            (*self.included, label), self.labels[others], factor[1:, 1:-1], factor[1:, -1], self.bound
+        )
 
     def drop(self, label: int) -> TriangularNode:
         """Strike the column and triangularise again; the last entry of z goes to the bound."""
-        others = np.delete(np.arange(self.z.size), self._position(label))
-        factor = triangle(np.column_stack([self.R[:, others], self.z]))
-        return replace(
-            self, labels=self.labels[others], R=factor[:-1, :-1], z=factor[:-1, -1],
-            bound=self.bound + float(factor[-1, -1] ** 2),
-        )  # fmt: skip
+        _, others = self._apart(label)
+        factor = self._triangle(others)
+        bound = self.bound + float(factor[-1, -1] ** 2)
+        return TriangularNode(self.included, self.labels[others], factor[:-1, :-1], factor[:-1, -1], bound)
 
-    def _position(self, label: int) -> int:
-        return int(np.flatnonzero(self.labels == label)[0])
+    def _apart(self, label: int) -> tuple[int, list[int]]:
+        """Where a candidate stands, and where the others do."""
+        j = int((self.labels == label).argmax())
+        return j, [*range(j), *range(j + 1, self.z.size)]
+
+    def _triangle(self, columns: list[int]) -> FloatArray:
+        """Triangular factor of these columns and z after them."""
+        both = np.empty((self.z.size, len(columns) + 1))
+        both[:, :-1], both[:, -1] = self.R[:, columns], self.z
+        return triangle(both)

@@ -133,7 +133,9 @@ class NumpyTree:
         surplus = needed * S
         surplus -= (2.0 * c)[:, None] * c
         surplus *= S
-        surplus += np.column_stack([squares - eased * d, d]) @ np.vstack([d, squares])
+        left, right = np.empty((d.size, 2)), np.empty((2, d.size))
+        left[:, 0], left[:, 1], right[0], right[1] = squares - eased * d, d, d, squares
+        surplus += left @ right
         surplus.flat[:: d.size + 1] = -1.0
         if surplus.max() >= 0.0:
             pairs = np.argwhere(surplus >= 0.0)

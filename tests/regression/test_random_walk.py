@@ -12,7 +12,7 @@ from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.wind import body_crossflow, wind_direction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.preparation import prepare
-from brv_hypo.regression.response import _walk, _walk_noise, linearisation_point, start_of, wind_to_body
+from brv_hypo.regression.response import _walk, _walk_noise, linearisation_point, wind_to_body
 from tests.flights import nominal
 
 
@@ -20,12 +20,12 @@ from tests.flights import nominal
 def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: int):
     """Noise of -i w in the rates across the velocity is read as a walk of w less, so that its correction is w."""
     record, point = linearisation_point(reconstruct(nominal().flight), ReconstructionConfig())
-    start = start_of(point)
+    start = point.start
     direction = wind_direction(record, start)
     turn = wind_to_body(record, direction)
     noise = 1j * turn * _walk_noise(record, order + 1)[:, order]
-    noisy = perturbed(
-        record, replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)
+    (noisy,) = perturbed(
+        record, [replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)]
     )
     shift = body_crossflow(noisy, wind_direction(noisy, start)) - body_crossflow(record, direction)
     walk = _walk(record, order + 1)[:, order]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.config import Method, ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods.joint import joint
 from brv_hypo.motion.methods.polar import polar
@@ -18,7 +18,6 @@ from brv_hypo.motion.methods.rates import rates
 from brv_hypo.motion.methods.velocity import velocity
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.perturbation import Perturbation
-from brv_hypo.motion.reconstruction import Method
 
 _Finder = Callable[[InertialRecord, ReconstructionConfig, Sequence[Perturbation]], WindHistory]
 
@@ -29,4 +28,4 @@ METHODS: dict[Method, _Finder] = {
     "polar": polar,
 }
 
-__all__ = ["METHODS", "WindHistory"]
+__all__ = ["METHODS", "WindHistory", "joint"]

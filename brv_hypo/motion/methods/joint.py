@@ -25,6 +25,7 @@ from brv_hypo.motion.methods.observed_walk import Near, TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
+from brv_hypo.motion.reconstruction import Reconstruction
 
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of the slope's course that are tried
 _OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
@@ -39,36 +40,50 @@ _MOVED = 0.1  # share of the crossflow's standard deviation
 
 
 def joint(
-    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+    record: InertialRecord,
+    config: ReconstructionConfig,
+    perturbations: Sequence[Perturbation],
+    like: Reconstruction | None = None,
 ) -> WindHistory:
     """The default method; see the module's description.
 
-    The errors of the record are linearised about the motion that is found without them. The air data are freed of
-    noise first: as a factor of the normal force it would be in what the force is explained by.
+    The errors of the record are linearised about the motion that is found without them, or about that of a record that
+    is nearly the same (`like`), whose normal-force slope then has as many terms. The air data are freed of noise
+    first: as a factor of the normal force it would be in what the force is explained by.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
     problem, near = TiedWalk(record, config, no_responses(record), np.zeros(0)), None
     if perturbations:
-        problem, near = _linearised(record, config, perturbations)
-    fit, warnings = _fitted(problem, config, near)
+        problem, near = _linearised(record, config, perturbations, like)
+    fit, warnings = _fitted(problem, config, near, 0 if like is None else like.normal_force_terms)
     return _history(problem, fit, warnings)
 
 
 def _linearised(
-    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
+    record: InertialRecord,
+    config: ReconstructionConfig,
+    perturbations: Sequence[Perturbation],
+    like: Reconstruction | None,
 ) -> tuple[TiedWalk, Near]:
     """The problem with the record's errors, linearised where they are nearly taken out, and a rough fit."""
     flight = record.flight
-    fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
-    force, near = _normal_force(record, fit), fit.near
-    del fit  # large, like the responses: only the last are kept
+    if like is None:
+        fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
+        force, near = _normal_force(record, fit), fit.near
+        del fit  # large, like the responses: only the last are kept
+    else:
+        near = Near(like.start, like.crossflow)
+        slope = np.asarray(-record.force_scale * like.normal_force_slope)
+        force = np.where(np.isfinite(slope), slope * effective(near.crossflow), record.transverse_force)
     responses = telling(effect_responses(record, near.crossflow, force, perturbations))
     known = np.zeros(len(responses.effects))
     for _ in range(_LINEARISATIONS):
         before, effects = near.crossflow, responses.effects
         fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, near)
-        moved = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas()))
-        known, near = fit.effects.value, fit.near
+        moved, near = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas())), fit.near
+        if moved < _MOVED and like is not None:
+            break
+        known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
         del fit, responses
@@ -92,14 +107,14 @@ def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: Near | Non
 
 
 def _fitted(
-    problem: TiedWalk, config: ReconstructionConfig, near: Near | None
+    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, terms: int
 ) -> tuple[TiedFit, tuple[str, ...]]:
     """The fit with the ties that are wanted, or needed, and what is to be said of them."""
     record, responses = problem.record, problem.responses
     moment = moment_tie(record, responses)
     if config.ties == "moment":
         return _with_moment(problem, (), moment), ()
-    fit = _with_force(problem, force_tie(record, responses), near)
+    fit = _with_force(problem, force_tie(record, responses), near, terms)
     alone = _relative_error(fit, record.measured)
     too_little = config.ties == "auto" and alone > _ENOUGH
     if config.ties == "both" or too_little:
@@ -121,9 +136,14 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
     return record.transverse_force
 
 
-def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None) -> TiedFit:
-    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over."""
-    fit = _choose_slope(problem, (), tie, near)
+def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None, terms: int) -> TiedFit:
+    """Fit by the normal force: slope chosen by evidence unless it has so many terms, spikes left out, noise raised to
+    left over.
+    """
+    if near is not None and terms:
+        fit = replace(problem.solve((tie.with_slope_count(problem.record.time, terms),), near), response=None)
+    else:
+        fit = _choose_slope(problem, (), tie, near)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
@@ -208,11 +228,11 @@ def _relative_error(fit: TiedFit, measured: BoolArray) -> float:
 
 def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> WindHistory:
     radial, tangential = fit.sigmas()
-    slope = np.full(fit.crossflow.size, np.nan)
+    slope, terms = np.full(fit.crossflow.size, np.nan), 0
     accel_sigma = problem.record.accel_sigma
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            slope = tie.slope(coefficients).real
+            slope, terms = tie.slope(coefficients).real, int(tie.slope_basis.shape[1])
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
         record=problem.record,
@@ -222,6 +242,7 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
         gravity=fit.start.gravity,
         effects=fit.effects,
         normal_force_slope=slope,
+        normal_force_terms=terms,
         accel_sigma=accel_sigma,
         warnings=warnings,
     )
