@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
 from brv_hypo.flight import FlightSource, one_flight
-from brv_hypo.mechanisms.carried import perturbations
+from brv_hypo.mechanisms.carried import carried_mechanisms, perturbations
 from brv_hypo.motion import Reconstruction, ReconstructionConfig
 from brv_hypo.motion import reconstruct as reconstruct_with
 
@@ -18,4 +23,19 @@ def reconstruct(
     UnanswerableError where the record is too short, or the vehicle is not in the air.
     """
     record = one_flight(flight)
-    return reconstruct_with(record, config, perturbations(record), like)
+    found = reconstruct_with(record, config, perturbations(record), like)
+    sigma = np.hypot(found.moments.sigma, _of_the_vehicle(found))
+    return replace(found, moments=replace(found.moments, sigma=sigma))
+
+
+def _of_the_vehicle(found: Reconstruction) -> FloatArray:
+    """Standard deviation (n,) of a component of the moments by what is not known of c.g. and axes of inertia.
+
+    Moments are about the stated c.g. and axes: what turns about others is not the aerodynamics'.
+    """
+    variance = np.zeros(found.flight.samples)
+    for mechanism in carried_mechanisms(found.flight):
+        sizes = mechanism.tolerance(found.flight) or ()
+        for term, size in zip(mechanism.terms(found.motion, {}), sizes, strict=True):
+            variance += 0.5 * size**2 * (term.in_plane**2 + term.out_of_plane**2)
+    return np.asarray(np.sqrt(variance))

@@ -30,6 +30,7 @@ from brv_hypo.ranking.constants import (
     REPETITIONS,
     SETTLED,
     SETTLED_ERRORS,
+    STANDING_PROBABILITY,
 )
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.histories import coefficient_series
@@ -41,7 +42,7 @@ from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.ranking.verdict import Score, judge
+from brv_hypo.ranking.verdict import OTHER, Score, judge, probabilities
 from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -145,13 +146,20 @@ def _searched(
         fits, moved = _moved(problem, fits), True
     problem, fits = _with_errors(problem, fits)
     left = _left(problem, fits)
-    if moved and left.gain > 0.0:
+    if moved and _something_stands(fits, left):
         say("searching again where the problem is linear now")
         anew = {fit.name: fit for fit in _fitted(problem, hypotheses, say)}
         best = [min(fit, anew[fit.name], key=lambda each: each.information) for fit in fits]
         problem, fits = _with_errors(problem, best)
         left = _left(problem, fits)
     return problem, fits, left
+
+
+def _something_stands(fits: Sequence[HypothesisFit], left: Misfit) -> bool:
+    """Whether something outside the list stands beside the leader: a term that was chosen elsewhere may be amiss."""
+    information = {fit.name: fit.information for fit in fits}
+    chances = probabilities(information, likeliest(fits).information - left.gain)
+    return chances[OTHER] >= STANDING_PROBABILITY
 
 
 def _left(problem: Problem, fits: Sequence[HypothesisFit]) -> Misfit:

@@ -20,6 +20,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import AT_ONCE, STEP
@@ -272,7 +273,8 @@ class LinearisedFlight:
         changes = np.gradient(np.stack([xi - self.crossflow for _, xi in moved]), flight.time, axis=1)
         for k, (record, xi) in enumerate(moved):
             derotation = derotations[id(record.spin_angle)]
-            integrands[k] = derotation * record.moment_scale * self._moment(self._moved(record, xi, changes[k]))
+            moment = self._moment(record, self._moved(record, xi, changes[k]))
+            integrands[k] = derotation * record.moment_scale * moment
             rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
         for a, b in flight.segments:
             rates[:, a:b] -= running_integral(flight.time[a:b], integrands[:, a:b].T).T
@@ -281,10 +283,15 @@ class LinearisedFlight:
             for own, (record, xi) in zip(rates, moved, strict=True)
         ]
 
-    def _moment(self, motion: Motion) -> ComplexArray:
-        """C_m + i C_n of the model (n,)."""
+    def _moment(self, record: InertialRecord, motion: Motion) -> ComplexArray:
+        """C_m + i C_n of the model (n,).
+
+        What is tested keeps the pressure and inertia of the linearisation point: its coefficients make up for both, and
+        a hypothesis without it would take an error of either for a share of it.
+        """
         inside, outside = np.zeros(motion.time.size), np.zeros(motion.time.size)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
+        kept = self.record.moment_scale / record.moment_scale
         for column, value in zip(self.columns, self.values, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
@@ -292,9 +299,19 @@ class LinearisedFlight:
                 found[key] = {term.name: term for term in terms}
             term = found[key][column.term]
             weight = value * column.course(motion.time)
+            if column.mechanism not in self._always:
+                weight = weight * kept
             inside += weight * term.in_plane
             outside += weight * term.out_of_plane
         return body_from_plane(inside, outside, motion.windward_meridian)
+
+    @cached_property
+    def _always(self) -> frozenset[str]:
+        """Mechanisms that are part of every hypothesis: the baseline, and what tolerances of the vehicle bound."""
+        own, flight = (StaticMoment.name, PitchDamping.name), self.record.flight
+        return frozenset(
+            name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
+        )
 
     def _moved(self, record: InertialRecord, xi: ComplexArray, change: ComplexArray) -> Motion:
         """The motion with another crossflow, whose rate differs by `change` (n,) 1/s, and with the record's own rates

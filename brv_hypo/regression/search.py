@@ -167,7 +167,7 @@ def extended(
     """A model's selected columns with the best further term of its own offer; None where it is full."""
     selected = columns[len(problem.baseline) :]
     reduced = Reduced(problem, frame)
-    size = max(2 if column.tied else 1 for column in selected)
+    size = _choice_size(selected)
     if len(selected) + size > problem.max_terms:
         return None
     found = [
@@ -184,9 +184,10 @@ def extended(
 
 
 def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
-    """The two best subsets of each size among all courses at a model's own knots and thetas.
+    """The two best subsets of each size among all courses at a model's own knots and thetas, one more at most.
 
-    It finds the plainer model where refinement has moved several terms to one place.
+    It finds the plainer model where refinement has moved several terms to one place, and the term that another stood
+    in for before the knots were where they are.
     """
     selected = columns[len(problem.baseline) :]
     own: dict[Column, None] = {}
@@ -198,9 +199,14 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) ->
         )
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
-    smaller = max(len(selected), 1)
-    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(smaller, n_best=2)
+    most = min(len(selected) + _choice_size(selected), problem.max_terms)
+    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(most, n_best=2)
     return [chosen for _, chosen in found if chosen]
+
+
+def _choice_size(selected: Sequence[Column]) -> int:
+    """Columns that come with one more choice."""
+    return max((2 if column.tied else 1 for column in selected), default=1)
 
 
 def _spacing(problem: Problem) -> float:

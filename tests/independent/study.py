@@ -50,7 +50,7 @@ class Outcome:
 
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism;
     `reproduced` the share of what was planted, in squares, that the nearest listed mechanism reproduces on the true
-    motion. `stated` are stated over true rms errors of alpha and meridian; `leads` has the probability `chance`.
+    motion. `stated` are stated over true rms errors of alpha, meridian and moments; `leads` has the probability `chance`.
     """
 
     seed: int
@@ -66,7 +66,7 @@ class Outcome:
     leads: str
     chance: float
     limit: float
-    stated: tuple[float, float]
+    stated: tuple[float, float, float]
 
 
 def fly(
@@ -117,14 +117,16 @@ def _reproduced(known: Known) -> float:
     return 1.0 - min(listed) / known.f_ratio if known.f_ratio > 0.0 else np.nan
 
 
-def _stated(made: Made) -> tuple[float, float]:
-    """Stated over true rms errors of alpha, and of the meridian where alpha is not small."""
+def _stated(made: Made) -> tuple[float, float, float]:
+    """Stated over true rms errors of alpha, of the meridian where alpha is not small, and of a moment's component."""
     found, true = reconstruct(made.flight), made.true
     alpha = _ratio(found.alpha_sigma, found.motion.alpha - true.alpha)
     clear = true.alpha > 0.2 * np.sqrt(np.mean(true.alpha**2))
     turned = np.angle(np.exp(1j * (found.motion.windward_meridian - true.meridian)))
     meridian = _ratio(found.phi_w_sigma[clear], turned[clear])
-    return alpha, meridian
+    moments, seen = found.moments, found.moments.usable
+    missed = (moments.body - true.moment)[seen] / np.sqrt(2.0)
+    return alpha, meridian, _ratio(moments.sigma[seen], np.abs(missed))
 
 
 def _ratio(sigma: np.ndarray, error: np.ndarray) -> float:
@@ -168,7 +170,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     )
     yield f"expected calibration error, above the detection limit: {_calibration_error([*seen, *apart]):.3f}"
     yield _count("records refused", [o.outcome == "record fault" for o in outcomes])
-    for k, what in enumerate(("alpha", "meridian")):
+    for k, what in enumerate(("alpha", "meridian", "moments")):
         ratios = np.array([o.stated[k] for o in outcomes])
         yield (
             f"stated over true error of {what}: median {np.median(ratios):.2f}, "
