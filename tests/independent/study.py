@@ -50,7 +50,7 @@ class Outcome:
 
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism;
     `reproduced` the share of what was planted, in squares, that the nearest listed mechanism reproduces on the true
-    motion. `stated` are stated over true rms errors of alpha, meridian and moments; `leads` has the probability `chance`.
+    motion. `stated` are stated over true rms errors of alpha, meridian and moments; `leads` has probability `chance`.
     """
 
     seed: int
