@@ -291,7 +291,8 @@ class LinearisedFlight:
         """
         inside, outside = np.zeros(motion.time.size), np.zeros(motion.time.size)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        kept = self.record.moment_scale / record.moment_scale
+        own = record.moment_scale
+        kept = np.divide(self.record.moment_scale, own, out=np.ones_like(own), where=own != 0.0)
         for column, value in zip(self.columns, self.values, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
