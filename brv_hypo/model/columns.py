@@ -39,9 +39,9 @@ class Column:
         return (self.mechanism, self.theta, self.course)
 
     @property
-    def choice(self) -> tuple[str, str | None, Theta, TimeFunction]:
-        """What is chosen with the column: a vector's components are one choice."""
-        return (self.mechanism, None if self.tied else self.term, self.theta, self.course)
+    def choice(self) -> tuple[str, str | None, Theta, TimeFunction, int | None]:
+        """What is chosen with the column: a vector's components are one choice, on each flight."""
+        return (self.mechanism, None if self.tied else self.term, self.theta, self.course, self.flight)
 
     def acts_on(self, flight: int) -> bool:
         """Whether it is part of the moments of that flight."""

@@ -117,8 +117,7 @@ class LinearisedFlight:
     @cached_property
     def crossflow(self) -> ComplexArray:
         """The reconstruction's crossflow (n,)."""
-        motion = self.reconstruction.motion
-        return crossflow(motion.alpha, motion.windward_meridian)
+        return self.reconstruction.crossflow
 
     @cached_property
     def here(self) -> Rows:

@@ -246,7 +246,7 @@ def _single(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column
     """(RSS, columns) of the best column or vector of `size` components beside the forced columns."""
     groups: dict[object, list[int]] = {}
     for j, column in enumerate(offered):
-        groups.setdefault(column.vector if column.tied else column, []).append(j)
+        groups.setdefault(column.choice, []).append(j)
     members = np.array([group for group in groups.values() if len(group) == size])
     if not members.size:
         return []

@@ -251,7 +251,7 @@ def groups_of(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
     """Columns that enter together."""
     found: dict[object, list[Column]] = {}
     for column in columns:
-        found.setdefault((column.vector, column.flight) if column.tied else column, []).append(column)
+        found.setdefault(column.choice, []).append(column)
     return [tuple(group) for group in found.values()]
 
 
