@@ -37,7 +37,7 @@ _LARGEST = 30.0
 class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
-    `explains` is the share of the residual's square that it predicts on stretches left out of its fit;
+    `explains` is the share of the weighed error on stretches left out of its fit that it saves;
     `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the
     prediction beyond what the model could take over,
     `in_rates` the fall of the whitened rates' squares.
@@ -70,25 +70,24 @@ def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -
     return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
 
-def refine_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
-    """The same with knots and delays refined: the best fit of each number of columns.
+def search_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
+    """The mechanism's best columns with knots and delays refined, as they enter one after another or as the exact
+    search finds them: what begins and ends takes two terms, neither of which may be worth much alone.
 
     Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow
     chance.
     """
     problem = left_out.problem
-    refined = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
-    return candidate_of(problem, null, _soundest(left_out, refined), mechanism.name, "mechanism")
+    found = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
+    if len(problem.records) == 1:  # the exact search knows no columns of one flight of several
+        found.append(fit_hypothesis(problem, mechanism.name, (mechanism,)))
+    return candidate_of(problem, null, _soundest(left_out, found), mechanism.name, "mechanism")
 
 
 def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -> Candidate:
-    """The candidate with knots and delays refined once more, or as the exact search finds it, if that is
-    better.
-    """
+    """The candidate with knots and delays refined once more, if that is better."""
     problem, mechanism = left_out.problem, candidate.fit.mechanisms[0]
     rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism)]
-    if len(problem.records) == 1:  # the exact search knows no columns of one flight of several
-        rivals.append(fit_hypothesis(problem, candidate.name, (mechanism,)))
     return candidate_of(problem, null, _soundest(left_out, rivals), candidate.name, candidate.kind)
 
 

@@ -18,7 +18,7 @@ from brv_hypo.residuals.candidates import (
     Variant,
     fitted_again,
     refine_again,
-    refine_mechanism,
+    search_mechanism,
     try_mechanism,
     try_record_effect,
 )
@@ -28,8 +28,7 @@ from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
-_WORTH_REFINING = 0.4  # share of the best gain, below which refining is not tried; rule of thumb
-_REFINED = 3  # mechanisms at most, by gain: bounds the time
+_WORTH_REFINING = 0.4  # share of the best gain, below which variants are not brought closer; rule of thumb
 _TOLD = 8  # candidates whose explained share is found on stretches left out, as many as a report shows
 _CLOSER = 3  # turns at most, each about the best variant of the turn before
 # What is described in generic terms is called this, with the number of its step.
@@ -87,7 +86,7 @@ def look(
     if found:
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
-        found = _refined(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
+        found = _searched(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
         problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
         leader = _leader(found)
         if _has_nonlinear(leader):
@@ -114,16 +113,13 @@ def _leader(found: Sequence[Candidate]) -> Candidate:
     return min(found, key=lambda candidate: candidate.fit.information)
 
 
-def _refined(
+def _searched(
     problem: Problem, null: HypothesisFit, found: Sequence[Candidate], mechanisms: Mapping[str, Mechanism]
 ) -> list[Candidate]:
-    """The candidates, the best few with their knots and delays refined."""
-    ranked = sorted(found, key=lambda candidate: -candidate.gain)
-    most = max(ranked[0].gain, 0.0) if ranked else 0.0
-    worth = [c.name for c in ranked if c.name in mechanisms and c.gain > _WORTH_REFINING * most]
-    worth = [c.name for c in ranked if c.name in worth and _has_nonlinear(c)][:_REFINED]
+    """The candidates, those with knots or delays searched anew: on a coarse grid any of them may look like nothing."""
     left_out = LeftOut(problem)
-    return [refine_mechanism(left_out, null, mechanisms[c.name]) if c.name in worth else c for c in found]
+    searched = {name for name, m in mechanisms.items() if m.time_variation != ("constant",) or m.parameters()}
+    return [search_mechanism(left_out, null, mechanisms[c.name]) if c.name in searched else c for c in found]
 
 
 def _closer(

@@ -11,7 +11,15 @@ from brv_hypo.residuals.candidates import NEAR, Candidate, adjusted, alike, look
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.judge import Prediction, force_errors, moment_errors, ratio, residuals_of, score
+from brv_hypo.residuals.judge import (
+    Agreement,
+    Prediction,
+    agreement,
+    force_errors,
+    moment_errors,
+    ratio,
+    residuals_of,
+)
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
 
 # Fall of the sum of squares at which an effect is detected: F = 25 of one coefficient.
@@ -19,19 +27,18 @@ _DETECTED = 25.0
 # The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
 # among many was asked of the fitted part before.
 _SIGMAS = 1.645
+# Share of the significance from which the fitted part leaves no doubt of an effect. A quarter of the record tells its
+# size worse than three quarters do: that it is there, and lowers the error, is enough then. Where the residual passes
+# for white nothing less counts: a test of whiteness asks for anything at all, and overlooks what the effect's own
+# column shows.
+_BEYOND_DOUBT = 1e-3
 # Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
-# for eight stretches held out.
+# for eight stretches held out. The noise of the gyros, differentiated, may drown it.
 _WORSE = 1.9
-# Standard errors of that fall from which the moments' error need not have fallen by itself: one chance in a thousand,
-# one-sided. The noise of the gyros, differentiated, may drown it, and it is a hint.
-_SURE = 3.09
 # How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
 # fitted part the next has to explain: what explains far less does not stand in its place.
 _TRIES = 3
 _IN_ITS_PLACE = 0.5  # share of the first's gain
-# Where the residual passes for white, an effect counts from this share of the significance: a test of whiteness asks
-# for anything at all, and overlooks what the effect's own column shows beyond doubt.
-_BEYOND_DOUBT = 1e-3
 # Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
 # all a function of Mach number, and jumps in time describe any smooth change.
 _SCHEDULE = 0.5
@@ -39,8 +46,9 @@ _SCHEDULE = 0.5
 
 @dataclass(frozen=True)
 class Tried:
-    """What an effect did to the held-out part: `score` in both channels, `ratio` of the moments' mean
-    squares, `force` the mean squares (m/s^2)^2 of the specific force's errors, fitted and held out.
+    """What an effect did to the held-out part: `agreement` in both channels, `ratio` of the moments' mean
+    squares, `force` the mean squares (m/s^2)^2 of the specific force's errors, fitted and held out. `certain` says that
+    the fitted part leaves no doubt of it, `carried` that every fit has it within its tolerance.
 
     `before` (frame rows,) is what the model leaves without the effect, and `errors_before` its moment errors, fitted
     and held out: an effect with a tolerance is then held at zero, though every other fit has it within its tolerance.
@@ -48,19 +56,20 @@ class Tried:
 
     candidate: Candidate
     state: State
-    score: float
+    agreement: Agreement
     ratio: float
     ratio_error: float
     force: tuple[float, float]
     before: Rows
     errors_before: tuple[Prediction, Prediction]
-    carried: bool = False
+    certain: bool
+    carried: bool
 
     @property
     def taken(self) -> bool:
         """Whether the held-out part agrees.
 
-        The moments' error has to fall, unless rates and force leave no doubt; an error of the record may show in the
+        The moments' error has to fall, unless the fitted part leaves no doubt; an error of the record may show in the
         specific force alone. Then it must not make the moments significantly worse. What every fit holds within its
         tolerance has nothing to predict that others within theirs could not: that it must be larger is asked of the
         fitted part alone.
@@ -68,8 +77,10 @@ class Tried:
         no_worse = self.ratio < 1.0 + _WORSE * self.ratio_error
         if self.carried:
             return no_worse
-        need_not_fall = self.candidate.effect is not None or self.score >= _SURE
-        return self.score >= _SIGMAS and (self.ratio < 1.0 or (need_not_fall and no_worse))
+        if self.certain:
+            return self.agreement.fall > 0.0 and self.agreement.shown >= _SIGMAS and no_worse
+        falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
+        return self.agreement.fall >= _SIGMAS and falls
 
 
 @dataclass(frozen=True)
@@ -129,14 +140,14 @@ def choose(
             continue
         # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
         idle = candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows(candidate))
-        doubtful = residual_is_white and chances[candidate.name] > _BEYOND_DOUBT * significance
-        if (doubtful or idle) and not is_carried(here.problem, candidate.name):
+        certain = chances[candidate.name] <= _BEYOND_DOUBT * significance
+        if ((residual_is_white and not certain) or idle) and not is_carried(here.problem, candidate.name):
             continue
         if any(alike(candidate, other.candidate) for other in tried):
             continue
         if tried and candidate.gain < _IN_ITS_PLACE * tried[0].candidate.gain:
             break
-        tried.append(known.get(id(candidate)) or _try(here, state, candidate, add))
+        tried.append(known.get(id(candidate)) or _try(here, state, candidate, certain, add))
         if tried[-1].taken or len(tried) == _TRIES:
             break
     return Choice(ranked, discovery, tuple(tried))
@@ -159,7 +170,9 @@ def follows(candidate: Candidate) -> bool:
     return any(mechanism.follows is not None for mechanism in candidate.fit.mechanisms)
 
 
-def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidate], State]) -> Tried:
+def _try(
+    here: Look, state: State, candidate: Candidate, certain: bool, add: Callable[[Candidate], State]
+) -> Tried:
     problem, seen = here.problem, state.seen
     after, errors, left = add(candidate), (state.errors, state.held_out), left_by(problem, here.null)
     carried = is_carried(problem, candidate.name)
@@ -172,11 +185,12 @@ def _try(here: Look, state: State, candidate: Candidate, add: Callable[[Candidat
     return Tried(
         candidate,
         after,
-        score(problem, seen.held_out, first, second),
+        agreement(problem, seen.held_out, first, second),
         *ratio(errors[1], after.held_out),
         force_errors(problem, seen.held_out, second),
         left,
         errors,
+        certain,
         carried,
     )
 

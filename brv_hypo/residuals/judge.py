@@ -10,11 +10,13 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.regression.channels import Noise, Part, Rows
 from brv_hypo.regression.frame import Piece, RateFrame
+from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments
 
 # Rows that are summed before their squares are, so that short correlations count.
 _CLUSTER = 8
+_SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
 
 
 @dataclass(frozen=True)
@@ -43,33 +45,38 @@ def residuals_of(problem: Problem, held_out: Part, left: Rows) -> Residuals:
     return Residuals(left.at(problem.rows.part.rows), left.at(held_out.rows))
 
 
-def score(problem: Problem, held_out: Part, before: Residuals, after: Residuals) -> float:
-    """Fall of the held-out squared error in both channels, in standard errors: the larger of two measures.
+@dataclass(frozen=True)
+class Agreement:
+    """What the held-out part says of an effect, in both channels, in standard errors.
 
-    Rates from the constant of integration that the fitted part has show what changes slowly; where the record itself
-    drifts, that drowns the rest, and rates from a constant of each stretch's own show what changes within it.
+    `fall` of the squared error, by the effect with the coefficients that the fitted part gives; `shown`, how surely
+    the effect is there at all, of whatever size: 1.645 has one chance in twenty where it is not.
     """
-    return max(
-        _fall(*(whitened(problem, held_out, left) for left in (before, after)))
-        for whitened in (_from_fitted_constants, _from_own_constants)
-    )
+
+    fall: float
+    shown: float
 
 
-def _fall(first: FloatArray, second: FloatArray) -> float:
-    """Fall of the sum of squares from one residual to the later one, in standard errors.
+def agreement(problem: Problem, held_out: Part, before: Residuals, after: Residuals) -> Agreement:
+    """Of the residuals without an effect and with it, as a fit of `problem` leaves them.
 
-    The difference of two predictions d and the later residual e give it: sum of d^2 + 2 e d, whose noise is
+    The difference of two predictions d and the later residual e give the fall: sum of d^2 + 2 e d, whose noise is
     that of the second part alone; it is summed over clusters of neighbours (White, Econometrica 48:817,
-    1980).
+    1980). What the fitted part leaves uncertain of the held-out one, constants of integration among it, weighs the
+    rows: it would drown what changes within a stretch.
     """
-    gain = first**2 - second**2
-    noise = 2.0 * second * (first - second)
-    starts = np.arange(0, noise.size, _CLUSTER)
-    clusters = np.add.reduceat(noise, starts)
-    return float(gain.sum() / max(np.sqrt(np.sum(clusters**2)), 1e-300))
+    directions, share = _uncertain(problem, held_out)
+    first, second = (_plain(problem, held_out, left) for left in (before, after))
+    first, second = (rows + directions @ (share * (directions.T @ rows)) for rows in (first, second))
+    difference = first - second
+    products = difference * second
+    clusters = np.add.reduceat(products, np.arange(0, products.size, _CLUSTER))
+    noise = max(float(np.sqrt(np.sum(clusters**2))), 1e-300)
+    fall = float(first @ first - second @ second) / (2.0 * noise)
+    return Agreement(fall, float(difference @ first) / noise)
 
 
-def _from_fitted_constants(problem: Problem, held_out: Part, left: Residuals) -> FloatArray:
+def _plain(problem: Problem, held_out: Part, left: Residuals) -> FloatArray:
     """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
     constants = _constants(problem.rows.part, left.fitted.rates, problem.rows.noise)
     level_of = dict(zip(_segments(problem, problem.rows.part.levels, problem.rows.part), constants, strict=True))
@@ -79,13 +86,38 @@ def _from_fitted_constants(problem: Problem, held_out: Part, left: Residuals) ->
     return held_out.whitened(Rows(rates, left.held_out.force), problem.rows.noise)[:, 0]
 
 
-def _from_own_constants(problem: Problem, held_out: Part, left: Residuals) -> FloatArray:
-    """The same with the constant of each held-out stretch taken out."""
-    rates = left.held_out.rates.copy()
-    constants = _constants(held_out, rates, problem.rows.noise)
-    for (a, b), constant in zip(held_out.levels, constants, strict=True):
-        rates[a:b] -= constant
-    return held_out.whitened(Rows(rates, left.held_out.force), problem.rows.noise)[:, 0]
+def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray]:
+    """Directions (rows, rank) of the held-out rows in which a prediction from the fitted part errs.
+
+    With them the share (rank,) by which rows change along each where all come to unit variance.
+    """
+    problem = problem.untied()
+    design = problem.whole_design(problem.frame, problem.baseline)
+    scale = lengths(design)
+    _, sizes, turn = np.linalg.svd(design / scale, full_matrices=False)
+    told = sizes > _SPENT * sizes[0]
+    root = (turn[told].T / sizes[told]) / scale[:, np.newaxis]
+    directions, errors, _ = np.linalg.svd(_unknowns(problem, held_out) @ root, full_matrices=False)
+    return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
+
+
+def _unknowns(problem: Problem, held_out: Part) -> FloatArray:
+    """Baseline, constants of the fitted part and nuisances on the held-out rows (rows, unknowns), whitened."""
+    noise, part = problem.rows.noise, problem.rows.part
+    moments = held_out.white_rates(problem.frame.columns(problem.baseline)[held_out.rows], noise)
+    own = _segments(problem, part.levels, part)
+    constants = np.zeros((held_out.rows.size, 2 * len(own)), dtype=complex)
+    for (a, b), segment in zip(held_out.pieces, _segments(problem, held_out.pieces, held_out), strict=True):
+        if segment in own:
+            place = 2 * own.index(segment)
+            constants[a:b, place], constants[a:b, place + 1] = 1.0, 1.0j
+    of_rates = np.column_stack([moments, held_out.white_rates(constants, noise)])
+    out = np.zeros((2 * of_rates.shape[0], of_rates.shape[1] + len(problem.rows.nuisances.items)))
+    out[: of_rates.shape[0], : of_rates.shape[1]] = of_rates
+    others = out[:, of_rates.shape[1] :]
+    for some, history in problem.rows.nuisances.histories.batches():
+        others[:, some] = held_out.whitened(history.at(held_out.rows), noise)
+    return out
 
 
 def _constants(part: Part, rates: ComplexArray, noise: Noise) -> ComplexArray:

@@ -2,7 +2,8 @@
 
 With Q an orthonormal basis of all columns and e the residual of the whole fit, the error on the rows B when they are
 left out is (I - Q_B Q_B')^-1 e_B. Baseline and nuisances are the same for every candidate: their inverse is kept, and a
-candidate's few columns are a change of low rank to it.
+candidate's few columns are a change of low rank to it. Errors are weighed by I - Q_B Q_B', what baseline and nuisances
+leave uncertain of the stretch: a drift that no fit predicts would drown all else.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ class LeftOut:
         return found
 
     def error(self, fit: HypothesisFit) -> float:
-        """Sum of squared errors on every stretch, each from a fit of everything to the others."""
+        """Sum of squared errors, weighed, on every stretch, each from a fit of everything to the others."""
         extra = self._directions(fit)
         parts = extra.T @ self.problem.response
         total = 0.0
@@ -64,11 +65,12 @@ class LeftOut:
             silent = own @ turn[:, ~told] @ (turn[:, ~told].T @ parts)
             left = solved[:, 0] + cho_solve(factor, silent)
             weights = turn[:, told].T @ own.T @ left / outside[told]
-            total += float(np.sum((left + solved[:, 1:] @ turn[:, told] @ weights) ** 2))
+            predicted = left + solved[:, 1:] @ turn[:, told] @ weights
+            total += float(np.sum((np.triu(factor[0]) @ predicted) ** 2))
         return total
 
     def explained(self, null: HypothesisFit, fit: HypothesisFit) -> float:
-        """Share of the null's left-out squared error that the fit saves."""
+        """Share of the null's left-out error, weighed, that the fit saves."""
         return 1.0 - self.error(fit) / self.error(null)
 
     def _directions(self, fit: HypothesisFit) -> FloatArray:

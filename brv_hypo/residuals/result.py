@@ -54,7 +54,7 @@ class Residual(NullIsNaN):
 
 
 class TriedCandidate(NullIsNaN):
-    """One effect as tried: `explains` is the share of the squared residual on stretches left out of its
+    """One effect as tried: `explains` is the share of the weighed error on stretches left out of its
     fit; `near_equals` are effects whose columns hold nearly all that it predicts.
     """
 

@@ -59,7 +59,7 @@ def step_of(
         if leading is None
         else Errors(fit=leading.force[0], held_out=leading.force[1]),
         error_ratio_std_error=None if leading is None else leading.ratio_error,
-        held_out_score=None if leading is None else leading.score,
+        held_out_score=None if leading is None else leading.agreement.fall,
     )
 
 

@@ -251,8 +251,7 @@ class Body:
         self.anchor = None
 
     def _fly_piece(self, time: float, stop: float, state: np.ndarray) -> tuple[float, np.ndarray]:
-        acts = self.planted.start <= time < self.planted.stop
-        delay = self.planted.delay if acts else 0.0
+        delay = self.planted.delay_at(time)
         longest = max(delay, LEAST_STEP_FOR_DELAY) if delay > 0.0 else np.inf
         # Within a piece the mechanism is wholly on or off: the edge itself belongs to the piece after it.
         inside = 1e-12 * max(stop - time, 1.0)
@@ -275,7 +274,7 @@ class Body:
         return solver.t, solver.y
 
     def _set_anchor(self, time: float, state: np.ndarray) -> None:
-        if self.planted.delay == 0.0:
+        if all(part.delay == 0.0 for part in self.planted.parts):
             return
         self.anchor = None
         running = self.look(time, state).running if self.history.ends else None

@@ -127,13 +127,14 @@ def make_flight(
     region: tuple[float, float] | None = None,
     values: Mapping[str, Any] | None = None,
     start: Start | None = None,
+    beside: Planted | None = None,
 ) -> Made:
     """Fly and record one case.
 
     `amplitude` times the nominal amplitude that the seed draws (SHARE of the moment's rms); `factor` times the
     grade's tolerances, a number or a mapping by key; `errors` sets actual errors by key, SI (a number fills the
-    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn. The same seed gives the same
-    start, errors and noise whatever is planted.
+    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn; `beside` acts as well. The same
+    seed gives the same start, errors and noise whatever is planted.
     """
     if truth not in TRUTHS:
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join(TRUTHS)}")
@@ -144,7 +145,7 @@ def make_flight(
     noise = noise.louder(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate
     nominal, share = _nominal(craft, start, truth, time, stream(seed, "mechanism"), region, values)
-    planted = replace(nominal, amplitude=amplitude * nominal.amplitude)
+    planted = replace(nominal, amplitude=amplitude * nominal.amplitude, beside=beside)
     body = flown(craft, start, drawn, planted, max(PAD, 1.5 * abs(drawn.time_skew)))
     true = _truth(body, time, drawn, noise, share)
     flight = _record(

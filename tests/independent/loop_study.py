@@ -1,15 +1,16 @@
 """How often `trace` names what is there, and what is not: findings and hints on independent flights.
 
-By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1
+By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--pairs]
 
 Flight k has seed SEED + k; with nothing planted and with one effect in turn, which the planted flights take one after
-another. What is planted is 3 to 10 times as large as its detection limit, or of its nominal amplitude where that is
-less.
+another; with --pairs, two listed effects at once on every flight, each in a region of its own. What is planted is 3 to
+10 times as large as its detection limit, or of its nominal amplitude where that is less.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -17,13 +18,16 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from brv_hypo.residuals import Trace, TraceConfig, trace
-from tests.independent.flights import Made, draw_flight
+from tests.independent.flights import Made, draw_flight, make_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import judge
 
 # What is planted, in detection limits (F = 25 of the truth's own column).
 TIMES = (3.0, 10.0)
 STEPS = 4
+# Of a pair the second is drawn under a seed of its own, so many further.
+SECOND = 500_000
+JOINED = "+"
 
 
 @dataclass(frozen=True)
@@ -41,12 +45,14 @@ class Added:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One flight: what was planted and at how many detection limits, and what the loop added."""
+    """One flight: what was planted (of a pair both, joined) and at how many detection limits each, and what the loop
+    added.
+    """
 
     seed: int
     vehicle: str
     truth: str
-    times: float
+    times: tuple[float, ...]
     added: tuple[Added, ...]
     seconds: float
 
@@ -54,22 +60,36 @@ class Outcome:
 def fly(seed: int, truth: str) -> Outcome | str:
     """Draw, trace and note one flight; the reason in words where none came of it."""
     try:
-        made, times = planted(seed, truth)
+        made, times = planted_pair(seed, *truth.split(JOINED)) if JOINED in truth else planted(seed, truth)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
     return Outcome(seed, made.vehicle, truth, times, added_by(found), found.seconds)
 
 
-def planted(seed: int, truth: str) -> tuple[Made, float]:
+def planted(seed: int, truth: str) -> tuple[Made, tuple[float, ...]]:
     """The flight with its effect at 3 to 10 times the detection limit, and how many times it is."""
     if truth == "none":
-        return draw_flight(seed, truth="none"), 0.0
-    nominal = draw_flight(seed, truth=truth, amplitude=1.0)
-    wanted = float(np.exp(np.random.default_rng([seed, 11]).uniform(*np.log(TIMES))))
+        return draw_flight(seed, truth="none"), ()
+    amplitude, times = _sized(draw_flight(seed, truth=truth, amplitude=1.0))
+    return draw_flight(seed, truth=truth, amplitude=amplitude), (times,)
+
+
+def planted_pair(seed: int, truth: str, other: str) -> tuple[Made, tuple[float, float]]:
+    """The same with two effects, each at 3 to 10 times the limit that it has alone."""
+    amplitude, times = _sized(first := draw_flight(seed, truth=truth, amplitude=1.0))
+    craft, start, further = first.vehicle, first.true.start, seed + SECOND
+    second_amplitude, second_times = _sized(make_flight(craft, other, seed=further, start=start))
+    second = make_flight(craft, other, second_amplitude, further, start=start).true.planted
+    return draw_flight(seed, truth=truth, amplitude=amplitude, beside=second), (times, second_times)
+
+
+def _sized(nominal: Made) -> tuple[float, float]:
+    """The share of the nominal amplitude at which to plant an effect, and how many detection limits that is."""
+    wanted = float(np.exp(np.random.default_rng([nominal.seed, 11]).uniform(*np.log(TIMES))))
     limit = judge(nominal, ()).limit_amplitude
     amplitude = min(wanted * limit, 1.0)
-    return draw_flight(seed, truth=truth, amplitude=amplitude), amplitude / limit
+    return amplitude, amplitude / limit
 
 
 def added_by(found: Trace) -> tuple[Added, ...]:
@@ -91,11 +111,15 @@ def added_by(found: Trace) -> tuple[Added, ...]:
 
 def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     """Lines of counts with their denominators."""
+    pairs = [o for o in outcomes if len(o.times) == 2]
+    if pairs:
+        yield from _report_pairs([o for o in pairs if min(o.times) >= 1.0])
+        return
     empty = [o for o in outcomes if o.truth == "none"]
     yield _count("nothing planted: a finding", [bool(_findings(o.added)) for o in empty])
     yield _count("nothing planted: a hint at most", [bool(o.added) and not _findings(o.added) for o in empty])
     # The oracle counts the errors of the record by their priors; what it cannot part from them is not asked for.
-    seen = [o for o in outcomes if o.truth != "none" and o.times >= 1.0]
+    seen = [o for o in outcomes if o.truth != "none" and min(o.times) >= 1.0]
     listed = [o for o in seen if o.truth in LISTED]
     yield _count("planted, above the limit: something is added", [bool(o.added) for o in seen])
     yield _count("a listed effect is named first", [bool(o.added) and o.added[0].name == o.truth for o in listed])
@@ -105,6 +129,35 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     )
     yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in seen])
     yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in seen])
+
+
+def _report_pairs(outcomes: Sequence[Outcome]) -> Iterable[str]:
+    yield _count("both are found, by name", [_both_found(o, near=False) for o in outcomes])
+    yield _count("both are found, by name or a near-equal", [_both_found(o, near=True) for o in outcomes])
+    yield _count("one at least is found, by name or a near-equal", [bool(_found(o)) for o in outcomes])
+    more = [_beyond(o) for o in outcomes]
+    yield _count("something else is added beside them", [bool(names) for names in more])
+    findings = [set(_findings(o.added)) & set(names) for o, names in zip(outcomes, more, strict=True)]
+    yield _count("something else is a finding beside them", [bool(names) for names in findings])
+
+
+def _both_found(outcome: Outcome, near: bool) -> bool:
+    """Whether either effect is what a step of its own added."""
+    names = [{each.name, *(each.near if near else ())} for each in outcome.added]
+    first, second = outcome.truth.split(JOINED)
+    return any(first in one and second in other for one, other in itertools.permutations(names, 2))
+
+
+def _found(outcome: Outcome) -> list[Added]:
+    """What was added that is one of the pair, or cannot be told from it."""
+    truths = set(outcome.truth.split(JOINED))
+    return [each for each in outcome.added if truths & {each.name, *each.near}]
+
+
+def _beyond(outcome: Outcome) -> list[str]:
+    """Names that were added and are neither of the pair, nor cannot be told from it."""
+    found = {each.name for each in _found(outcome)}
+    return [each.name for each in outcome.added if each.name not in found]
 
 
 def _beside_the_first(added: Sequence[Added]) -> list[Added]:
@@ -123,13 +176,14 @@ def _count(what: str, hits: Sequence[bool]) -> str:
 
 def line(outcome: Outcome) -> str:
     """One flight in words."""
+    limits = f" at {' and '.join(f'{times:.1f}' for times in outcome.times)} limits" if outcome.times else ""
     steps = "; ".join(
         f"{a.standing} {a.name} ({a.description}) {a.ratio:.3f} ± {a.ratio_error:.3f}, named in {a.named_in:.0%}"
         + (f", near {', '.join(a.near)}" if a.near else "")
         for a in outcome.added
     )
     return (
-        f"{outcome.seed} {outcome.vehicle} {outcome.truth} at {outcome.times:.1f} limits, "
+        f"{outcome.seed} {outcome.vehicle} {outcome.truth}{limits}, "
         f"{outcome.seconds:.0f} s: {steps or 'nothing'}"
     )
 
@@ -141,8 +195,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--truths", default=None, metavar="NAME,...", help="what to plant in turn; none for nothing")
+    parser.add_argument("--pairs", action="store_true", help="plant two listed effects at once")
     given = parser.parse_args(arguments)
-    truths = given.truths.split(",") if given.truths else _in_turn()
+    truths = given.truths.split(",") if given.truths else _pairs_in_turn() if given.pairs else _in_turn()
     runs = (delayed(fly)(given.seed + k, truths[k % len(truths)]) for k in range(given.flights))
     outcomes: list[Outcome] = []
     for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
@@ -154,6 +209,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _in_turn() -> list[str]:
     return [name for effect in (*LISTED, *UNLISTED) for name in ("none", effect)]
+
+
+def _pairs_in_turn() -> list[str]:
+    return [JOINED.join(pair) for pair in itertools.combinations(LISTED, 2)]
 
 
 if __name__ == "__main__":

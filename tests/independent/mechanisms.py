@@ -38,13 +38,19 @@ class Running:
 
 @dataclass(frozen=True)
 class Planted:
-    """A mechanism with its values."""
+    """A mechanism with its values; what acts `beside` it adds to its contribution."""
 
     name: str = "none"
     amplitude: float = 0.0
     start: float = 0.0
     stop: float = 0.0
     values: dict[str, Any] = field(default_factory=dict)
+    beside: Planted | None = None
+
+    @property
+    def parts(self) -> tuple[Planted, ...]:
+        """It and all that act beside it."""
+        return (self, *(self.beside.parts if self.beside is not None else ()))
 
     @property
     def delay(self) -> float:
@@ -54,16 +60,24 @@ class Planted:
     @property
     def edges(self) -> tuple[float, ...]:
         """Times at which the moment or its first derivatives jump."""
-        if self.name == "none":
-            return ()
-        first = [edge + k * self.delay for edge in (self.start, self.stop) for k in range(3)]
-        return tuple(sorted(set(first)))
+        planted = [part for part in self.parts if part.name != "none"]
+        found = {
+            edge + k * part.delay for part in planted for edge in (part.start, part.stop) for k in range(3)
+        }
+        return tuple(sorted(found))
+
+    def delay_at(self, time: float) -> float:
+        """The longest delay of what acts then, s."""
+        return max((part.delay for part in self.parts if part.acts(time)), default=0.0)
+
+    def acts(self, time: float) -> bool:
+        return self.start <= time < self.stop
 
     def contribution(self, now: Running) -> complex:
-        return self.claim(now) if self.start <= now.time < self.stop else 0j
+        return sum((part.claim(now) for part in self.parts if part.acts(now.time)), 0j)
 
     def claim(self, now: Running) -> complex:
-        """The contribution, region or no."""
+        """Its own contribution, region or no."""
         return _FORMS[self.name](self, now) if self.amplitude != 0.0 else 0j
 
 

@@ -13,6 +13,7 @@ from brv_hypo.mechanisms import find
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import NEAR, Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
+from brv_hypo.residuals.judge import Agreement
 
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
@@ -31,6 +32,12 @@ def candidate(
     return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0)
 
 
+def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried:
+    """What was tried, its ratio known to 0.1."""
+    nothing: Any = None
+    return Tried(one, nothing, agreement, ratio, 0.1, (1.0, 1.0), nothing, nothing, certain, carried=False)
+
+
 def chosen(
     found: list[Candidate],
     accepted: str,
@@ -40,9 +47,8 @@ def chosen(
     """The choice where the held-out part agrees with `accepted` alone."""
     any_state: Any = None
 
-    def tried(here: Any, state: Any, one: Candidate, add: Any) -> Tried:
-        fell = 5.0 if one.name == accepted else 0.0
-        return Tried(one, any_state, fell, 0.5, 0.1, (1.0, 1.0), any_state, any_state)
+    def tried(here: Any, state: Any, one: Candidate, certain: bool, add: Any) -> Tried:
+        return judged(one, Agreement(5.0, 5.0) if one.name == accepted else Agreement(0.0, 0.0), 0.5, certain)
 
     monkeypatch.setattr(choice, "_try", tried)
     nuisances = SimpleNamespace(items=(), bounded=())
@@ -120,8 +126,6 @@ def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
     [
         (False, 3.0, 0.99, True),
         (False, 3.0, 1.01, False),
-        (False, 3.2, 1.01, True),
-        (False, 3.2, 1.22, False),
         (False, 1.5, 0.5, False),
         (True, 3.0, 1.05, True),
         (True, 3.0, 1.18, True),
@@ -132,10 +136,19 @@ def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
 def test_errors_of_the_record_may_leave_the_moments_as_they_are(
     of_record: bool, fell: float, ratio: float, taken: bool
 ) -> None:
-    effect: Any = object() if of_record else None
-    one: Any = SimpleNamespace(effect=effect)
-    nothing: Any = None
-    assert Tried(one, nothing, fell, ratio, 0.1, (1.0, 1.0), nothing, nothing).taken is taken
+    one = SimpleNamespace(effect=object() if of_record else None)
+    assert judged(one, Agreement(fell, 5.0), ratio, certain=False).taken is taken
+
+
+@pytest.mark.parametrize(
+    ("fell", "shown", "ratio", "taken"),
+    [(0.1, 1.7, 1.18, True), (-0.1, 1.7, 0.99, False), (0.1, 1.6, 0.99, False), (0.1, 1.7, 1.22, False)],
+)
+def test_what_the_fitted_part_leaves_no_doubt_of_need_only_be_there(
+    fell: float, shown: float, ratio: float, taken: bool
+) -> None:
+    one = SimpleNamespace(effect=None)
+    assert judged(one, Agreement(fell, shown), ratio, certain=True).taken is taken
 
 
 @pytest.mark.parametrize(("p_value", "tried"), [(1e-9, ["lag"]), (1e-4, [])])
