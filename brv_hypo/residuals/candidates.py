@@ -40,7 +40,8 @@ class Candidate:
     `explains` is the share of the weighed error on stretches left out of its fit that it saves;
     `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the
     prediction beyond what the model could take over,
-    `in_rates` the fall of the whitened rates' squares.
+    `in_rates` the fall of the whitened rates' squares. `ahead` is the gain of the best further effect beside it, where
+    that was asked for.
     """
 
     name: str
@@ -54,6 +55,18 @@ class Candidate:
     fall: float
     effect: RecordEffect | None = None
     explains: float | None = None
+    ahead: float | None = None
+
+    @property
+    def together(self) -> float:
+        """Its gain with that of the best further effect."""
+        return self.gain + (self.ahead or 0.0)
+
+    def leads(self, other: Candidate) -> float:
+        """By how much it gains more, with what goes best beside either where that is known of both."""
+        if self.ahead is None or other.ahead is None:
+            return self.gain - other.gain
+        return self.together - other.together
 
     @property
     def is_characteristic(self) -> bool:
@@ -337,7 +350,7 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
         if other is not leader
         and other.gain > 0.0
         and (
-            abs(leader.gain - other.gain) < NEAR or (alike(leader, other) and other.gain > 0.8 * leader.gain)
+            abs(leader.leads(other)) < NEAR or (alike(leader, other) and other.gain > 0.8 * leader.gain)
         )
     )
 

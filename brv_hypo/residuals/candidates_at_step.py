@@ -26,6 +26,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
 from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.look_ahead import looked_ahead
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
 _WORTH_REFINING = 0.4  # share of the best gain, below which variants are not brought closer; rule of thumb
@@ -95,6 +96,7 @@ def look(
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
         found = [fitted_again(problem, null, candidate) for candidate in found]
+        found = looked_ahead(problem, found, mechanisms)
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None

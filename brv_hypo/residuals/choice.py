@@ -204,7 +204,7 @@ def _ranked(
     description in generic terms has to beat a name clearly, unless the mechanism of that name is fitted without what
     is characteristic of it: then the description leads where it is as good.
     """
-    ranked = sorted(found, key=lambda candidate: -candidate.gain - (NEAR if candidate.name in held else 0.0))
+    ranked = sorted(found, key=lambda candidate: -candidate.together - (NEAR if candidate.name in held else 0.0))
     if discovery is None:
         return ranked
     described = discovery.candidate

@@ -63,7 +63,9 @@ def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
 
 def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: bool) -> str:
     null = fit_hypothesis(problem, "none", ())
-    gains = {each.name: null.information - _criterion(problem, null, each) for each in candidates}
+    gains = {
+        each.name: null.information - _criterion(problem, null, each) + (each.ahead or 0.0) for each in candidates
+    }
     most = max(gains.values())
     schedules = [each.name for each in candidates if follows(each) and comes_first(gains[each.name], most)]
     offered = gains if scheduled or not schedules else schedules

@@ -1,0 +1,52 @@
+"""What a candidate leaves for another effect: where two act at once, a third may explain more than either alone.
+
+Candidates that lead are judged by what they explain together with the best effect beside them, on the fitted part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.problem import Problem
+from brv_hypo.residuals.candidates import NEAR, Candidate, try_mechanism
+
+# Candidates that are looked beyond, and how much of the leader's gain each must have: what explains far less is no
+# rival.
+_LOOKED = 3
+_RIVAL = 0.5
+
+
+def looked_ahead(
+    problem: Problem, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]
+) -> list[Candidate]:
+    """The candidates, the leading ones with what the best further effect gains, where one has anything to gain.
+
+    A leader that leaves nothing needs no comparison.
+    """
+    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > NEAR]
+    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:_LOOKED]
+    if not leaders or (first := _beside(problem, leaders[0], mechanisms)) <= 0.0:
+        return list(found)
+    ahead = {leaders[0].name: first}
+    for rival in leaders[1:]:
+        if rival.gain >= _RIVAL * leaders[0].gain:
+            ahead[rival.name] = max(_beside(problem, rival, mechanisms), 0.0)
+    return [replace(candidate, ahead=ahead.get(candidate.name)) for candidate in found]
+
+
+def _beside(problem: Problem, candidate: Candidate, mechanisms: Sequence[Mechanism]) -> float:
+    """Fall of the extended BIC by the best other mechanism beside the candidate."""
+    beside = replace(problem, baseline=candidate.fit.columns, frame=candidate.fit.frame)
+    null = fit_hypothesis(beside, "none", ())
+    others = [mechanism for mechanism in mechanisms if mechanism.name != candidate.name]
+    return max((_gain(beside, null, mechanism) for mechanism in others), default=0.0)
+
+
+def _gain(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> float:
+    if mechanism.time_variation != ("constant",) and len(problem.records) == 1:
+        return null.information - fit_hypothesis(problem, mechanism.name, (mechanism,)).information
+    found = try_mechanism(problem, null, mechanism)
+    return found.gain if found is not None else 0.0

@@ -1,0 +1,29 @@
+"""Candidates are ranked by what they explain together with the best effect beside them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from brv_hypo.residuals.candidates import NEAR, Candidate, look_alikes
+from brv_hypo.residuals.choice import _ranked
+from tests.residuals.test_choice import ACROSS, candidate
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "leader"),
+    [(None, None, "lag"), (5.0, 50.0, "sticking"), (50.0, 50.0, "lag"), (0.0, 15.0, "lag")],
+)
+def test_what_leaves_more_for_another_effect_leads(first: float | None, second: float | None, leader: str) -> None:
+    found = [replace(candidate("lag", 100.0), ahead=first), replace(candidate("sticking", 80.0), ahead=second)]
+    assert _ranked(found, None)[0].name == leader
+
+
+@pytest.mark.parametrize(("ahead", "alike"), [(20.0 - 0.9 * NEAR, True), (20.0 - 1.1 * NEAR, False)])
+def test_look_alikes_are_judged_with_what_goes_beside_them(ahead: float, alike: bool) -> None:
+    leader: Candidate = replace(candidate("lag", 100.0), ahead=0.0)
+    other = replace(candidate("sticking", 80.0, ACROSS), ahead=ahead)
+    assert (look_alikes(leader, [other]) == ("sticking",)) is alike
+    unknown = replace(other, ahead=None)
+    assert look_alikes(leader, [unknown]) == ()
