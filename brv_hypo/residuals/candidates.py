@@ -14,7 +14,8 @@ from scipy import stats
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.columns import Column, Theta, candidates, default_knots, theta_grid
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
+from brv_hypo.ranking.intervals import intervals, within_bounds
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, with_errors
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
@@ -94,7 +95,28 @@ def search_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanis
     found = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
     if len(problem.records) == 1:  # the exact search knows no columns of one flight of several
         found.append(fit_hypothesis(problem, mechanism.name, (mechanism,)))
+    found = [bounded(problem, fit) for fit in found]
     return candidate_of(problem, null, _soundest(left_out, found), mechanism.name, "mechanism")
+
+
+def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with what it would lose by values that a body may have, all where they are absurd.
+
+    Of several flights, whose values differ, as it is.
+    """
+    if len(problem.records) > 1 or not any(mechanism.bounds for mechanism in fit.mechanisms):
+        return fit
+    fit = with_errors(problem, replace(fit, bound_cost=0.0))
+    return replace(fit, bound_cost=math.inf) if _absurd(fit) else within_bounds(fit)
+
+
+def _absurd(fit: HypothesisFit) -> bool:
+    """Whether a value lies outside its bounds by more than these are wide, however little the data tell of it."""
+    bounds = {m.name: m.bounds for m in fit.mechanisms}
+    values = [(net.value, bounds[net.mechanism].get(net.term)) for each in intervals(fit) for net in each.values]
+    return any(
+        max(limits[0] - value, value - limits[1]) > limits[1] - limits[0] for value, limits in values if limits
+    )
 
 
 def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -> Candidate:
@@ -105,7 +127,11 @@ def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -
 
 
 def _soundest(left_out: LeftOut, fits: Sequence[HypothesisFit]) -> HypothesisFit:
-    """The best fit, those left aside that predict left-out stretches clearly worse than the best of them."""
+    """The best fit, those left aside that predict left-out stretches clearly worse than the best of them.
+
+    Those of absurd values are left aside too, unless all are.
+    """
+    fits = [fit for fit in fits if math.isfinite(fit.information)] or fits
     errors = [left_out.error(fit) for fit in fits]
     return likeliest([fit for fit, error in zip(fits, errors, strict=True) if error <= _SOUND * min(errors)])
 
@@ -305,7 +331,8 @@ def solved(
 def candidate_of(
     problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind
 ) -> Candidate:
-    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves."""
+    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves within its bounds."""
+    fit = bounded(problem, fit)
     extra = fit.parameters - null.parameters
     left = fit.samples - fit.parameters
     f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / left)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
-from brv_hypo.residuals.candidates import NEAR, Candidate, try_mechanism
+from brv_hypo.residuals.candidates import NEAR, Candidate, bounded, try_mechanism
 
 # Candidates that are looked beyond, and how much of the leader's gain each must have: what explains far less is no
 # rival.
@@ -47,6 +47,7 @@ def _beside(problem: Problem, candidate: Candidate, mechanisms: Sequence[Mechani
 
 def _gain(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> float:
     if mechanism.time_variation != ("constant",) and len(problem.records) == 1:
-        return null.information - fit_hypothesis(problem, mechanism.name, (mechanism,)).information
+        fit = bounded(problem, fit_hypothesis(problem, mechanism.name, (mechanism,)))
+        return null.information - fit.information
     found = try_mechanism(problem, null, mechanism)
     return found.gain if found is not None else 0.0
