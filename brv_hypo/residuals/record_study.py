@@ -62,31 +62,41 @@ def ground(flight: Flight, steps: int) -> Ground:
     return Ground(flight, found, state, here)
 
 
-def planted(base: Ground, effect: str, times: float, seed: int) -> tuple[Flight, str]:
-    """The record with the effect at `times` its detection limit, in a random direction of its terms; its size."""
+def planted(
+    base: Ground, effect: str, times: float, seed: int, onset: float | None = None
+) -> tuple[Flight, str]:
+    """The record with the effect at `times` its detection limit, in a random direction of its terms; its size.
+
+    A moment that may change in time begins at `onset` (s), where one is given.
+    """
     draw = np.random.default_rng([seed, *(ord(letter) for letter in effect)])
     item = find_installed(effect)
     if isinstance(item, Mechanism):
         motion = base.state.seen.reconstructions[0].motion
         names = [term.name for term in item.terms(motion, {})]
-        direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[0]
-        values = times * _limit(base.here, effect, names, direction) * direction
+        direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
+        begin = None if item.time_variation == ("constant",) else onset
+        values = times * _limit(base.here, effect, names, direction, begin) * direction
         told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
-        return with_moment(base.flight, base.state, item, values.tolist()), told
+        told += "" if begin is None else f" from {begin:.0f} s"
+        return with_moment(base.flight, base.state, item, values.tolist(), begin), told
     component = item.components(base.flight)[int(draw.integers(len(item.components(base.flight))))]
     value = 3.0 * times * component.size  # in tolerances: a smaller one is no error beyond them
     return item.perturb(base.flight, component.name, value), f"{component.name} {value:.3g} {component.units}"
 
 
-def _limit(here: Look, effect: str, names: Sequence[str], direction: FloatArray) -> float:
+def _limit(
+    here: Look, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None
+) -> float:
     """Detection limit along a direction of the terms, as a multiple of it.
 
     A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective
     samples.
     """
-    problem, always = with_efficiency(here.problem, here.null), TimeFunction("constant")
+    problem = with_efficiency(here.problem, here.null)
+    course = TimeFunction("constant") if onset is None else TimeFunction("jump", onset)
     frame = problem.frame.with_mechanisms([find(effect)])
-    columns = [Column(effect, name, (), always, "1") for name in names]
+    columns = [Column(effect, name, (), course, "1") for name in names]
     own = problem.design(frame, columns) @ direction
     design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
@@ -124,6 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=8, help="of the record's own trace")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--instruments", default=None)
+    parser.add_argument("--onset", type=float, default=None, help="s, from which moments that may change act")
     parser.add_argument("--start", type=float, default=None)
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
@@ -135,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
     for effect in given.effects.split(","):
         try:
-            flight, size = planted(base, effect, given.times, given.seed)
+            flight, size = planted(base, effect, given.times, given.seed, given.onset)
             print(line(effect, size, found_in(base, flight)), flush=True)
         except UnanswerableError as error:
             print(f"{effect} not planted: {error}", flush=True)
