@@ -24,6 +24,22 @@ def test_an_effect_beyond_doubt_is_added_though_the_gyros_noise_drowns_the_momen
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "truth"), [(43125, "bodyfixed"), (43203, "inplane"), (43307, "lag")])
+def test_what_begins_and_ends_is_found_though_neither_alone_is_worth_much(seed: int, truth: str) -> None:
+    found = fly(seed, truth)
+    assert isinstance(found, Outcome)
+    assert found.added[0].name == truth
+
+
+@pytest.mark.thorough
+def test_of_two_effects_at_once_neither_gives_way_to_a_third() -> None:
+    """A lag explains more than either alone; with the best effect beside it, less."""
+    found = fly(44206, "inplane+sticking")
+    assert isinstance(found, Outcome)
+    assert {each.name for each in found.added} == {"inplane", "sticking"}
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize(("seed", "truth", "near"), [(43317, "magnus", True), (43229, "sticking", False)])
 def test_an_effect_that_is_tried_as_constant_is_a_near_equal_at_the_times_of_another(
     seed: int, truth: str, near: bool

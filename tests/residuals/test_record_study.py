@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.mechanisms import find
 from brv_hypo.residuals import TraceConfig, trace
 from brv_hypo.residuals.fitted_model import State, settled_state
@@ -48,14 +49,32 @@ def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
 
 
 @pytest.mark.thorough
-def test_planting_is_linear(state: State) -> None:
+def test_little_is_planted_in_proportion(state: State) -> None:
+    """Much of it acts on the motion that it changed."""
     flight = trimmed().flight
 
     def change(value: float) -> np.ndarray:
         changed = with_moment(flight, state, find("magnus"), [value])
         return np.concatenate([changed.q - flight.q, changed.az - flight.az])
 
-    np.testing.assert_allclose(change(2.0 * MAGNUS), 2.0 * change(MAGNUS), rtol=1e-6, atol=1e-12)
+    little = change(1e-3 * MAGNUS)
+    assert np.linalg.norm(change(2e-3 * MAGNUS) - 2.0 * little) < 1e-2 * np.linalg.norm(little)
+
+
+@pytest.mark.thorough
+def test_nothing_is_planted_before_its_onset(state: State) -> None:
+    flight = trimmed().flight
+    onset = float(flight.time[flight.samples // 2])
+    changed = with_moment(flight, state, find("magnus"), [MAGNUS], onset)
+    before = flight.time < onset - 0.1
+    np.testing.assert_array_equal(changed.q[before], flight.q[before])
+    assert np.max(np.abs(changed.q - flight.q)[~before]) > 0.0
+
+
+@pytest.mark.thorough
+def test_what_turns_the_vehicle_too_far_is_refused(state: State) -> None:
+    with pytest.raises(UnanswerableError, match="would turn the vehicle to"):
+        with_moment(trimmed().flight, state, find("trim"), [1.0, 0.0])
 
 
 @pytest.mark.slow
