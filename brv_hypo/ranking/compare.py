@@ -22,6 +22,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Misfit, misfit
+from brv_hypo.ranking.alternative import alternatives
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.constants import (
     BOUND_SIGMAS,
@@ -158,7 +159,7 @@ def _searched(
 def _something_stands(fits: Sequence[HypothesisFit], left: Misfit) -> bool:
     """Whether something outside the list stands beside the leader: a term that was chosen elsewhere may be amiss."""
     information = {fit.name: fit.information for fit in fits}
-    chances = probabilities(information, likeliest(fits).information - left.gain)
+    chances = probabilities(information, [likeliest(fits).information - left.gain])
     return chances[OTHER] >= STANDING_PROBABILITY
 
 
@@ -181,7 +182,8 @@ def _judged(
         for fit, error in zip(fits, errors, strict=True)
     ]
     repeated = stability(fits, without, REPETITIONS)
-    return judge(scores, left, repeated, limits(problem, hypotheses, fits))
+    instead = alternatives(problem, hypotheses, fits)
+    return judge(scores, left, repeated, limits(problem, hypotheses, fits), instead)
 
 
 def _impossible(fit: HypothesisFit) -> str | None:
