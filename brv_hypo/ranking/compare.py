@@ -113,7 +113,7 @@ def _compare(
     without = [leaving.of(fit.frame, fit.columns) for fit in fits]
     errors = [held_out(problem, each, config.held_out_blocks) for each in without]
     say("judging")
-    verdict = _judged(problem, hypotheses, fits, errors, without, left)
+    verdict = _judged(problem, hypotheses, fits, errors, without, left, config.other_prior)
     selected = clock.perf_counter()
     likelihoods = identify_standing(fits, config, say)
     finished = clock.perf_counter()
@@ -147,7 +147,7 @@ def _searched(
         fits, moved = _moved(problem, fits), True
     problem, fits = _with_errors(problem, fits)
     left = _left(problem, fits)
-    if moved and _something_stands(fits, left):
+    if moved and _something_stands(fits, left, config.other_prior):
         say("searching again where the problem is linear now")
         anew = {fit.name: fit for fit in _fitted(problem, hypotheses, say)}
         best = [min(fit, anew[fit.name], key=lambda each: each.information) for fit in fits]
@@ -156,10 +156,10 @@ def _searched(
     return problem, fits, left
 
 
-def _something_stands(fits: Sequence[HypothesisFit], left: Misfit) -> bool:
+def _something_stands(fits: Sequence[HypothesisFit], left: Misfit, other_prior: float) -> bool:
     """Whether something outside the list stands beside the leader: a term that was chosen elsewhere may be amiss."""
     information = {fit.name: fit.information for fit in fits}
-    chances = probabilities(information, [likeliest(fits).information - left.gain])
+    chances = probabilities(information, [likeliest(fits).information - left.gain], other_prior)
     return chances[OTHER] >= STANDING_PROBABILITY
 
 
@@ -175,6 +175,7 @@ def _judged(
     errors: Sequence[HeldOut],
     without: Sequence[FitsWithout],
     left: Misfit,
+    other_prior: float,
 ) -> Verdict:
     """The verdict on fits with their held-out errors."""
     scores = [
@@ -183,7 +184,7 @@ def _judged(
     ]
     repeated = stability(fits, without, REPETITIONS)
     instead = alternatives(problem, hypotheses, fits)
-    return judge(scores, left, repeated, limits(problem, hypotheses, fits), instead)
+    return judge(scores, left, repeated, limits(problem, hypotheses, fits), instead, other_prior)
 
 
 def _impossible(fit: HypothesisFit) -> str | None:

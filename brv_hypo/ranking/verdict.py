@@ -39,14 +39,16 @@ class Score:
     impossible: str | None = None
 
 
-def probabilities(information: Mapping[str, float], others: Sequence[float] = ()) -> dict[str, float]:
+def probabilities(
+    information: Mapping[str, float], others: Sequence[float] = (), other_prior: float = OTHER_PRIOR
+) -> dict[str, float]:
     """Posterior probabilities, exp(-criterion / 2 temperature) normalised (Kass and Raftery 1995).
 
-    Equal priors; `others` are the criteria of what something outside the list may be: they share its own prior.
+    Equal priors; `others` are the criteria of what something outside the list may be: they share `other_prior`.
     """
     scores = {name: -0.5 * value / TEMPERATURE for name, value in information.items()}
     if others:
-        share = OTHER_PRIOR / (1.0 - OTHER_PRIOR) * len(information) / len(others)
+        share = other_prior / (1.0 - other_prior) * len(information) / len(others)
         scores[OTHER] = float(logsumexp(-0.5 * np.asarray(others) / TEMPERATURE) + np.log(share))
     most = max(scores.values())
     weights = {name: float(np.exp(value - most)) for name, value in scores.items()}
@@ -60,16 +62,18 @@ def judge(
     stability: float,
     limits: Sequence[Limit] = (),
     alternatives: Sequence[Alternative] = (),
+    other_prior: float = OTHER_PRIOR,
 ) -> Verdict:
     """Name a hypothesis that leads, predicts held-out blocks, leaves only noise and has possible values.
 
     `left` is what the leader leaves; `stability` the share of repetitions that give the same leader; `alternatives`
-    what may be there in its place. What a leader that cannot be explains, something outside the list does.
+    what may be there in its place; `other_prior` the prior of something outside the list. What a leader that cannot be
+    explains, something outside the list does.
     """
     leader = min(scores, key=lambda score: score.information)
     beside = leader.information - left.gain
     others = [beside, *(each.information for each in alternatives)]
-    chances = probabilities({s.name: s.information for s in scores}, others)
+    chances = probabilities({s.name: s.information for s in scores}, others, other_prior)
     chances = _shaken(chances, leader.name, stability)
     possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
     if not possible:

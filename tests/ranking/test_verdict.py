@@ -174,6 +174,7 @@ def test_probabilities_sum_to_one_and_follow_the_criterion(values: list[float]) 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
 @pytest.mark.parametrize("forms", [1, 2, 3])
-def test_other_has_its_prior_where_the_data_say_nothing(count: int, forms: int) -> None:
-    chances = probabilities({str(i): 5.0 for i in range(count)}, [5.0] * forms)
-    assert chances[OTHER] == pytest.approx(OTHER_PRIOR)
+@pytest.mark.parametrize("prior", [OTHER_PRIOR, 0.05, 0.6])
+def test_other_has_its_prior_where_the_data_say_nothing(count: int, forms: int, prior: float) -> None:
+    chances = probabilities({str(i): 5.0 for i in range(count)}, [5.0] * forms, prior)
+    assert chances[OTHER] == pytest.approx(prior)
