@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.ranking.constants import OUTSIDE
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.unlisted import unlisted_moment
@@ -33,7 +34,7 @@ def alternatives(
         words = f"a change of {terms} alone, which is not particular to {leader.name}"
         found.append(Alternative(leader.information, words))
     listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
-    unlisted = unlisted_moment(problem, tuple(listed.values()))
+    unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
         fit = fit_hypothesis(problem, unlisted.name, (unlisted,), leader.information)
         found.append(Alternative(fit.information, _described(fit)))

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.problem import Problem
-
-# Share of its rms beyond what a listed mechanism's terms reproduce, from which a shape is not on the list. The studies
-# call an effect reproduced from the same share upwards.
-_OUTSIDE = 0.1
 
 
 class UnlistedMoment(Mechanism):
@@ -38,32 +34,29 @@ class UnlistedMoment(Mechanism):
         )
 
 
-def unlisted_moment(problem: Problem, listed: Sequence[Mechanism]) -> UnlistedMoment | None:
-    """The shapes that no listed mechanism reproduces on the first flight; None where each is reproduced.
+def unlisted_moment(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> UnlistedMoment | None:
+    """The shapes that have more than the share `beyond` of their rms beyond what each listed mechanism reproduces.
 
-    A mechanism with nonlinear parameters has no shape of its own, and leaves all of them.
+    On the first flight; None where there is none. A mechanism with nonlinear parameters has no shape of its own, and
+    leaves all of them.
     """
     motion = problem.frame.motions[0]
     known = [_basis(mechanism, motion) for mechanism in listed if not mechanism.parameters()]
     shapes = tuple(
-        name for name in SHAPES if all(_outside(shape_of(name, motion), basis) for basis in known)
+        name for name in SHAPES if all(_left(shape_of(name, motion), basis) > beyond for basis in known)
     )
     return UnlistedMoment(shapes=shapes) if shapes else None
 
 
-def _basis(mechanism: Mechanism, motion: Motion) -> ComplexArray:
+def _basis(mechanism: Mechanism, motion: Motion) -> FloatArray:
     """Orthonormal columns of a mechanism's terms, both components stacked (2 samples, terms)."""
     terms = checked_terms(mechanism, motion, {})
     stacked = np.column_stack([np.concatenate([term.in_plane, term.out_of_plane]) for term in terms])
     return np.asarray(np.linalg.qr(stacked)[0])
 
 
-def _outside(components: Sequence[ComplexArray], basis: ComplexArray) -> bool:
-    """Whether every component of a shape has more than that share of its rms beyond the basis."""
-
-    def left() -> Iterator[float]:
-        for component in components:
-            stacked = np.concatenate([component.real, component.imag])
-            yield float(np.linalg.norm(stacked - basis @ (basis.T @ stacked)) / np.linalg.norm(stacked))
-
-    return min(left()) > _OUTSIDE
+def _left(components: Sequence[ComplexArray], basis: FloatArray) -> float:
+    """The least share of the rms of a shape's components that lies beyond the basis."""
+    stacked = np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
+    beyond = np.linalg.norm(stacked - basis @ (basis.T @ stacked), axis=0)
+    return float(np.min(beyond / np.linalg.norm(stacked, axis=0)))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
+from brv_hypo.ranking.constants import OUTSIDE
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.unlisted import UnlistedMoment, unlisted_moment
@@ -25,19 +26,19 @@ from tests.ranking.pulse import problem
 def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(
     listed: tuple[str, ...], gone: set[str]
 ) -> None:
-    found = unlisted_moment(problem(), [find(name) for name in listed])
+    found = unlisted_moment(problem(), [find(name) for name in listed], OUTSIDE)
     assert found is not None
     assert set(SHAPES) - set(found.shapes) == gone
 
 
 def test_a_mechanism_with_a_delay_leaves_every_shape() -> None:
-    found = unlisted_moment(problem(), [find("lag"), find("sticking")])
+    found = unlisted_moment(problem(), [find("lag"), find("sticking")], OUTSIDE)
     assert found is not None
     assert found.shapes == SHAPES
 
 
 def test_nothing_is_left_beside_a_mechanism_of_every_shape() -> None:
-    assert unlisted_moment(problem(), [UnlistedMoment(shapes=SHAPES)]) is None
+    assert unlisted_moment(problem(), [UnlistedMoment(shapes=SHAPES)], OUTSIDE) is None
 
 
 def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
