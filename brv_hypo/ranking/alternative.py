@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.ranking.constants import OUTSIDE
+from brv_hypo.ranking.constants import OTHER_FLOOR, OUTSIDE
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.unlisted import unlisted_moment
@@ -14,7 +14,10 @@ from brv_hypo.regression.unlisted import unlisted_moment
 
 @dataclass(frozen=True)
 class Alternative:
-    """Something outside the list: its criterion where it explains the flight alone, and what it is in words."""
+    """Something outside the list: its criterion where it explains the flight alone, and what it is in words.
+
+    As beside the leader, what it gains has to be more than it does on sound flights.
+    """
 
     information: float
     words: str
@@ -37,7 +40,7 @@ def alternatives(
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
         fit = fit_hypothesis(problem, unlisted.name, (unlisted,), leader.information)
-        found.append(Alternative(fit.information, _described(fit)))
+        found.append(Alternative(fit.information + OTHER_FLOOR, _described(fit)))
     return tuple(found)
 
 

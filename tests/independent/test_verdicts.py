@@ -55,6 +55,12 @@ def test_a_stiffness_that_follows_mach_number_is_not_named_asymmetric_flow(seed:
     assert "not particular to inplane" in verdict.reason
 
 
+def test_a_search_that_ended_with_two_knots_off_finds_them() -> None:
+    """Ramps had come to stand where jumps were: neither knot alone leads from there to the truth."""
+    made = draw_flight(71140, truth="inplane", grade="tactical", noise=Noise(colour=0.47178061945354866))
+    assert said(made).winner == "inplane"
+
+
 @pytest.mark.parametrize("seed", [49002, 49004, 49006])
 def test_coloured_noise_is_no_mechanism(seed: int) -> None:
     made = draw_flight(seed, truth="none", grade="tactical", noise=Noise(colour=0.85))
