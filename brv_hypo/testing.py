@@ -12,6 +12,7 @@ The plugin must be installed, or loaded with `brv_hypo.mechanisms.use_plugin_fil
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
@@ -79,7 +80,7 @@ def plant_effect(
     item = find_installed(effect)
     if not isinstance(item, RecordEffect):
         raise UsageError(f"'{effect}' is a mechanism, not an effect on the record: use plant().")
-    flight = simulate({"base": vehicle, **_short(vehicle), "mechanisms": []}, seed=seed).flight
+    flight = _unplanted(vehicle, seed)
     variant = item.variants(flight)[0]
     known = [each.name for each in variant.components(flight)]
     if component not in known:
@@ -91,6 +92,11 @@ def recover_effect(flight: Flight, effect: str, *rivals: str) -> Trace:
     """The trace of a flight that tries an effect and the rivals alone, and discovers nothing of its own."""
     settings = TraceConfig(effects=(effect, *rivals), discover=False, maximum_likelihood=False, max_steps=2)
     return trace(flight, settings)
+
+
+@lru_cache(maxsize=4)
+def _unplanted(vehicle: str, seed: int) -> Flight:
+    return simulate({"base": vehicle, **_short(vehicle), "mechanisms": []}, seed=seed).flight
 
 
 def _short(vehicle: str) -> dict[str, float]:

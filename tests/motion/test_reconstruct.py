@@ -143,7 +143,7 @@ def test_what_was_found_of_an_error_is_taken_out_of_the_corrected_flight(truths:
 
 
 def test_a_normal_force_of_nothing_is_replaced_by_the_static_moment() -> None:
-    truth = fly(replace(CONE, normal_slope=0.0))
+    truth = fly(replace(CONE, normal_slope=0.0, duration=2.7))
     result = reconstruct(observe(truth, 2))
     assert result.status == "degraded"
     assert any("static moment was used" in text for text in result.warnings)

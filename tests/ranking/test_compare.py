@@ -38,6 +38,7 @@ def opportunity() -> Comparison:
 
 
 @pytest.mark.shared
+@pytest.mark.thorough
 def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     """8 Hz, Martian, inertia up to a factor: no hypothesis leaves only noise, whichever fits best."""
     comparison = opportunity
@@ -195,6 +196,7 @@ def test_a_delay_is_refined_by_the_likelihood() -> None:
 
 
 @pytest.mark.shared
+@pytest.mark.thorough
 def test_a_record_with_limits_keeps_to_the_regression_and_says_so(opportunity: Comparison) -> None:
     first = opportunity.ranking[0]
     assert first.ml is None

@@ -161,6 +161,7 @@ def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(recor
     assert elsewhere.error.frozen < 0.5 * at_home.error.frozen
 
 
+@pytest.mark.thorough
 def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record: Flight) -> None:
     model = with_a_jump(traced_trim(), str(record.path)).model_copy(update={"times": ((0.0, 3.0),)})
     assert predict(record, model).left_out == ("bodyfixed",)
@@ -171,6 +172,7 @@ def test_elsewhere_what_stays_has_its_own_coefficient(record: Flight) -> None:
     assert next(term.value for term in predicted.frozen if term.name == "C_N0") == 1.5e-4
 
 
+@pytest.mark.thorough
 def test_what_the_model_left_widens_the_band_and_is_told(record: Flight) -> None:
     definition = traced_trim().model.definition
     plain, unsure = (
