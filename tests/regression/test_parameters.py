@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
-from brv_hypo.motion import reconstruct
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.problem import Problem
-from tests.flights import flown
+from tests.chains import prepared
 
 DELAYS = (0.04, 0.08, 0.16)
 
@@ -61,10 +58,8 @@ class Tilted(Mechanism):
         return (Term("C_b", np.cos(angle), np.sin(angle)),)
 
 
-@cache
 def problem(plant: str) -> Problem:
-    flight = flown("research_cone", plant).flight
-    return prepare([reconstruct(flight)], CompareConfig(max_terms=2, exact_terms=2, knot_count=3))
+    return prepared(plant, max_terms=2, exact_terms=2, knot_count=3)
 
 
 @cache

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from brv_hypo.docs import text
-from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import MOST_POINTS, Band, Bars, Chart, Line, Mark, Panel, Span, wrapped_degrees
@@ -27,7 +26,7 @@ from brv_hypo.report.reconstruction import reconstruction_charts
 from brv_hypo.report.record_charts import record_charts
 from brv_hypo.report.trace_charts import trace_charts
 from brv_hypo.simulation import load_config, simulate_batch
-from tests.chains import compared_nominal, traced_trim
+from tests.chains import compared_nominal, reconstructed, traced_trim
 from tests.flights import nominal
 
 
@@ -80,7 +79,7 @@ def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:
     figures = {figure.strip() for row in rows for figure in row[0].split(",")}
     assert figures == {f"5.{number}" for number in range(1, 21)}
     files = {name for row in rows for name in re.findall(r"`([a-z-]+)`", row[2])} - {"reconstruct"}
-    drawn_of_motion = {chart.name for chart in reconstruction_charts(reconstruct(nominal().flight))}
+    drawn_of_motion = {chart.name for chart in reconstruction_charts(reconstructed())}
     assert {name for name in files if f"{name}-1" not in charts} <= drawn_of_motion
 
 
@@ -102,7 +101,7 @@ def test_charts_that_are_known_before_the_work_are_drawn(charts) -> None:
     assert set(comparison_names(2)) <= set(charts)
     assert set(comparison_names(1)) <= {chart.name for chart in comparison_charts(compared_nominal())}
     assert set(TRACE) <= {chart.name for chart in trace_charts(traced_trim())}
-    assert set(RECONSTRUCTION) == {chart.name for chart in reconstruction_charts(reconstruct(nominal().flight))}
+    assert set(RECONSTRUCTION) == {chart.name for chart in reconstruction_charts(reconstructed())}
 
 
 def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
