@@ -30,7 +30,7 @@ def traced(brv_hypo, tmp_path_factory):
     """One trace of a flight with a planted trim: the finished process, its JSON and its report."""
     folder = tmp_path_factory.mktemp("traced")
     (folder / "config.yaml").write_text(
-        "effects: [trim, gyro_bias]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
+        "effects: [trim]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
     )
     (folder / "flight.yaml").write_text(FLIGHT)
     flown = brv_hypo("simulate", folder / "flight.yaml", "-o", folder / "flight.h5")
