@@ -35,7 +35,7 @@ def trimmed() -> SimulatedFlight:
 
 @cache
 def traced_trim() -> Trace:
-    """The trace that finds the trim of `trimmed`."""
+    """The trace that adds the trim of `trimmed`."""
     return trace(trimmed().flight, ONE_EFFECT)
 
 

@@ -34,7 +34,7 @@ def compiled_part(function: Function) -> Function:
     return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-def _compile(function: Function, **wrappers: bool) -> Function:
+def _compile(function: Function, **wrappers: Any) -> Function:
     return cast(Function, njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **wrappers)(function))
 
 
