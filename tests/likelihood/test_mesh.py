@@ -47,7 +47,7 @@ def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency
     assert fine.mesh_shift < 0.01 * coarse.mesh_shift
 
 
-@pytest.mark.parametrize("frequency", [4.0, 20.0, 40.0])
+@pytest.mark.parametrize("frequency", [40.0, *(pytest.param(f, marks=pytest.mark.thorough) for f in (4.0, 20.0))])
 def test_the_mesh_is_refined_until_the_estimate_is_right(frequency: float) -> None:
     result, truth = run(frequency)
     assert result.converged, result.message

@@ -78,7 +78,7 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
 @pytest.mark.parametrize(
     "scenario",
     [
-        pytest.param(replace(CONE, roll_rate=20.0, duration=3.0), id="fast roll"),
+        pytest.param(replace(CONE, roll_rate=20.0, duration=3.0), id="fast roll", marks=pytest.mark.thorough),
         pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
         pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
         pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
