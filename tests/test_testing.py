@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from brv_hypo import testing
 from brv_hypo.errors import UsageError
 from brv_hypo.testing import plant, plant_effect, recover
 
@@ -31,6 +32,7 @@ def test_a_planted_effect_is_in_the_record() -> None:
         (("gyro_bais", "q", 0.1), "gyro_bias"),
     ],
 )
-def test_what_cannot_be_planted_is_refused(arguments, message) -> None:
+def test_what_cannot_be_planted_is_refused(arguments, message, monkeypatch) -> None:
+    monkeypatch.setattr(testing, "DURATION", 0.5)
     with pytest.raises(UsageError, match=message):
         plant_effect(*arguments)

@@ -188,6 +188,7 @@ def test_motion_knows_its_past_and_its_static_moment(cone: Reconstruction) -> No
     assert slope == pytest.approx(CONE.static_slope, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_slope_gravity_and_noise_are_found(truths: dict[str, Truth], cone: Reconstruction) -> None:
     assert cone.normal_force_slope == pytest.approx(CONE.normal_slope, rel=1e-3)
     assert cone.gyro_sigma == pytest.approx(CONE.gyro_noise, rel=0.1)

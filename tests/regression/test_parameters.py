@@ -77,6 +77,7 @@ def test_a_delay_of_any_name_is_a_delay() -> None:
     assert {parameter.units for parameter in other.nonlinear} == {"s"}
 
 
+@pytest.mark.thorough
 def test_an_angle_keeps_its_units_and_is_no_delay() -> None:
     fit = fitted(Tilted(), "bodyfixed")
     direction = next(parameter for parameter in fit.nonlinear if parameter.name == "direction")
