@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from brv_hypo.flight.units import SI, SPELLINGS
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference
@@ -78,14 +77,9 @@ def _placed(column: Column, mechanisms: Sequence[Mechanism]) -> str:
     """What a column is, from when on, at which delay or other parameter."""
     since = "" if column.course.kind == "constant" else f" at {column.course.start:.2f} s"
     own = next(mechanism for mechanism in mechanisms if mechanism.name == column.mechanism)
-    units = {parameter.name: parameter.units for parameter in own.parameters()}
-    theta = ", ".join(" ".join([name, f"{value:.3g}", *_told(units[name])]) for name, value in column.theta)
+    units = {each.name: "" if each.units == "1" else f" {each.units}" for each in own.parameters()}
+    theta = ", ".join(f"{name} {value:.3g}{units[name]}" for name, value in column.theta)
     return f"{column.label}{since}" + (f" ({theta})" if theta else "")
-
-
-def _told(units: str) -> tuple[str, ...]:
-    """The units as they are written after a number: those of a pure number are not."""
-    return () if units in SPELLINGS["dimensionless"] or units == SI["dimensionless"] else (units,)
 
 
 def _joined(names: Sequence[str]) -> str:

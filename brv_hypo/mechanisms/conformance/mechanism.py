@@ -252,8 +252,8 @@ def _check_delay(mechanism: Mechanism, parameter: Parameter, theta: Mapping[str,
     asked = _delays_asked(mechanism, {**theta, parameter.name: value})
     expect(
         any(np.isclose(tau, value * seconds, rtol=1e-9, atol=0.0) for tau in asked),
-        f"at '{parameter.name}' = {value:g} {parameter.units} it asks for the motion {sorted(asked)} s earlier, not "
-        f"{value * seconds:g} s",
+        f"at '{parameter.name}' = {value:g} {parameter.units} it asks for the motion "
+        f"{', '.join(f'{tau:g}' for tau in asked)} s earlier, not {value * seconds:g} s",
     )
 
 
