@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.flight.schema import Record
-from brv_hypo.mechanisms import find, parse_hypothesis
-from brv_hypo.model.columns import delays_among
+from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import PlantedConfig, Section
 from brv_hypo.study.config import NONE, FaultDraws, InstrumentDraws, StudyConfig
@@ -134,13 +133,10 @@ def _tolerances(instruments: InstrumentDraws | None) -> dict[str, Any]:
 
 
 def _resized(entry: PlantedConfig, draw: Draw) -> PlantedConfig:
-    late_by = {delay.name for delay in delays_among(find(entry.mechanism, entry.options).parameters())}
     return entry.model_copy(
         update={
             "terms": {name: value * draw.size for name, value in entry.terms.items()},
-            "theta": {
-                name: value * draw.delay if name in late_by else value for name, value in entry.theta.items()
-            },
+            "theta": {name: value * draw.delay for name, value in entry.theta.items()},
             "start": None if entry.start is None else entry.start + draw.onset_shift,
             "stop": None if entry.stop is None else entry.stop + draw.onset_shift,
         }
