@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.motion.config import Method
+from brv_hypo.ranking.constants import OTHER_PRIOR
 
 
 class CompareConfig(BaseModel):
@@ -20,7 +21,8 @@ class CompareConfig(BaseModel):
     `accept_record`: go on with a record that contradicts itself. `held_out_blocks`: blocks of time of which each is
     held out in turn, for the prediction error. `maximum_likelihood`: hypotheses that stand are
     refined on the original measurements, with the errors of record, vehicle and air within their tolerances; "quick"
-    leaves out records with warnings, which take several seconds each.
+    leaves out records with warnings, which take several seconds each. `other_prior`: prior probability that something
+    outside the list moved the vehicle.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -38,3 +40,4 @@ class CompareConfig(BaseModel):
     accept_record: bool = False
     held_out_blocks: int = Field(default=8, ge=2, le=50)
     maximum_likelihood: Literal["quick", "full", "none"] = "quick"
+    other_prior: float = Field(default=OTHER_PRIOR, gt=0.0, lt=1.0)

@@ -34,7 +34,7 @@ from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.response import linearisation_point
+from brv_hypo.regression.wander import linearisation_point
 
 SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and six terms
 

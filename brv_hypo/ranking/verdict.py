@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from brv_hypo.ranking.adequacy import Misfit
+from brv_hypo.ranking.alternative import Alternative
 from brv_hypo.ranking.constants import (
     IMPROBABLE_ERRORS,
     OTHER_PRIOR,
@@ -37,15 +39,17 @@ class Score:
     impossible: str | None = None
 
 
-def probabilities(information: Mapping[str, float], other: float | None = None) -> dict[str, float]:
+def probabilities(
+    information: Mapping[str, float], others: Sequence[float] = (), other_prior: float = OTHER_PRIOR
+) -> dict[str, float]:
     """Posterior probabilities, exp(-criterion / 2 temperature) normalised (Kass and Raftery 1995).
 
-    Equal priors; `other` is the criterion of something outside the list, with its own prior.
+    Equal priors; `others` are the criteria of what something outside the list may be: they share `other_prior`.
     """
     scores = {name: -0.5 * value / TEMPERATURE for name, value in information.items()}
-    if other is not None:
-        share = OTHER_PRIOR / (1.0 - OTHER_PRIOR) * len(information)
-        scores[OTHER] = -0.5 * other / TEMPERATURE + float(np.log(share))
+    if others:
+        share = other_prior / (1.0 - other_prior) * len(information) / len(others)
+        scores[OTHER] = float(logsumexp(-0.5 * np.asarray(others) / TEMPERATURE) + np.log(share))
     most = max(scores.values())
     weights = {name: float(np.exp(value - most)) for name, value in scores.items()}
     total = sum(weights.values())
@@ -57,14 +61,19 @@ def judge(
     left: Misfit,
     stability: float,
     limits: Sequence[Limit] = (),
+    alternatives: Sequence[Alternative] = (),
+    other_prior: float = OTHER_PRIOR,
 ) -> Verdict:
     """Name a hypothesis that leads, predicts held-out blocks, leaves only noise and has possible values.
 
-    `left` is what the leader leaves; `stability` the share of repetitions that give the same leader. What a leader that
-    cannot be explains, something outside the list does.
+    `left` is what the leader leaves; `stability` the share of repetitions that give the same leader; `alternatives`
+    what may be there in its place; `other_prior` the prior of something outside the list. What a leader that cannot be
+    explains, something outside the list does.
     """
     leader = min(scores, key=lambda score: score.information)
-    chances = probabilities({s.name: s.information for s in scores}, leader.information - left.gain)
+    beside = leader.information - left.gain
+    others = [beside, *(each.information for each in alternatives)]
+    chances = probabilities({s.name: s.information for s in scores}, others, other_prior)
     chances = _shaken(chances, leader.name, stability)
     possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
     if not possible:
@@ -87,13 +96,19 @@ def judge(
         reason="",
     )
     if not adequate:
-        reason = _inadequate(leader, left, chances)
+        reason = _inadequate(leader, left, chances, _instead(alternatives, beside))
         return verdict.model_copy(update={"outcome": "none adequate", "equivalent": (), "reason": reason})
     if chances[leader.name] >= WINNING_PROBABILITY and beaten:
         named = {"winner": leader.name, "outcome": "named", "equivalent": (leader.name,)}
         reason = _won(leader, null, chances, verdict.limits)
         return verdict.model_copy(update={**named, "reason": reason})
-    return verdict.model_copy(update={"reason": _undecided(verdict, leader, beaten)})
+    return verdict.model_copy(update={"reason": _undecided(verdict, leader, beaten, _instead(alternatives, beside))})
+
+
+def _instead(alternatives: Sequence[Alternative], beside: float) -> Alternative | None:
+    """The best of what may be there instead of the leader, where that is likelier than something beside it."""
+    best = min(alternatives, key=lambda each: each.information, default=None)
+    return None if best is None or best.information > beside else best
 
 
 def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
@@ -116,7 +131,9 @@ def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict
     }
 
 
-def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> str:
+def _inadequate(
+    leader: Score, left: Misfit, chances: Mapping[str, float], instead: Alternative | None
+) -> str:
     unlikely = left.errors_p_value < IMPROBABLE_ERRORS
     wrongs = [] if leader.impossible is None else [f"with {leader.impossible}"]
     if unlikely:
@@ -128,6 +145,11 @@ def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float]) -> st
             else "`brv-hypo trace` looks for what else is at work."
         )
         return f"None of the hypotheses is adequate: {leader.name} fits best, but {' and '.join(wrongs)}. {remedy}"
+    if instead is not None:
+        return (
+            f"None of the hypotheses is adequate: {leader.name} fits best of them, and {instead.words} fits better "
+            f"(probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
+        )
     return (
         f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "
         f"which something smooth is left (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
@@ -152,15 +174,16 @@ def _won(
     return f"{leader.name} explains the moments best (probability {chance}){gain}."
 
 
-def _undecided(verdict: Verdict, leader: Score, beaten: bool) -> str:
+def _undecided(verdict: Verdict, leader: Score, beaten: bool, instead: Alternative | None) -> str:
     if not beaten:
         return (
             f"The data do not name one hypothesis: {leader.name} leads on the information criterion, but the baseline "
             "alone predicts the held-out blocks as well or better."
         )
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= STANDING_PROBABILITY else []))
+    other = "something else" if instead is None else f"something else, such as {instead.words},"
     shares = ", ".join(
-        f"{'something else' if name == OTHER else name} {_share(verdict.probability[name])}" for name in names
+        f"{other if name == OTHER else name} {_share(verdict.probability[name])}" for name in names
     )
     return f"The data do not tell these apart: {shares}."
 

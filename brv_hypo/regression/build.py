@@ -17,13 +17,14 @@ from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import whole
+from brv_hypo.regression.force import ForceModel
 from brv_hypo.regression.frame import RateFrame, whiten
 from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
-from brv_hypo.regression.response import ForceModel, LinearisedFlight
+from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import difference
 
 # Residual of the normal force, in units of its median, from which a sample is a spike.

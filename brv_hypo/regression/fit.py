@@ -86,6 +86,15 @@ class HypothesisFit:
         return self.columns[self.baseline_size :]
 
     @property
+    def is_characteristic(self) -> bool:
+        """Whether it holds what tells each mechanism from a mere change of the model's coefficients."""
+        chosen = {(column.mechanism, column.term) for column in self.selected}
+        return all(
+            not mechanism.characteristic or any((mechanism.name, term) in chosen for term in mechanism.characteristic)
+            for mechanism in self.mechanisms
+        )
+
+    @property
     def parameters(self) -> int:
         """Linear coefficients and delays that were fitted."""
         return len(self.columns) + sum(parameter.kind == "theta" for parameter in self.nonlinear)
@@ -182,11 +191,7 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 def renewed(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same columns fitted under the problem's noise model."""
-    known = frozenset(fit.selected)
-    found = _settled(
-        Reduced(problem, fit.frame), fit.name, fit.mechanisms, fit.columns, fit.searched, known
-    )
-    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+    return settled(problem, fit, fit.columns, fit.selected)
 
 
 def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -197,6 +202,15 @@ def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
     return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
+
+
+def settled(
+    problem: Problem, fit: HypothesisFit, columns: tuple[Column, ...], known: tuple[Column, ...]
+) -> HypothesisFit:
+    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
+    reduced = Reduced(problem, fit.frame)
+    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known))
+    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
 
 
 def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

@@ -60,7 +60,7 @@ _ORDINARY: dict[str, Shape] = {
     "stiffness": _power(1),
     "side moment": _power(1, 1j),
     "body-fixed": _harmonic(0, 1),
-    "damping": _rate(1.0),
+    "pitch damping": _rate(1.0),
 }
 _UNUSUAL: dict[str, Shape] = {
     "side offset": _power(0, 1j),
@@ -74,6 +74,11 @@ _SHAPES = {**_ORDINARY, **_UNUSUAL}
 # What moves most vehicles: the noise is what these leave.
 ORDINARY = tuple(_ORDINARY)
 SHAPES = tuple(_SHAPES)
+
+
+def shape_of(name: str, motion: Motion) -> tuple[ComplexArray, ...]:
+    """The components C_N' + i C_Z' (n,) of a shape on a motion, per unit of each coefficient."""
+    return _SHAPES[name](motion)
 
 
 class FreeMoment(Mechanism):
@@ -96,7 +101,7 @@ class FreeMoment(Mechanism):
         splines = self._splines(motion.time)
         return tuple(
             Term(f"{name} {part} {k}", values.real * spline, values.imag * spline)
-            for part, values in enumerate(_SHAPES[name](motion))
+            for part, values in enumerate(shape_of(name, motion))
             for k, spline in enumerate(splines.T)
         )
 
@@ -112,7 +117,7 @@ def free_moment(
 ) -> tuple[RateFrame, tuple[Column, ...]]:
     """The problem's frame with a free moment of these shapes, and that moment's columns."""
     time, motion = problem.frame.time, problem.frame.motions[0]
-    parts = {name: len(_SHAPES[name](motion)) for name in SHAPES}
+    parts = {name: len(shape_of(name, motion)) for name in SHAPES}
     rows = problem.frame.observed.size * 2
     count = int(np.clip(rows / (_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY)), 4, _SPLINES))
     free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count, shapes=shapes)

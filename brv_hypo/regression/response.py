@@ -22,19 +22,16 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import AT_ONCE, STEP
 from brv_hypo.motion.frames import (
     angle_of_attack,
     angle_rates,
     body_from_plane,
-    crossflow,
-    effective,
     windward_meridian,
 )
 from brv_hypo.motion.history import recorded
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel, with_smooth_inputs
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
 from brv_hypo.motion.kept_rows import spacing
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
@@ -51,40 +48,14 @@ from brv_hypo.motion.wind import (
     wind_direction,
 )
 from brv_hypo.regression.channels import Rows
+from brv_hypo.regression.force import ForceModel
+from brv_hypo.regression.wander import nearest_turn, walk_modes, walk_noise, walk_sines, wind_to_body
 
 Moved = TypeVar("Moved")
 
+# Steps of the derivatives by the start's direction and by gravity.
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
-_FEWEST_MODES, _MOST_MODES = 10, 40  # sines; the most bound the time
-# What the sines may leave of the random walk, in standard deviations of alpha.
-_LEFT_OUT = 0.8
-
-
-@dataclass(frozen=True)
-class ForceModel:
-    """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
-
-    The reconstruction's slope, with a parabola in time for what it errs by.
-    """
-
-    slope: FloatArray
-
-    def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
-        """Columns (n, 3) at the crossflow xi (n,)."""
-        return self._normal(record, xi)[:, np.newaxis] * self._parabola
-
-    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
-        """The force (n,) m/s^2 with these coefficients (3,) at the crossflow xi (n,)."""
-        return np.asarray(self._normal(record, xi) * (self._parabola @ values))
-
-    def _normal(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
-        return np.asarray(-record.force_scale * self.slope * effective(xi))
-
-    @cached_property
-    def _parabola(self) -> FloatArray:
-        """Powers of time over the record, from -1 to 1 (n, 3)."""
-        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)
 
 
 @dataclass(frozen=True)
@@ -236,7 +207,7 @@ class LinearisedFlight:
         direction = wind_direction(self.record, self.start)
         turn = wind_to_body(self.record, direction)
         count = walk_modes(self.record, self.reconstruction)
-        walk, noise = _walk(self.record, count), _walk_noise(self.record, count)
+        walk, noise = walk_sines(self.record, count), walk_noise(self.record, count)
         offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
         weights = np.linalg.lstsq(walk, offset, rcond=None)[0]
         derolled = turn * np.exp(1j * self.record.spin_angle)
@@ -323,7 +294,7 @@ class LinearisedFlight:
         moved = replace(
             motion,
             alpha=angle_of_attack(xi),
-            windward_meridian=_near(windward_meridian(xi), motion.windward_meridian),
+            windward_meridian=nearest_turn(windward_meridian(xi), motion.windward_meridian),
             alpha_rate=alpha_rate,
             windward_meridian_rate=meridian_rate,
             p=flight.p,
@@ -363,90 +334,3 @@ def in_batches(
         batch.append(each)
     if batch:
         yield batch
-
-
-def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
-    """How many sines stand for the random walk: what they leave of it is less than alpha's own uncertainty.
-
-    The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
-    """
-    size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
-    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
-    return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
-
-
-def linearisation_point(
-    reconstruction: Reconstruction, config: ReconstructionConfig
-) -> tuple[InertialRecord, Reconstruction]:
-    """The flight with what was found of its errors taken out, and the motion to linearise about.
-
-    The motion has the slow part alone of what the reconstruction lets the attitude wander: the faster part follows
-    errors as they turn with the body, and here those are unknowns of their own.
-    """
-    flight, errors = with_smooth_inputs(reconstruction)
-    record = inertial_record(flight, config)
-    motion = replace(
-        reconstruction.motion,
-        p=flight.p,
-        q=record.transverse_rate.real,
-        r=record.transverse_rate.imag,
-        velocity=flight.velocity,
-        dynamic_pressure=flight.dynamic_pressure,
-    )
-    smooth = replace(reconstruction, flight=flight, motion=motion, input_errors=errors)
-    return record, _without_wander(record, smooth)
-
-
-def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
-    """The reconstruction with its motion propagated from the start, and a slow walk."""
-    motion, start = reconstruction.motion, reconstruction.start
-    direction = wind_direction(record, start)
-    turn, walk = wind_to_body(record, direction), _walk(record, walk_modes(record, reconstruction))
-    open_loop = body_crossflow(record, direction)
-    xi = crossflow(motion.alpha, motion.windward_meridian)
-    slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
-    smooth = open_loop + turn * slow
-    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
-    xi_rate = xi * (growth - 1j * motion.windward_meridian_rate) + np.gradient(smooth - xi, motion.time)
-    alpha_rate, meridian_rate = angle_rates(smooth, xi_rate)
-    moved = replace(
-        motion,
-        alpha=angle_of_attack(smooth),
-        windward_meridian=_near(windward_meridian(smooth), motion.windward_meridian),
-        alpha_rate=alpha_rate,
-        windward_meridian_rate=meridian_rate,
-        history=None,
-    )
-    return replace(reconstruction, motion=recorded(moved))
-
-
-def _near(angle: FloatArray, reference: FloatArray) -> FloatArray:
-    """`angle` moved by whole turns next to `reference`, sample by sample."""
-    return np.asarray(angle + 2.0 * np.pi * np.round((reference - angle) / (2.0 * np.pi)), dtype=float)
-
-
-def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
-    """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-    second, third = (record.to_body(axes) for axes in transverse_axes(direction))
-    turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
-    return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
-
-
-def _walk(record: InertialRecord, count: int) -> FloatArray:
-    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
-    Loeve).
-    """
-    duration = record.time[-1]
-    size = record.gyro_sigma * np.sqrt(duration * record.flight.step)
-    order = np.pi * (np.arange(count) + 0.5)
-    return np.asarray(
-        size * np.sqrt(2.0) / order * np.sin(np.outer(record.time / duration, order)), dtype=float
-    )
-
-
-def _walk_noise(record: InertialRecord, count: int) -> FloatArray:
-    """The gyros' noise (n, count) rad/s of which the sines of `_walk` are the integrals."""
-    duration = record.time[-1]
-    order = np.pi * (np.arange(count) + 0.5)
-    size = record.gyro_sigma * np.sqrt(2.0 * record.flight.step / duration)
-    return np.asarray(size * np.cos(np.outer(record.time / duration, order)), dtype=float)

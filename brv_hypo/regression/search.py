@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from brv_hypo.subset import Chosen, best_columns
 
 Subset = tuple[float, tuple[Column, ...]]
 Search = Callable[..., Sequence[Chosen]]  # with the interface of `best_columns`
+# Intervals into which one between two knots is divided where a single choice is made anew.
+FINER_KNOTS = 4
 # Relative difference up to which two values of a nonlinear parameter are one, found twice (refined at two knots).
 SAME_THETA = 0.1
 
@@ -181,6 +183,23 @@ def extended(
         if subset[1]
     ]
     return (*selected, *min(found, key=_rss)[1]) if found else None
+
+
+def in_place_of(
+    problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism], kept: tuple[Column, ...], size: int
+) -> list[tuple[Column, ...]]:
+    """The model's columns that are kept with so many others: the best two sets of all on offer at finer knots."""
+    places = np.arange(problem.knots.size)
+    finer = np.interp(np.linspace(0, places[-1], FINER_KNOTS * places[-1] + 1), places, problem.knots)
+    offered = offers(replace(problem, knots=finer), frame, mechanisms)
+    reduced = Reduced(problem, frame)
+    found = [
+        subset
+        for offer in _compatible(kept, mechanisms, offered.joint or offered.single)
+        for subset in _factor(reduced, kept, offer).subsets(size, n_best=2)
+        if len(subset[1]) == size
+    ]
+    return [(*kept, *chosen) for _, chosen in sorted(found, key=_rss)[:2]]
 
 
 def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:

@@ -55,12 +55,6 @@ class Candidate:
     effect: RecordEffect | None = None
     explains: float | None = None
 
-    @property
-    def is_characteristic(self) -> bool:
-        """Whether the fit holds what tells the mechanism from a mere change of the model's coefficients."""
-        telling = {name for mechanism in self.fit.mechanisms for name in mechanism.characteristic}
-        return not telling or any(column.term in telling for column in self.fit.selected)
-
 
 def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
     """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds

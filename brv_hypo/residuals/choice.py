@@ -198,7 +198,7 @@ def _ranked(
         (
             k
             for k, candidate in enumerate(ranked)
-            if described.gain > candidate.gain + (NEAR if candidate.is_characteristic else -NEAR)
+            if described.gain > candidate.gain + (NEAR if candidate.fit.is_characteristic else -NEAR)
         ),
         len(ranked),
     )

@@ -31,6 +31,36 @@ def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
     assert said(draw_flight(seed, truth=truth)).winner is None
 
 
+@pytest.mark.parametrize(
+    ("seed", "truth", "grade", "colour"),
+    [
+        (68144, "magnus", "industrial", 0.0),
+        (69174, "vortex", "laboratory", 0.0),
+        (69069, "magnus", "laboratory", 0.61),
+    ],
+)
+def test_a_side_moment_instead_of_sticking_is_found_to_be_one(
+    seed: int, truth: str, grade: str, colour: float
+) -> None:
+    """Steps and delays of sticking follow it; a moment along the crossflow's normal follows it better."""
+    verdict = said(draw_flight(seed, truth=truth, grade=grade, noise=Noise(colour=colour)))
+    assert verdict.outcome == "none adequate"
+    assert "side moment" in verdict.reason
+
+
+@pytest.mark.parametrize(("seed", "grade"), [(68139, "tactical"), (68214, "industrial")])
+def test_a_stiffness_that_follows_mach_number_is_not_named_asymmetric_flow(seed: int, grade: str) -> None:
+    verdict = said(draw_flight(seed, truth="mach_step", grade=grade))
+    assert verdict.winner is None
+    assert "not particular to inplane" in verdict.reason
+
+
+def test_a_search_that_ended_with_two_knots_off_finds_them() -> None:
+    """Ramps had come to stand where jumps were: neither knot alone leads from there to the truth."""
+    made = draw_flight(71140, truth="inplane", grade="tactical", noise=Noise(colour=0.47178061945354866))
+    assert said(made).winner == "inplane"
+
+
 @pytest.mark.parametrize("seed", [49002, 49004, 49006])
 def test_coloured_noise_is_no_mechanism(seed: int) -> None:
     made = draw_flight(seed, truth="none", grade="tactical", noise=Noise(colour=0.85))

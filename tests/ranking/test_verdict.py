@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.ranking.adequacy import Misfit
+from brv_hypo.ranking.alternative import Alternative
 from brv_hypo.ranking.constants import OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.ranking.limits import Limit
 from brv_hypo.ranking.verdict import OTHER, Score, judge, probabilities
@@ -112,6 +113,35 @@ def test_a_winner_beats_none_on_held_out_blocks(blocks: tuple[float, ...]) -> No
     assert "the baseline alone predicts the held-out blocks" in verdict.reason
 
 
+SIDE = "a moment that no mechanism on the list has (side moment from 2.00 s)"
+
+
+def test_what_explains_the_flight_better_than_any_on_the_list_makes_none_adequate() -> None:
+    verdict = judge([NULL, LAG], NOISE, 1.0, alternatives=[Alternative(-110.0, SIDE)])
+    assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "none adequate", ())
+    assert verdict.probability[OTHER] > 0.99
+    assert "lag fits best of them" in verdict.reason
+    assert SIDE in verdict.reason
+
+
+def test_what_explains_the_flight_as_well_as_the_leader_keeps_it_from_being_named() -> None:
+    verdict = judge([NULL, LAG], NOISE, 1.0, alternatives=[Alternative(LAG.information, SIDE)])
+    assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "undecided", ("lag",))
+    assert verdict.probability[OTHER] > 0.2
+    assert SIDE in verdict.reason
+
+
+def test_an_alternative_far_behind_takes_nothing_from_the_leader() -> None:
+    verdict = judge([NULL, LAG], NOISE, 1.0, alternatives=[Alternative(0.0, SIDE)])
+    assert verdict.winner == "lag"
+
+
+def test_something_beside_the_leader_is_told_where_it_is_likelier_than_something_instead() -> None:
+    verdict = judge([NULL, LAG], SOMETHING_LEFT, 1.0, alternatives=[Alternative(LAG.information, SIDE)])
+    assert verdict.outcome == "none adequate"
+    assert "1.60 times the noise" in verdict.reason
+
+
 @given(
     st.lists(st.tuples(CRITERIA, st.floats(1e-12, 1e12), st.floats(1e-12, 1e12)), min_size=1, max_size=6),
     st.floats(-1e3, 1e5),
@@ -143,6 +173,8 @@ def test_probabilities_sum_to_one_and_follow_the_criterion(values: list[float]) 
 
 
 @pytest.mark.parametrize("count", [1, 2, 6])
-def test_other_has_its_prior_where_the_data_say_nothing(count: int) -> None:
-    chances = probabilities({str(i): 5.0 for i in range(count)}, 5.0)
-    assert chances[OTHER] == pytest.approx(OTHER_PRIOR)
+@pytest.mark.parametrize("forms", [1, 2, 3])
+@pytest.mark.parametrize("prior", [OTHER_PRIOR, 0.05, 0.6])
+def test_other_has_its_prior_where_the_data_say_nothing(count: int, forms: int, prior: float) -> None:
+    chances = probabilities({str(i): 5.0 for i in range(count)}, [5.0] * forms, prior)
+    assert chances[OTHER] == pytest.approx(prior)

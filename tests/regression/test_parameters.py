@@ -111,7 +111,7 @@ def own(name: str) -> HypothesisFit:
 def numbers(fit: HypothesisFit) -> list[float]:
     """C_p, BIC, F-ratio and the rest of the criteria, probabilities, coefficients and their errors, delays in s."""
     criteria = criteria_of(problem(), (null(), fit), 6)[1]
-    chances = probabilities({"none": null().information, fit.name: fit.information}, null().information)
+    chances = probabilities({"none": null().information, fit.name: fit.information}, (null().information,))
     delays = [delay for column in fit.selected for delay in column.delays]
     chance = [chances[name] for name in ("none", fit.name, OTHER)]
     values = [*fit.values, *np.sqrt(np.diag(fit.covariance)), *delays, *chance]

@@ -10,7 +10,7 @@ import pytest
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.wind import body_crossflow, wind_direction
-from brv_hypo.regression.response import _walk, _walk_noise, linearisation_point, wind_to_body
+from brv_hypo.regression.wander import linearisation_point, walk_noise, walk_sines, wind_to_body
 from tests.chains import prepared, reconstructed
 
 
@@ -21,12 +21,12 @@ def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: in
     start = point.start
     direction = wind_direction(record, start)
     turn = wind_to_body(record, direction)
-    noise = 1j * turn * _walk_noise(record, order + 1)[:, order]
+    noise = 1j * turn * walk_noise(record, order + 1)[:, order]
     (noisy,) = perturbed(
         record, [replace(record.flight, q=record.flight.q + noise.real, r=record.flight.r + noise.imag)]
     )
     shift = body_crossflow(noisy, wind_direction(noisy, start)) - body_crossflow(record, direction)
-    walk = _walk(record, order + 1)[:, order]
+    walk = walk_sines(record, order + 1)[:, order]
     found = np.vdot(walk, shift * np.conj(turn)) / np.vdot(walk, walk)
     assert found == pytest.approx(-1.0, abs=0.1)
 

@@ -24,8 +24,12 @@ def candidate(
     mechanisms: tuple[Any, ...] = (),
     terms: str = "",
 ) -> Candidate:
+    names = terms.split()
+    told = {term for mechanism in mechanisms for term in mechanism.characteristic}
     fit: Any = SimpleNamespace(
-        mechanisms=mechanisms, selected=[SimpleNamespace(term=term) for term in terms.split()]
+        mechanisms=mechanisms,
+        selected=[SimpleNamespace(term=term) for term in names],
+        is_characteristic=not told or not told.isdisjoint(names),
     )
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
     return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0)

@@ -1,0 +1,51 @@
+"""What outside the list would explain a flight instead of the leader, rather than beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.ranking.constants import OTHER_FLOOR, OUTSIDE
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.unlisted import unlisted_moment
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Something outside the list: its criterion where it explains the flight alone, and what it is in words.
+
+    As beside the leader, what it gains has to be more than it does on sound flights.
+    """
+
+    information: float
+    words: str
+
+
+def alternatives(
+    problem: Problem, hypotheses: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit]
+) -> tuple[Alternative, ...]:
+    """The best moment of shapes that nothing on the list has, and a change that many things bring.
+
+    A leader without a term that is characteristic of it is such a change, and no likelier than that.
+    """
+    leader = likeliest(fits)
+    found = []
+    if not leader.is_characteristic:
+        terms = ", ".join(dict.fromkeys(column.term for column in leader.selected))
+        words = f"a change of {terms} alone, which is not particular to {leader.name}"
+        found.append(Alternative(leader.information, words))
+    listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
+    unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
+    if unlisted is not None:
+        fit = fit_hypothesis(problem, unlisted.name, (unlisted,), leader.information)
+        found.append(Alternative(fit.information + OTHER_FLOOR, _described(fit)))
+    return tuple(found)
+
+
+def _described(fit: HypothesisFit) -> str:
+    shapes = " and ".join(dict.fromkeys(column.term for column in fit.selected))
+    starts = [column.course.start for column in fit.selected if column.course.kind != "constant"]
+    since = f" from {min(starts):.2f} s" if starts else ""
+    return f"a moment that no mechanism on the list has ({shapes}{since})"

@@ -1,0 +1,150 @@
+"""Every hypothesis fitted in one problem, which is linear about the leader."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.adequacy import Misfit, misfit
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.constants import (
+    LINEARISATIONS,
+    LINEARISED_AGAIN,
+    SETTLED,
+    SETTLED_ERRORS,
+    STANDING_PROBABILITY,
+)
+from brv_hypo.ranking.intervals import within_bounds
+from brv_hypo.ranking.preparation import Settings, about, settled
+from brv_hypo.ranking.verdict import OTHER, probabilities
+from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
+from brv_hypo.regression.exchange import exchanged
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    likeliest,
+    renewed,
+    scanned_finely,
+    with_errors,
+)
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.search import on_grid
+
+Progress = Callable[[str], None]
+Hypotheses = Mapping[str, tuple[Mechanism, ...]]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Every hypothesis fitted in a problem; `rss` is what the leader left about which that is linear, if about one."""
+
+    problem: Problem
+    fits: list[HypothesisFit]
+    settings: Settings
+    rss: float = math.inf
+
+    @cached_property
+    def left(self) -> Misfit:
+        """What the leader leaves."""
+        return misfit(self.problem, likeliest(self.fits), next(fit for fit in self.fits if not fit.mechanisms))
+
+
+def searched(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
+) -> Fitted:
+    """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
+    problem, settings = settled(reconstructions, config)
+    found = Fitted(problem, _fitted(problem, hypotheses, say), settings)
+    del problem  # large, and about to be replaced
+    for anew in (True, False):
+        for _ in range(LINEARISATIONS):
+            point = _about_leader(found)
+            if point is None:
+                break
+            say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
+            fits, settings = found.fits, found.settings
+            del found
+            found = _linearised(about(point, reconstructions, settings, config), fits, settings, point)
+        found = _with_errors(found)
+        if not (anew and _something_stands(found, config.other_prior)):
+            break
+        say("searching again where the problem is linear now")
+        found = _searched_again(found, hypotheses, say)
+    return found
+
+
+def _linearised(
+    problem: Problem, fits: Sequence[HypothesisFit], settings: Settings, point: LinearisationPoint
+) -> Fitted:
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie."""
+    at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+    moved = [scanned_finely(problem, renewed(problem, fit)) for fit in at]
+    return Fitted(problem, moved, replace(settings, taken=point.taken), likeliest(fits).rss)
+
+
+def _searched_again(found: Fitted, hypotheses: Hypotheses, say: Progress) -> Fitted:
+    """The likelier of each hypothesis as it was and as the problem about the leader has it, knots exchanged."""
+    fits = found.fits
+    if math.isfinite(found.rss):
+        anew = {fit.name: fit for fit in _fitted(found.problem, hypotheses, say)}
+        fits = [likeliest([fit, anew[fit.name]]) for fit in fits]
+    return replace(found, fits=[exchanged(found.problem, fit) for fit in fits])
+
+
+def _something_stands(found: Fitted, other_prior: float) -> bool:
+    """Whether something outside the list stands beside the leader: a term that was chosen elsewhere may be amiss."""
+    information = {fit.name: fit.information for fit in found.fits}
+    chances = probabilities(information, [likeliest(found.fits).information - found.left.gain], other_prior)
+    return chances[OTHER] >= STANDING_PROBABILITY
+
+
+def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
+    """Every hypothesis searched; the likeliest of a rough search first, so that those without hope can end early."""
+    say("searching on the grid of knots and delays")
+    rough = replace(problem, refine=False, max_terms=problem.exact_terms)
+    grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
+    first = sorted(
+        (fit_hypothesis(rough, *each, grid=grids.get(each[0])) for each in hypotheses.items()),
+        key=lambda fit: fit.information,
+    )
+    problem = _with_efficiency(problem, renewed(problem, likeliest(first)))
+    fits: list[HypothesisFit] = []
+    for each in first:
+        say(f"fitting {each.name}")
+        rival = min((fit.information for fit in fits), default=math.inf)
+        fits.append(fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
+    return fits
+
+
+def _about_leader(found: Fitted) -> LinearisationPoint | None:
+    """The leader's fit, where errors of second order about the last point may show: they would pose as something else.
+
+    What a large moment does to the motion is not small, nor are errors of the record that differ from those about which
+    the problem is linear. None where what the leader leaves has not become less by the last.
+    """
+    leader = likeliest(found.fits)
+    null = next(fit for fit in found.fits if not fit.mechanisms)
+    if leader.rss > found.rss - SETTLED:
+        return None
+    point = point_of(found.problem, leader.frame, leader.columns, leader.mechanisms)
+    far = farthest_apart(found.problem, found.settings.taken, point.taken) >= SETTLED_ERRORS
+    return point if far or null.rss - leader.rss > LINEARISED_AGAIN else None
+
+
+def _with_errors(found: Fitted) -> Fitted:
+    """The fits with the uncertainty of their coefficients, and the problem at the sample size that goes with it."""
+    leader = likeliest(found.fits)
+    anew = {fit.name: renewed(found.problem, fit) for fit in found.fits}
+    problem = _with_efficiency(found.problem, anew[leader.name])
+    return replace(
+        found, problem=problem, fits=[within_bounds(with_errors(problem, fit)) for fit in anew.values()]
+    )
+
+
+def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:
+    """The problem with the effective share of samples that the leader's residual shows."""
+    return replace(problem, efficiency=problem.efficiency_of(leader.residual))

@@ -1,0 +1,41 @@
+"""A fitted hypothesis with the columns of one knot or delay exchanged for the best others, while it gains.
+
+Where two knots are off, each keeps the other where it is: no step of one column from there is an improvement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from brv_hypo.model.columns import Column
+from brv_hypo.regression.fit import HypothesisFit, likeliest, renewed, settled
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.search import in_place_of
+
+# Exchanges at most, of which each gains.
+_EXCHANGES = 2
+
+
+def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The likeliest fit that a sequence of exchanges leads to; the fit itself where none gains.
+
+    Bounds of coefficients are left aside, as they are in the search.
+    """
+    fit = renewed(problem, fit)
+    for _ in range(_EXCHANGES if problem.refine else 0):
+        tried = [
+            settled(problem, fit, (*problem.baseline, *columns), kept)
+            for kept, taken in _without_each(fit.selected)
+            for columns in in_place_of(problem, fit.frame, fit.mechanisms, kept, len(taken))
+        ]
+        if not tried or likeliest(tried).information >= fit.information:
+            break
+        fit = likeliest(tried)
+    return fit
+
+
+def _without_each(selected: Sequence[Column]) -> Iterator[tuple[tuple[Column, ...], tuple[Column, ...]]]:
+    """What is kept and what is taken out, for the columns of each course and delay in turn."""
+    for place in dict.fromkeys((column.mechanism, column.theta, column.course) for column in selected):
+        taken = tuple(c for c in selected if (c.mechanism, c.theta, c.course) == place)
+        yield tuple(column for column in selected if column not in taken), taken

@@ -1,0 +1,107 @@
+"""The motion to linearise about, and what the gyros' white noise lets the attitude wander from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
+from brv_hypo.motion.history import recorded
+from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.inputs import with_smooth_inputs
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.wind import body_crossflow, transverse_axes, wind_direction
+
+_FEWEST_MODES, _MOST_MODES = 10, 40  # sines; the most bound the time
+# What the sines may leave of the random walk, in standard deviations of alpha.
+_LEFT_OUT = 0.8
+
+
+def linearisation_point(
+    reconstruction: Reconstruction, config: ReconstructionConfig
+) -> tuple[InertialRecord, Reconstruction]:
+    """The flight with what was found of its errors taken out, and the motion to linearise about.
+
+    The motion has the slow part alone of what the reconstruction lets the attitude wander: the faster part follows
+    errors as they turn with the body, and here those are unknowns of their own.
+    """
+    flight, errors = with_smooth_inputs(reconstruction)
+    record = inertial_record(flight, config)
+    motion = replace(
+        reconstruction.motion,
+        p=flight.p,
+        q=record.transverse_rate.real,
+        r=record.transverse_rate.imag,
+        velocity=flight.velocity,
+        dynamic_pressure=flight.dynamic_pressure,
+    )
+    smooth = replace(reconstruction, flight=flight, motion=motion, input_errors=errors)
+    return record, _without_wander(record, smooth)
+
+
+def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
+    """The reconstruction with its motion propagated from the start, and a slow walk."""
+    motion, start = reconstruction.motion, reconstruction.start
+    direction = wind_direction(record, start)
+    turn, walk = wind_to_body(record, direction), walk_sines(record, walk_modes(record, reconstruction))
+    open_loop = body_crossflow(record, direction)
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
+    smooth = open_loop + turn * slow
+    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
+    xi_rate = xi * (growth - 1j * motion.windward_meridian_rate) + np.gradient(smooth - xi, motion.time)
+    alpha_rate, meridian_rate = angle_rates(smooth, xi_rate)
+    moved = replace(
+        motion,
+        alpha=angle_of_attack(smooth),
+        windward_meridian=nearest_turn(windward_meridian(smooth), motion.windward_meridian),
+        alpha_rate=alpha_rate,
+        windward_meridian_rate=meridian_rate,
+        history=None,
+    )
+    return replace(reconstruction, motion=recorded(moved))
+
+
+def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
+    """How many sines stand for the random walk: what they leave of it is less than alpha's own uncertainty.
+
+    The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    """
+    size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
+    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
+    return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
+
+
+def walk_sines(record: InertialRecord, count: int) -> FloatArray:
+    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
+    Loeve).
+    """
+    duration = record.time[-1]
+    size = record.gyro_sigma * np.sqrt(duration * record.flight.step)
+    order = np.pi * (np.arange(count) + 0.5)
+    return np.asarray(
+        size * np.sqrt(2.0) / order * np.sin(np.outer(record.time / duration, order)), dtype=float
+    )
+
+
+def walk_noise(record: InertialRecord, count: int) -> FloatArray:
+    """The gyros' noise (n, count) rad/s of which the sines of `walk_sines` are the integrals."""
+    duration = record.time[-1]
+    order = np.pi * (np.arange(count) + 0.5)
+    size = record.gyro_sigma * np.sqrt(2.0 * record.flight.step / duration)
+    return np.asarray(size * np.cos(np.outer(record.time / duration, order)), dtype=float)
+
+
+def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
+    """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
+    second, third = (record.to_body(axes) for axes in transverse_axes(direction))
+    turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
+    return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
+
+
+def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
+    """`angle` moved by whole turns next to `reference`, sample by sample."""
+    return np.asarray(angle + 2.0 * np.pi * np.round((reference - angle) / (2.0 * np.pi)), dtype=float)

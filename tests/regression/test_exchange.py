@@ -1,0 +1,48 @@
+"""Knots that keep one another where they are off, exchanged for better ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.exchange import exchanged
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, settled
+from tests.ranking.pulse import fitted, problem
+
+
+def moved(fit: HypothesisFit, kind: str, shift: float) -> HypothesisFit:
+    """The fit with the columns of its first knot at another time and of another course, the others held."""
+    first = min(column.course.start for column in fit.selected)
+
+    def at(column: Column) -> Column:
+        if column.course.start != first:
+            return column
+        return column.at(column.theta, TimeFunction(kind, first + shift))  # type: ignore[arg-type]
+
+    columns = (*problem().baseline, *(at(column) for column in fit.selected))
+    return settled(replace(problem(), refine=False), fit, columns, columns)
+
+
+@pytest.mark.parametrize("shift", [-0.6, 0.6])
+@pytest.mark.parametrize("name", ["bodyfixed", "damping"])
+def test_a_knot_that_is_off_is_found_again(name: str, shift: float) -> None:
+    best = fitted(name)
+    off = moved(best, "jump", shift)
+    assert off.information > best.information + 10.0
+    assert exchanged(problem(), off).information <= best.information + 1.0
+
+
+@pytest.mark.parametrize("name", ["bodyfixed", "damping", "sticking"])
+def test_the_best_model_stays(name: str) -> None:
+    best = fitted(name)
+    assert exchanged(problem(), best).information <= best.information
+
+
+def test_a_model_of_the_grid_alone_is_left_as_it_is() -> None:
+    """Without refinement there is no better place for a knot."""
+    rough = replace(problem(), refine=False)
+    fit = fit_hypothesis(rough, "damping", fitted("damping").mechanisms)
+    assert exchanged(rough, fit).columns == fit.columns
