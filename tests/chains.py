@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.motion import Reconstruction
+from brv_hypo.motion import Reconstruction, reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.problem import Problem
