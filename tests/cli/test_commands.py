@@ -128,7 +128,7 @@ class TestImport:
         assert not (foreign / "flight.h5").exists()
 
 
-REGRESSION = "mechanisms: [damping]\nmaximum_likelihood: none\n"
+REGRESSION = "mechanisms: [damping]\nmaximum_likelihood: none\nknot_count: 3\nmax_terms: 2\nexact_terms: 2\n"
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,9 @@ def compared(brv_hypo, planted_file, tmp_path_factory):
     """One comparison: the finished process, its JSON and its report."""
     folder = tmp_path_factory.mktemp("compared")
     files = ("--json", folder / "out.json", "--report", folder / "out.html")
-    done = brv_hypo("compare", planted_file, "--mechanisms", "bodyfixed", *files)
+    (folder / "few.yaml").write_text("knot_count: 5")
+    chosen = ("--config", folder / "few.yaml", "--mechanisms", "bodyfixed")
+    done = brv_hypo("compare", planted_file, *chosen, *files)
     assert done.returncode == 0, done.stderr
     return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
 

@@ -34,7 +34,7 @@ from tests.flights import nominal
 def comparison() -> Comparison:
     cone = load_config("research_cone").model_copy(update={"duration": 2.0, "sample_rate": 100.0, "step": 0.01})
     flights = [simulated.flight for simulated in simulate_batch(cone, seeds=(5, 6))]
-    return compare(flights, CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood="none"))
+    return compare(flights, CompareConfig(mechanisms=("bodyfixed",), knot_count=3, maximum_likelihood="none"))
 
 
 @pytest.fixture(scope="module")
