@@ -132,6 +132,7 @@ def test_dynamics_far_too_stiff_for_the_samples_are_called_so() -> None:
     assert all(np.isnan(error) for error in result.std_error.values())
 
 
+@pytest.mark.thorough
 def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh, "MOST_STEPS", 2)
     segment, truth = robertson(np.linspace(0.0, 40.0, 41))

@@ -255,6 +255,7 @@ class TestDrawing:
         ]
         return Chart("two panels", "h", "t", panels, marks=[Mark(0.5, "knot")], spans=[Span(0.1, 0.2)])
 
+    @pytest.mark.thorough
     def test_the_same_chart_gives_the_same_bytes(self, plain) -> None:
         assert drawn(plain, "svg") == drawn(plain, "svg")
         assert drawn(plain, "png").startswith(b"\x89PNG")

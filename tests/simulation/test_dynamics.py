@@ -158,12 +158,12 @@ PLANTS = {
         {"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.3}},
     ),
 }
-QUICK = "jump that sticks"
-"""The plant of every run: a delay and a region that begins between the nodes."""
+THOROUGH = "jump that sticks"
+"""A delay and a region that begins between the nodes."""
 
 
 @pytest.mark.parametrize(
-    "plant", [pytest.param(plant, marks=() if plant == QUICK else pytest.mark.slow) for plant in PLANTS]
+    "plant", [pytest.param(plant, marks=pytest.mark.thorough if plant == THOROUGH else pytest.mark.slow) for plant in PLANTS]
 )
 def test_step_halving_shows_fourth_order(plant: str) -> None:
     """Errors fall sixteenfold, also with delays and with regions that begin between the nodes."""
