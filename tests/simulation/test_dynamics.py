@@ -163,7 +163,8 @@ THOROUGH = "jump that sticks"
 
 
 @pytest.mark.parametrize(
-    "plant", [pytest.param(plant, marks=pytest.mark.thorough if plant == THOROUGH else pytest.mark.slow) for plant in PLANTS]
+    "plant",
+    [pytest.param(plant, marks=pytest.mark.thorough if plant == THOROUGH else pytest.mark.slow) for plant in PLANTS],
 )
 def test_step_halving_shows_fourth_order(plant: str) -> None:
     """Errors fall sixteenfold, also with delays and with regions that begin between the nodes."""
