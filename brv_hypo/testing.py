@@ -1,40 +1,59 @@
 """For plugin authors: the conformance kit, and flights on which a mechanism or an effect is planted and looked for.
 
-    from brv_hypo.testing import MECHANISM_CHECKS, plant, recover
+    from brv_hypo.testing import check_mechanism, plant, recover
 
     def test_is_recovered():
         flown = plant("uneven_ablation", {"k": 0.01})
         assert recover(flown, "uneven_ablation").verdict.winner == "uneven_ablation"
 
-The plugin must be installed, or loaded with `brv_hypo.mechanisms.use_plugin_files`.
+    def test_keeps_the_contract():
+        check_mechanism(UnevenAblation())
+
+To be planted the plugin must be installed, or loaded with `brv_hypo.mechanisms.use_plugin_files`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
-from brv_hypo.mechanisms import RecordEffect, find_installed
+from brv_hypo.mechanisms import Mechanism, RecordEffect, find_installed
 from brv_hypo.mechanisms.conformance import (
     EFFECT_CHECKS,
     MECHANISM_CHECKS,
+    Alias,
+    Nonconformity,
     conformance,
+    renamed,
     sample_flight,
     sample_motion,
 )
+from brv_hypo.mechanisms.conformance.samples import uniform_time
+from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.ranking.preparation import prepare
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
 
 __all__ = [
     "EFFECT_CHECKS",
     "MECHANISM_CHECKS",
+    "Alias",
+    "Nonconformity",
+    "check_mechanism",
     "conformance",
     "plant",
     "plant_effect",
     "recover",
     "recover_effect",
+    "renamed",
     "sample_flight",
     "sample_motion",
 ]
@@ -42,6 +61,31 @@ __all__ = [
 VEHICLE = "research_cone"
 DURATION, SAMPLE_RATE = 4.0, 100.0
 """s and Hz: short enough for a test, long enough to tell a mechanism that matters."""
+OTHER_UNITS = {"s": ("ms", 1e-3), "rad": ("deg", np.pi / 180.0), "1/s": ("1/min", 1.0 / 60.0), "1": ("percent", 0.01)}
+"""What `check_mechanism` measures parameters in, and one of it in their own units."""
+NAMES_APART = 1e-9
+"""What names and units may change of a fit, relatively: its last digits."""
+
+
+def check_mechanism(mechanism: Mechanism, *, vehicle: str = VEHICLE) -> None:
+    """Every check of the conformance kit, and a fit that its parameters' names and units do not change.
+
+    The mechanism need not be installed. Raises Nonconformity with what was found and what is expected.
+    """
+    for check in MECHANISM_CHECKS:
+        check(mechanism)
+    aliases = {
+        parameter.name: Alias(f"{parameter.name} elsewhere", *OTHER_UNITS.get(parameter.units, (parameter.units, 1.0)))
+        for parameter in mechanism.parameters()
+    }
+    own, other = (_fitted(each, vehicle) for each in (mechanism, renamed(mechanism, aliases)))
+    apart = float(np.max(np.abs(other.values - own.values) / np.max(np.abs(own.values))))
+    apart = max(apart, abs(other.rss / own.rss - 1.0))
+    if not apart <= NAMES_APART:
+        raise Nonconformity(
+            f"under other names and units of its parameters the fit differs by {apart:.1e} of itself, expected at most "
+            f"{NAMES_APART:g}. Let `terms` depend on the values in theta alone, each in the units declared for it."
+        )
 
 
 def plant(
@@ -79,7 +123,7 @@ def plant_effect(
     item = find_installed(effect)
     if not isinstance(item, RecordEffect):
         raise UsageError(f"'{effect}' is a mechanism, not an effect on the record: use plant().")
-    flight = simulate({"base": vehicle, **_short(vehicle), "mechanisms": []}, seed=seed).flight
+    flight = _unplanted(vehicle, seed)
     variant = item.variants(flight)[0]
     known = [each.name for each in variant.components(flight)]
     if component not in known:
@@ -91,6 +135,24 @@ def recover_effect(flight: Flight, effect: str, *rivals: str) -> Trace:
     """The trace of a flight that tries an effect and the rivals alone, and discovers nothing of its own."""
     settings = TraceConfig(effects=(effect, *rivals), discover=False, maximum_likelihood=False, max_steps=2)
     return trace(flight, settings)
+
+
+@lru_cache(maxsize=4)
+def _unplanted(vehicle: str, seed: int) -> Flight:
+    return simulate({"base": vehicle, **_short(vehicle), "mechanisms": []}, seed=seed).flight
+
+
+def _fitted(mechanism: Mechanism, vehicle: str) -> HypothesisFit:
+    theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
+    terms = len(mechanism.terms(sample_motion(uniform_time(60)), theta))
+    problem = replace(_problem(vehicle), max_terms=terms, exact_terms=terms)
+    return fit_hypothesis(problem, mechanism.name, (mechanism,))
+
+
+@lru_cache(maxsize=1)
+def _problem(vehicle: str) -> Problem:
+    """The least-squares problem of a flight with nothing planted."""
+    return prepare([reconstruct(_unplanted(vehicle, 1))], CompareConfig(knot_count=2))
 
 
 def _short(vehicle: str) -> dict[str, float]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from functools import cache
 
+from brv_hypo.motion import Reconstruction, reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.ranking.preparation import prepare
+from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
-from tests.flights import SAMPLE_RATE_HZ, STEP_S, nominal
+from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown, nominal
 
 # Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5.
 TRIM = (1e-3, -5e-4)
@@ -31,11 +34,23 @@ def trimmed() -> SimulatedFlight:
 
 @cache
 def traced_trim() -> Trace:
-    """The trace that finds the trim of `trimmed`."""
+    """The trace that adds the trim of `trimmed`."""
     return trace(trimmed().flight, ONE_EFFECT)
 
 
 @cache
+def reconstructed(*plant: str) -> Reconstruction:
+    """The motion of the research cone's flight with that planted."""
+    return reconstruct(flown("research_cone", *plant).flight)
+
+
+@cache
+def prepared(*plant: str, **settings: int) -> Problem:
+    """Its least-squares problem, with those settings of a comparison."""
+    return prepare([reconstructed(*plant)], CompareConfig(**settings))
+
+
+@cache
 def compared_nominal() -> Comparison:
-    """A flight on which nothing is to be found, with `damping` alone and the defaults: likelihood included."""
-    return compare([nominal().flight], CompareConfig(mechanisms=("damping",)))
+    """A flight on which nothing is to be found, with `damping` alone, few knots, and likelihood."""
+    return compare([nominal().flight], CompareConfig(mechanisms=("damping",), knot_count=5))

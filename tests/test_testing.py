@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from brv_hypo import testing
 from brv_hypo.errors import UsageError
-from brv_hypo.testing import plant, plant_effect, recover
+from brv_hypo.mechanisms import Parameter, find
+from brv_hypo.testing import Nonconformity, check_mechanism, plant, plant_effect, recover
 
 
 @pytest.mark.thorough
@@ -31,6 +35,27 @@ def test_a_planted_effect_is_in_the_record() -> None:
         (("gyro_bais", "q", 0.1), "gyro_bias"),
     ],
 )
-def test_what_cannot_be_planted_is_refused(arguments, message) -> None:
+def test_what_cannot_be_planted_is_refused(arguments, message, monkeypatch) -> None:
+    monkeypatch.setattr(testing, "DURATION", 0.5)
     with pytest.raises(UsageError, match=message):
         plant_effect(*arguments)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["sticking", "bodyfixed"])
+def test_a_mechanism_that_keeps_its_contract_passes_every_check(name: str) -> None:
+    check_mechanism(find(name))
+
+
+class Forgetful(find("sticking").__class__):  # type: ignore[misc]
+    """Broken: its delay is not in the unit that it is declared in."""
+
+    name = "forgetful"
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(replace(parameter, units="ms") for parameter in super().parameters())
+
+
+def test_a_delay_in_another_unit_than_declared_is_caught() -> None:
+    with pytest.raises(Nonconformity, match=r"at 'delay' = 0\.45 ms .* 0\.45 s earlier, not 0\.00045 s"):
+        check_mechanism(Forgetful())

@@ -16,7 +16,16 @@ from brv_hypo.flight.derive import derive
 from brv_hypo.flight.faults import RecordFault, mask_faults
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.refusal import naming, refusal
-from brv_hypo.flight.resample import BRIDGED_SECONDS, bridge, joined, longest_gap, regularise, runs
+from brv_hypo.flight.resample import (
+    BRIDGED_SECONDS,
+    bridge,
+    crossed,
+    joined,
+    longest_crossed,
+    longest_gap,
+    regularise,
+    runs,
+)
 from brv_hypo.flight.schema import INERTIAL_CHANNELS, MINIMUM_SAMPLES, Record, VehicleRecord, validated
 from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
 
@@ -42,7 +51,7 @@ def assemble(record: Record) -> Flight:
         channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
         segments, cut_notes = _segments(time, channels)
     first, last = segments[0][0], segments[-1][1]
-    whole, filled = _filled(channels, segments)
+    whole, filled = _filled(float(time[1] - time[0]), channels, segments)
     return Flight(
         time=time[first:last],
         **{name: values[first:last] for name, values in whole.items()},
@@ -172,15 +181,16 @@ def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolA
     )
 
 
-def _filled(channels: Mapping[str, FloatArray], segments: Segments) -> tuple[Channels, list[str]]:
+def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments) -> tuple[Channels, list[str]]:
     """Channels without NaN, by placeholders; a note where an optional one needs them inside a segment."""
     whole: Channels = {}
     notes = []
+    longest = longest_crossed(step, channels["q"], channels["r"])
     for name, values in channels.items():
         inside = sum(int(np.count_nonzero(np.isnan(values[start:stop]))) for start, stop in segments)
         if inside:
-            notes.append(f"{name}: {inside} samples in long gaps are interpolated along straight lines")
-        whole[name] = joined(values)
+            notes.append(f"{name}: {inside} samples in long gaps are interpolated")
+        whole[name] = crossed(values, longest) if name in INERTIAL_CHANNELS else joined(values)
     return whole, notes
 
 

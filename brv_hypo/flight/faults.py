@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.bursts import find_bursts
-from brv_hypo.flight.clock import joint_jumps, stamped_steps
+from brv_hypo.flight.clock import JUMP_FLANK, joint_jumps, stamped_steps
 from brv_hypo.flight.noise import sigma_of_differences
-from brv_hypo.flight.resample import runs
+from brv_hypo.flight.resample import places_with_gaps, runs
 from brv_hypo.flight.spikes import find_spikes
 from brv_hypo.flight.stuck import constant_runs, flat_tops, is_constant
 
@@ -68,15 +68,16 @@ def mask_faults(
     """
     tried = {name: values for name, values in channels.items() if name in TRIED}
     steady, faults = _without_steps(time, tried)
+    places = places_with_gaps(steady, JUMP_FLANK)
     masked = dict(channels)
     dead = _dead(steady, tried)
     for name, values in tried.items():
         if name in dead:
             faults.append(dead[name])
             continue
-        masked[name], found = _mask_channel(name, steady, values)
+        masked[name], found = _mask_channel(name, steady, values, places)
         faults += found
-    faults += _jumps(steady, masked)
+    faults += _jumps(steady, masked, places)
     return steady, masked, tuple(faults)
 
 
@@ -91,10 +92,13 @@ def _without_steps(
     return (steady, faults) if faults else (time, faults)
 
 
-def _jumps(time: FloatArray, channels: Mapping[str, FloatArray]) -> list[RecordFault]:
-    """Places where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count."""
+def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArray) -> list[RecordFault]:
+    """Places where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count.
+
+    Across a gap that the stamps tell of, the motion ran on.
+    """
     despiked = {
-        name: np.where(find_spikes(channels[name]), np.nan, channels[name])
+        name: _spread(np.where(find_spikes(channels[name]), np.nan, channels[name]), places)
         for name in INERTIAL
         if name in channels
     }
@@ -104,7 +108,7 @@ def _jumps(time: FloatArray, channels: Mapping[str, FloatArray]) -> list[RecordF
     )
     return [
         RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, True)
-        for at in joint_jumps(despiked)
+        for at in np.searchsorted(places, joint_jumps(despiked))
     ]
 
 
@@ -139,7 +143,16 @@ def _speed_changes(gauge: str, time: FloatArray, channels: Mapping[str, FloatArr
     return gained > 2.0 * CHANGES * float(np.nanmax(speed))
 
 
-def _mask_channel(name: str, time: FloatArray, values: FloatArray) -> tuple[FloatArray, list[RecordFault]]:
+def _spread(values: FloatArray, places: IntArray) -> FloatArray:
+    """Values (n,) at their places, NaN where samples are missing."""
+    out = np.full(int(places[-1]) + 1, np.nan)
+    out[places] = values
+    return out
+
+
+def _mask_channel(
+    name: str, time: FloatArray, values: FloatArray, places: IntArray
+) -> tuple[FloatArray, list[RecordFault]]:
     """`values` with NaN where the channel is clipped, stuck or in a burst of spikes, and the faults."""
     clipped = flat_tops(values)
     if name in STOP_AT_ZERO:
@@ -152,7 +165,7 @@ def _mask_channel(name: str, time: FloatArray, values: FloatArray) -> tuple[Floa
     kinds = (
         ("clipped", clipped, MOST_CLIPPED, "lies at a limit of its range"),
         ("stuck", stuck, MOST_STUCK, "is stuck"),
-        ("spikes", find_bursts(rest), 1.0, "leaves its course and comes back"),
+        ("spikes", find_bursts(_spread(rest, places))[places], 1.0, "leaves its course and comes back"),
     )
     masked, faults = values, []
     for kind, found, most, words in kinds:

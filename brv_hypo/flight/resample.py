@@ -16,7 +16,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.refusal import refusal
 
 UNIFORM_WITHIN = 0.01
@@ -26,6 +26,9 @@ LARGEST_GROWTH = 50
 BRIDGED_SAMPLES = 5
 BRIDGED_CYCLES = 1.0 / 8.0
 BRIDGED_SECONDS = 1.0
+# Cycles of the transverse motion that a quintic crosses, its flanks as long as the gap, to 1e-3 of the amplitude.
+CROSSED_CYCLES = 1.0 / 8.0
+CROSSED_FLANK, ORDER = 8, 5  # samples on either side at least, and the degree
 
 Channels = dict[str, FloatArray]
 
@@ -58,6 +61,13 @@ def regularise(
     return grid, {name: _placed(values, index, grid.size) for name, values in channels.items()}, (note,)
 
 
+def places_with_gaps(time: FloatArray, longest: int) -> IntArray:
+    """Where each sample (n,) lies on an axis that has a place for what its gaps miss, `longest` at most in each."""
+    steps = np.diff(time) / float(np.median(np.diff(time)))
+    missing = np.where(steps > MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
+    return np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64))))
+
+
 def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
     """`values` (n,) at `time` (n,), gaps of at most `longest` samples filled by a cubic spline."""
     from scipy.interpolate import CubicSpline
@@ -76,9 +86,18 @@ def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
 
 def longest_gap(step: float, q: FloatArray, r: FloatArray) -> int:
     """The longest gap, in samples and at least 1, that may be bridged in the gyros and accelerometers."""
+    return int(np.clip(BRIDGED_CYCLES * _cycle(step, q, r), 1, BRIDGED_SAMPLES))
+
+
+def longest_crossed(step: float, q: FloatArray, r: FloatArray) -> int:
+    """The longest gap, in samples, across which the rates are known well enough to carry the attitude."""
+    return int(min(CROSSED_CYCLES * _cycle(step, q, r), q.size))
+
+
+def _cycle(step: float, q: FloatArray, r: FloatArray) -> float:
+    """Samples of a cycle of the transverse motion."""
     frequency = max(dominant_frequency(q, step), dominant_frequency(r, step))
-    cycle = np.inf if frequency == 0.0 else 1.0 / (frequency * step)
-    return int(np.clip(BRIDGED_CYCLES * cycle, 1, BRIDGED_SAMPLES))
+    return np.inf if frequency == 0.0 else 1.0 / (frequency * step)
 
 
 def runs(chosen: BoolArray) -> tuple[tuple[int, int], ...]:
@@ -91,6 +110,26 @@ def joined(values: FloatArray) -> FloatArray:
     """`values` (n,) with every NaN replaced along straight lines, ends held: placeholders."""
     known = np.flatnonzero(np.isfinite(values))
     return values if known.size == values.size else np.interp(np.arange(values.size), known, values[known])
+
+
+def crossed(values: FloatArray, longest: int) -> FloatArray:
+    """`values` (n,) with placeholders for every NaN: quintics through the samples about gaps of at most `longest`.
+
+    The attitude is carried across a gap by what the rates were in it. As many samples count on either side as are
+    missing, eight at least, so that their noise hardly shows; longer gaps are replaced along straight lines.
+    """
+    whole = joined(values)
+    missing = np.isnan(values)
+    for start, stop in runs(missing):
+        flank = max(CROSSED_FLANK, stop - start)
+        about = np.arange(max(0, start - flank), min(values.size, stop + flank))
+        known = about[~missing[about]]
+        if stop - start > longest or np.sum(known < start) <= ORDER or np.sum(known >= stop) <= ORDER:
+            continue
+        middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + flank
+        course = np.polynomial.Polynomial.fit((known - middle) / reach, values[known], ORDER)
+        whole[start:stop] = course((np.arange(start, stop) - middle) / reach)
+    return whole
 
 
 def _resampled(

@@ -190,7 +190,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         covariance=_covariance(found, terms),
         terms=terms,
         nonlinear=tuple(
-            estimate(mover.name, mover.units, label)
+            estimate(mover.name, mover.units, label, 1.0 / mover.scale)
             for mover, label in zip(
                 structure.movers, unique([mover.label for mover in structure.movers]), strict=True
             )

@@ -53,7 +53,7 @@ def knots_of(columns: Sequence[Column]) -> list[float]:
 
 def delays_of(columns: Sequence[Column]) -> tuple[float, ...]:
     """The delays (s) in a model."""
-    return tuple(sorted({column.delay for column in columns if column.delay}))
+    return tuple(sorted({delay for column in columns for delay in column.delays if delay}))
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,10 @@ Kind = Literal["theta", "start", "stop"]
 
 @dataclass(frozen=True)
 class Mover:
-    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
+    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s).
+
+    `value` and `bounds` are `scale` times those in `units`: delays are estimated in s.
+    """
 
     name: str
     kind: Kind
@@ -31,6 +34,7 @@ class Mover:
     units: str
     is_delay: bool
     columns: tuple[int, ...]
+    scale: float = 1.0
 
     @property
     def label(self) -> str:
@@ -145,16 +149,26 @@ def _mover(
         name = f"{mechanism.name} {kind} {value:.6g} s"
         return Mover(name, kind, "", mechanism.name, value, span, "s", False, columns)
     parameter = next(p for p in mechanism.parameters() if p.name == theta)
-    low, high = min(parameter.bounds[0], value), max(parameter.bounds[1], value)
+    scale = parameter.seconds if parameter.is_delay else 1.0
+    bounds = (scale * min(parameter.bounds[0], value), scale * max(parameter.bounds[1], value))
     name = f"{mechanism.name} {theta} {value:.6g}"
     return Mover(
-        name, kind, theta, mechanism.name, value, (low, high), parameter.units, parameter.is_delay, columns
+        name,
+        kind,
+        theta,
+        mechanism.name,
+        scale * value,
+        bounds,
+        parameter.units,
+        parameter.is_delay,
+        columns,
+        scale,
     )
 
 
 def _moved(column: Column, mover: Mover, value: float) -> Column:
     if mover.kind == "theta":
-        theta = tuple((key, value if key == mover.theta else old) for key, old in column.theta)
+        theta = tuple((key, value / mover.scale if key == mover.theta else old) for key, old in column.theta)
         return replace(column, theta=theta)
     if mover.kind == "start":
         return replace(column, course=replace(column.course, start=value))

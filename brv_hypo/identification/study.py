@@ -22,7 +22,7 @@ from brv_hypo.identification.record_errors import tolerated_mechanisms
 from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.mechanisms import find, record_effects
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column, delay_name
+from brv_hypo.model.columns import Column, delays_among
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
@@ -174,9 +174,9 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
         assert item.stop is not None
         theta = tuple((name, value + delay_error) for name, value in item.theta.items())
         course = TimeFunction(item.kind, item.start, item.stop)
-        delay = delay_name(mechanisms[item.mechanism])
+        late_by = delays_among(mechanisms[item.mechanism].parameters())
         columns += [
-            Column(item.mechanism, name, theta, course, "1", len(item.terms) > 1, delay) for name in item.terms
+            Column(item.mechanism, name, theta, course, "1", len(item.terms) > 1, late_by) for name in item.terms
         ]
         coefficients += list(item.terms.values())
         moved |= {"start": item.start, "stop": item.stop, **item.theta}

@@ -79,7 +79,8 @@ class ModelProblem:
             past: tuple[Any, ...] = ()
             if self.delays:
                 past = ({name: _past(x, u, k - shift) for name, shift in lag.items()},)
-            return np.asarray(self.dynamics(state[:, None], inputs[:, None], self.truth, fine[:1], *past))[:, 0]
+            # One sample as scalars: NumPy takes several times as long over arrays of one.
+            return np.asarray(self.dynamics(state, inputs, self.truth, fine[0], *past), dtype=float)
 
         for k in range(fine.size - 1):
             now = x[:, k]
@@ -225,7 +226,7 @@ def _past(x: FloatArray, u: FloatArray, k: float) -> Any:
 
     low = max(int(np.floor(k)), 0)
     high = max(int(np.ceil(k)), 0)
-    return Delayed(0.5 * (x[:, low] + x[:, high])[:, None], 0.5 * (u[:, low] + u[:, high])[:, None])
+    return Delayed(0.5 * (x[:, low] + x[:, high]), 0.5 * (u[:, low] + u[:, high]))
 
 
 def _elevator(t: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.flight.units import to_si
 from brv_hypo.motion.motion import Motion
 
 TimeVariation = Literal["constant", "jump", "ramp"]
@@ -24,7 +25,10 @@ TimeVariation = Literal["constant", "jump", "ramp"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`."""
+    """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`, both in `units`.
+
+    `name` and `units` are the mechanism's own affair; `is_delay` says that `terms` asks for the motion so much earlier.
+    """
 
     name: str
     units: str
@@ -32,6 +36,11 @@ class Parameter:
     bounds: tuple[float, float]
     meaning: str
     is_delay: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """Seconds in one of its units; raises FlightRecordError where that is no unit of time."""
+        return float(to_si(1.0, self.units, "time", self.name))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -101,9 +101,14 @@ def _entry_points() -> list[EntryPoint]:
 
 def _distribution(point: EntryPoint) -> tuple[str, str]:
     """Name and version of what brought the entry point."""
-    if point.dist is None:
-        return point.module, ""
-    return point.dist.metadata["Name"], point.dist.version
+    return (point.module, "") if point.dist is None else _name_and_version(point.dist)
+
+
+@lru_cache(maxsize=64)
+def _name_and_version(distribution: Distribution) -> tuple[str, str]:
+    """As the distribution's metadata say, which are read anew each time that they are asked for."""
+    metadata = distribution.metadata
+    return metadata["Name"], metadata["Version"]
 
 
 def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:

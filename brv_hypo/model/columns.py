@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, Parameter
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 
@@ -20,8 +20,8 @@ Theta = tuple[tuple[str, float], ...]
 class Column:
     """One candidate: a term of a mechanism at theta, with a course in time.
 
-    `tied`: the terms of this course are components of one vector and enter together. `delay_name`: which parameter of
-    theta the mechanism declares to be a delay. `flight`: the one flight of several that it acts on; None for all.
+    `tied`: the terms of this course are components of one vector and enter together. `late_by`: those parameters of
+    theta that the mechanism declares to be delays. `flight`: the one flight of several that it acts on; None for all.
     """
 
     mechanism: str
@@ -30,7 +30,7 @@ class Column:
     course: TimeFunction
     units: str
     tied: bool = False
-    delay_name: str | None = field(default=None, compare=False)
+    late_by: tuple[Parameter, ...] = field(default=(), compare=False)
     flight: int | None = None
 
     @property
@@ -50,13 +50,19 @@ class Column:
     def at(self, theta: Theta, course: TimeFunction) -> Column:
         """The column at another theta, or with another course."""
         return Column(
-            self.mechanism, self.term, theta, course, self.units, self.tied, self.delay_name, self.flight
+            self.mechanism, self.term, theta, course, self.units, self.tied, self.late_by, self.flight
         )
 
     @property
+    def delays(self) -> tuple[float, ...]:
+        """The delays of the term, s."""
+        theta = dict(self.theta)
+        return tuple(theta[late.name] * late.seconds for late in self.late_by if late.name in theta)
+
+    @property
     def delay(self) -> float | None:
-        """The delay of the term in s, None where it has none."""
-        return None if self.delay_name is None else dict(self.theta).get(self.delay_name)
+        """The delay of the term in s, the first where there are several; None where it has none."""
+        return next(iter(self.delays), None)
 
     @property
     def label(self) -> str:
@@ -66,9 +72,9 @@ class Column:
         return f"{self.course.kind} in {self.term}"
 
 
-def delay_name(mechanism: Mechanism) -> str | None:
-    """The parameter of the mechanism that is a delay, the first where there are several; None where none is."""
-    return next((parameter.name for parameter in mechanism.parameters() if parameter.is_delay), None)
+def delays_among(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """Those that are delays."""
+    return tuple(parameter for parameter in parameters if parameter.is_delay)
 
 
 def default_knots(start: float, stop: float, count: int) -> FloatArray:
@@ -104,10 +110,10 @@ def candidates(
 ) -> tuple[Column, ...]:
     """All columns of a mechanism: theta x course x term; the motion tells only which terms there are."""
     terms = [(term.name, term.units) for term in mechanism.terms(motion, dict(thetas[0]))]
-    delay = delay_name(mechanism)
+    late_by = delays_among(mechanism.parameters())
     return tuple(
         Column(
-            mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together, delay
+            mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together, late_by
         )
         for theta in thetas
         for course in courses(mechanism, knots)

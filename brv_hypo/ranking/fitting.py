@@ -19,7 +19,7 @@ from brv_hypo.ranking.constants import (
     STANDING_PROBABILITY,
 )
 from brv_hypo.ranking.intervals import within_bounds
-from brv_hypo.ranking.preparation import Settings, about, settled
+from brv_hypo.ranking.preparation import Settings, about, cleaned, settled
 from brv_hypo.ranking.verdict import OTHER, probabilities
 from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
 from brv_hypo.regression.exchange import exchanged
@@ -63,12 +63,13 @@ def searched(
     for anew in (True, False):
         for _ in range(LINEARISATIONS):
             point = _about_leader(found)
-            if point is None:
+            motions = None if point is None else cleaned(point, reconstructions, found.settings)
+            if point is None or motions is None:
                 break
             say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
             fits, settings = found.fits, found.settings
             del found
-            found = _linearised(about(point, reconstructions, settings, config), fits, settings, point)
+            found = _linearised(about(point, motions, settings, config), fits, settings, point)
         found = _with_errors(found)
         if not (anew and _something_stands(found, config.other_prior)):
             break

@@ -72,9 +72,13 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     settings = Settings(tuple(ReconstructionConfig(method=config.method) for _ in reconstructions))
     problem = _problem(reconstructions, settings, config)
     settings, found = replace(settings, static=_static_of(problem)), errors_found(problem)
+    taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
     for _ in range(MOST_LINEARISATIONS):
-        taken = found
-        problem = about(baseline_point(problem, taken), reconstructions, settings, config)
+        point = baseline_point(problem, found)
+        motions = cleaned(point, reconstructions, settings)
+        if motions is None:
+            break
+        taken, problem = found, about(point, motions, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
         if heard == settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
             break
@@ -106,18 +110,27 @@ def _static_of(problem: Problem) -> StaticMoment:
     return static
 
 
+def cleaned(
+    point: LinearisationPoint, reconstructions: Sequence[Reconstruction], settings: Settings
+) -> list[Reconstruction] | None:
+    """The motion of the records without the errors of a linearisation point; None where a record has none left."""
+    try:
+        return [
+            reconstruct(without(rec.flight, errors), setting, rec if _plain(setting) else None)
+            for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
+        ]
+    except UnanswerableError:
+        return None
+
+
 def about(
     point: LinearisationPoint,
     reconstructions: Sequence[Reconstruction],
     settings: Settings,
     config: CompareConfig,
 ) -> Problem:
-    """The problem of the records without the errors of a linearisation point, under the noise that they have."""
-    cleaned = [
-        reconstruct(without(rec.flight, errors), setting, rec if _plain(setting) else None)
-        for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
-    ]
-    problem = _problem(cleaned, settings, config, point)
+    """The problem of records, those of `cleaned`, at a linearisation point, under the noise that they have."""
+    problem = _problem(reconstructions, settings, config, point)
     return problem.under(settled_noise(problem))
 
 

@@ -97,7 +97,7 @@ def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Column, ...]
     """Every term of mechanisms whose courses leave nothing to choose."""
     motion, always = seen.reconstructions[0].motion, TimeFunction("constant")
     return tuple(
-        Column(m.name, term.name, (), always, term.units, m.terms_enter_together, None, flight)
+        Column(m.name, term.name, (), always, term.units, m.terms_enter_together, flight=flight)
         for m in mechanisms
         for flight in _flights_with_own(m, seen)
         for term in m.terms(motion, {})

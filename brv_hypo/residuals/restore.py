@@ -17,7 +17,7 @@ from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_o
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.aero_table import TableSlope
 from brv_hypo.model.baseline import StaticMoment
-from brv_hypo.model.columns import Column, delay_name
+from brv_hypo.model.columns import Column, delays_among
 from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.residuals.baseline import TOLERATED, start_model
@@ -163,7 +163,7 @@ def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
         TimeFunction(column.kind, start, stop),
         column.units,
         column.tied,
-        delay_name(mechanism),
+        delays_among(mechanism.parameters()),
         column.flight,
     )
 

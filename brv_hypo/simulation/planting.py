@@ -12,6 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.columns import delays_among
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
@@ -46,8 +47,9 @@ class Planted:
 
     def delays(self) -> FloatArray:
         """The delays (s) among theta, every flight's."""
-        names = [parameter.name for parameter in self.mechanism.parameters() if parameter.is_delay]
-        return np.unique(np.concatenate([np.zeros(0), *(np.ravel(self.theta[name]) for name in names)]))
+        late_by = delays_among(self.mechanism.parameters())
+        found = [np.ravel(self.theta[parameter.name]) * parameter.seconds for parameter in late_by]
+        return np.unique(np.concatenate([np.zeros(0), *found]))
 
 
 def planted(configs: Sequence[SimulationConfig]) -> tuple[Planted, ...]:

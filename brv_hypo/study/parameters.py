@@ -44,7 +44,7 @@ def _thetas(
     for name, truth in entry.theta.items():
         found = [item for item in fitted.derived if item.name == f"{entry.mechanism} {name}"]
         if declared[name].is_delay and leading is not None and leading.delay_s is not None:
-            delay = leading.delay_s
+            delay = leading.delay_s / declared[name].seconds
             found.sort(key=lambda item: abs(item.value - delay))
         item = found[0] if found else None
         yield Estimate(

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sound = _faults_of(record)
         alarms.append(bool(sound))
         for fault in planted_faults():
-            if _shows(record, fault.channels):
+            if shows(record, fault.channels):
                 random = np.random.default_rng([options.seed, number])
                 found = _faults_of(fault.spoil(record, random))
                 named.setdefault(fault.name, []).append(fault.named_by(found))
@@ -86,7 +86,7 @@ def _faults_of(record: Record) -> Sequence[RecordFault]:
         return ()
 
 
-def _shows(record: Record, channels: Sequence[str]) -> bool:
+def shows(record: Record, channels: Sequence[str]) -> bool:
     """Whether the signal of each channel stands out of its noise and of an industrial bias."""
     bias = {"p": 0.0035, "q": 0.0035, "r": 0.0035, "ax": 0.05, "ay": 0.05, "az": 0.05}
     return all(

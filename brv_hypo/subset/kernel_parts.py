@@ -26,7 +26,16 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def compiled(function: Function) -> Function:
     """Compile on first call, keep on disk, run without the interpreter lock."""
-    return cast(Function, njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function))
+    return _compile(function)
+
+
+def compiled_part(function: Function) -> Function:
+    """The same for what compiled functions alone call: a wrapper for Python would take as long again to compile."""
+    return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def _compile(function: Function, **wrappers: Any) -> Function:
+    return cast(Function, njit(cache=True, nogil=True, fastmath=True, error_model="numpy", **wrappers)(function))
 
 
 class Work(NamedTuple):
@@ -65,7 +74,7 @@ class Work(NamedTuple):
     slack: float
 
 
-@compiled
+@compiled_part
 def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
     """Largest number t of further columns for which a subset may still get under its limit.
 
@@ -85,7 +94,7 @@ def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
     return 0
 
 
-@compiled
+@compiled_part
 def record(w: Work, size: int, a: Any, b: Any) -> None:
     """Note the chosen columns, with up to two more, as a subset to be looked at."""
     row = w.hits[w.state[HITS]]
@@ -102,7 +111,7 @@ def record(w: Work, size: int, a: Any, b: Any) -> None:
         w.state[HITS] += 1
 
 
-@compiled
+@compiled_part
 def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
     for i in range(1, size + 1):
         v = row[i]
@@ -117,7 +126,7 @@ def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
     return True
 
 
-@compiled
+@compiled_part
 def score(
     w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any
 ) -> None:
@@ -152,7 +161,7 @@ def score(
                     record(w, size, ids[i], ids[k])
 
 
-@compiled
+@compiled_part
 def implied(w: Work, ids: Any, m: int) -> tuple[int, int]:
     """First undecided column that the rules force, as (position, INCLUDED or DROPPED); (-1, 0) for none."""
     for i in range(m):
@@ -168,7 +177,7 @@ def implied(w: Work, ids: Any, m: int) -> tuple[int, int]:
     return -1, 0
 
 
-@compiled
+@compiled_part
 def mark_dropped(w: Work, label: int, level: int) -> None:
     """Note a drop made at a level, so that leaving the level undoes it."""
     w.status[label] = DROPPED
@@ -177,7 +186,7 @@ def mark_dropped(w: Work, label: int, level: int) -> None:
     w.state[TRAIL] += 1
 
 
-@compiled
+@compiled_part
 def leave(w: Work, level: int) -> None:
     """Undo the drops made at a level and the inclusion that led to it."""
     while w.state[TRAIL] > 0 and w.trail[w.state[TRAIL] - 1, 1] == level:

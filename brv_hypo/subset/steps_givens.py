@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from brv_hypo.subset.kernel_parts import Work, compiled, score
+from brv_hypo.subset.kernel_parts import Work, compiled_part, score
 
 
-@compiled
+@compiled_part
 def rises(w: Work, level: int, m: int, out: Any) -> None:
     """Rise of the bound on dropping each undecided column, from the rows of R^-1."""
     R, z, V = w.A[level], w.x[level], w.B[0]
@@ -33,7 +33,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
         out[i] = beta * beta / norm
 
 
-@compiled
+@compiled_part
 def drop(w: Work, level: int, j: int) -> None:
     """Strike column j and restore the triangle by rotations of neighbouring rows."""
     R, z, ids, carry = w.A[level], w.x[level], w.ids[level], w.scratch[4]
@@ -59,7 +59,7 @@ def drop(w: Work, level: int, j: int) -> None:
     w.bound[level] += carry_z * carry_z
 
 
-@compiled
+@compiled_part
 def include(w: Work, level: int, j: int) -> None:
     """Rotate column j to the front; what lies below its row is the next level."""
     R, z, ids, carry = w.A[level], w.x[level], w.ids[level], w.scratch[4]
@@ -89,7 +89,7 @@ def include(w: Work, level: int, j: int) -> None:
     w.rss[level + 1] = w.rss[level] - carry_z * carry_z
 
 
-@compiled
+@compiled_part
 def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Score the singles, and the pairs, of a node: S = R'R is formed here only."""
     R, z, S = w.A[level], w.x[level], w.B[1]

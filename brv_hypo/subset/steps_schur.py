@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from brv_hypo.subset.kernel_parts import NONE, PAIRS, Work, compiled, record, score
+from brv_hypo.subset.kernel_parts import NONE, PAIRS, Work, compiled_part, record, score
 
 
-@compiled
+@compiled_part
 def rises(w: Work, level: int, m: int, out: Any) -> None:
     """Rise of the bound on dropping each undecided column: beta^2 / H_jj."""
     H = w.B[level] if w.owns[level] else w.B[level - 1]
@@ -21,7 +21,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
         out[i] = beta[i] * beta[i] / H[i, i]
 
 
-@compiled
+@compiled_part
 def place(w: Work, level: int, j: int, m: int) -> int:
     """Move the column to branch on to the last place."""
     S, H, c, beta, ids = w.A[level], w.B[level], w.x[level], w.beta[level], w.ids[level]
@@ -42,7 +42,7 @@ def place(w: Work, level: int, j: int, m: int) -> int:
     return last
 
 
-@compiled
+@compiled_part
 def drop(w: Work, level: int, last: int) -> None:
     """Drop the last column: a rank-one step on H, S as it stands."""
     H, beta = w.B[level], w.beta[level]
@@ -50,7 +50,7 @@ def drop(w: Work, level: int, last: int) -> None:
     _downdate(H, beta, H, beta, last)
 
 
-@compiled
+@compiled_part
 def include(w: Work, level: int, last: int) -> None:
     """Include the last column: a rank-one step on S into the next level, H as it stands."""
     S, c = w.A[level], w.x[level]
@@ -61,7 +61,7 @@ def include(w: Work, level: int, last: int) -> None:
         w.ids[level + 1, i] = w.ids[level, i]
 
 
-@compiled
+@compiled_part
 def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Score the singles, and the pairs, of a node."""
     S = w.A[level]
@@ -72,7 +72,7 @@ def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     score(w, S, p, d, w.x[level], w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
 
 
-@compiled
+@compiled_part
 def score_child(w: Work, level: int, last: int, limits: Any) -> None:
     """Include the last column and score the singles and pairs beside it, without writing the child down."""
     S, c, ids = w.A[level], w.x[level], w.ids[level]
@@ -92,7 +92,7 @@ def score_child(w: Work, level: int, last: int, limits: Any) -> None:
     score(w, S, p, d, e, ids, last, size + 1, PAIRS, rss, limits)
 
 
-@compiled
+@compiled_part
 def _swap(M: Any, j: int, last: int) -> None:
     """Exchange rows and columns j and last of a symmetric matrix held in its lower triangle."""
     for k in range(j):
@@ -102,7 +102,7 @@ def _swap(M: Any, j: int, last: int) -> None:
     M[j, j], M[last, last] = M[last, last], M[j, j]
 
 
-@compiled
+@compiled_part
 def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
     """Schur complement on the last row: out = M - q q' / q_last, out_v = v - q v_last / q_last."""
     pivot = M[last]

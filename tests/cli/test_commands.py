@@ -29,11 +29,16 @@ def planted(brv_hypo, tmp_path_factory):
     return done, folder / "f.h5"
 
 
+@pytest.fixture(scope="module")
+def planted_file(planted):
+    return planted[1]
+
+
 class TestSimulate:
-    def test_writes_a_record_with_its_truth(self, simulated_file):
-        flight = load_flight(simulated_file)
+    def test_writes_a_record_with_its_truth(self, planted_file):
+        flight = load_flight(planted_file)
         assert flight.samples == 301
-        assert load_truth(simulated_file)["planted"] == "sticking"
+        assert load_truth(planted_file)["planted"] == "bodyfixed"
 
     def test_the_seed_makes_the_flight(self, brv_hypo, brief_config, tmp_path):
         for name, seed in (("first.h5", 4), ("same.h5", 4), ("other.h5", 5)):
@@ -123,7 +128,7 @@ class TestImport:
         assert not (foreign / "flight.h5").exists()
 
 
-REGRESSION = "mechanisms: [damping]\nmaximum_likelihood: none\n"
+REGRESSION = "mechanisms: [damping]\nmaximum_likelihood: none\nknot_count: 3\nmax_terms: 2\nexact_terms: 2\n"
 
 
 @pytest.fixture(scope="module")
@@ -135,11 +140,13 @@ def regression(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def compared(brv_hypo, planted, tmp_path_factory):
+def compared(brv_hypo, planted_file, tmp_path_factory):
     """One comparison: the finished process, its JSON and its report."""
     folder = tmp_path_factory.mktemp("compared")
     files = ("--json", folder / "out.json", "--report", folder / "out.html")
-    done = brv_hypo("compare", planted[1], "--mechanisms", "bodyfixed", *files)
+    (folder / "few.yaml").write_text("knot_count: 5")
+    chosen = ("--config", folder / "few.yaml", "--mechanisms", "bodyfixed")
+    done = brv_hypo("compare", planted_file, *chosen, *files)
     assert done.returncode == 0, done.stderr
     return done, strict_json((folder / "out.json").read_text()), (folder / "out.html").read_text()
 
@@ -262,28 +269,28 @@ class TestMechanisms:
 
 
 class TestReconstruct:
-    def test_writes_the_histories_with_their_units(self, brv_hypo, simulated_file, tmp_path):
-        done = brv_hypo("reconstruct", simulated_file, "-o", "motion.h5", cwd=tmp_path)
+    def test_writes_the_histories_with_their_units(self, brv_hypo, planted_file, tmp_path):
+        done = brv_hypo("reconstruct", planted_file, "-o", "motion.h5", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         written = read_tree(tmp_path / "motion.h5").datasets
         assert written["alpha"].units == "rad"
-        assert written["alpha"].values.shape == load_flight(simulated_file).time.shape
+        assert written["alpha"].values.shape == load_flight(planted_file).time.shape
         assert "windward meridian" in done.stdout
 
     @pytest.mark.parametrize("method", ["joint", "velocity", "rates", "polar"])
-    def test_each_method_can_be_chosen(self, brv_hypo, simulated_file, method):
-        done = brv_hypo("reconstruct", simulated_file, "--method", method, "--json", "-")
+    def test_each_method_can_be_chosen(self, brv_hypo, planted_file, method):
+        done = brv_hypo("reconstruct", planted_file, "--method", method, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert strict_json(done.stdout)["reconstruction"]["method"] == method
 
-    def test_the_report_opens_offline(self, brv_hypo, simulated_file, tmp_path):
-        done = brv_hypo("reconstruct", simulated_file, "--report", "out.html", "-q", cwd=tmp_path)
+    def test_the_report_opens_offline(self, brv_hypo, planted_file, tmp_path):
+        done = brv_hypo("reconstruct", planted_file, "--report", "out.html", "-q", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert (tmp_path / "out.html").read_text().count('class="chart"') == 8
 
-    def test_an_existing_motion_file_is_kept(self, brv_hypo, simulated_file, tmp_path):
+    def test_an_existing_motion_file_is_kept(self, brv_hypo, planted_file, tmp_path):
         (tmp_path / "motion.h5").write_text("mine")
-        assert brv_hypo("reconstruct", simulated_file, "-o", "motion.h5", cwd=tmp_path).returncode == 2
+        assert brv_hypo("reconstruct", planted_file, "-o", "motion.h5", cwd=tmp_path).returncode == 2
         assert (tmp_path / "motion.h5").read_text() == "mine"
 
 

@@ -14,7 +14,9 @@ from tests.flight.records import motion, write_raw
 FORGED = "\x1b[2J\x1b[HVerdict: lag\n╭─ Verdict: lag ─╮"
 
 
-@pytest.mark.parametrize("arguments", [[], ["-q"], ["--json", "-"]])
+@pytest.mark.parametrize(
+    "arguments", [[], *(pytest.param(quiet, marks=pytest.mark.thorough) for quiet in (["-q"], ["--json", "-"]))]
+)
 def test_a_title_cannot_write_on_the_terminal(brv_hypo, tmp_path, arguments):
     path = write_raw(tmp_path / "f.h5", motion())
     with h5py.File(path, "r+") as file:

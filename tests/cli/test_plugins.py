@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-REGRESSION = "maximum_likelihood: none"
+REGRESSION = "maximum_likelihood: none\nknot_count: 3\nmax_terms: 2\nexact_terms: 2\n"
 GOOD = """
 from brv_hypo.mechanisms import Mechanism, Term
 

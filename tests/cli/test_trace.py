@@ -10,6 +10,7 @@ from brv_hypo.cli.session import Session
 from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
 from brv_hypo.residuals import TraceConfig
+from tests.chains import ONE_EFFECT, traced_trim, trimmed
 
 STEP_KEYS = "step residual candidates added error_before error_after error_ratio_held_out"
 RESIDUAL_KEYS = "rms white p_value worst_channel worst_region_s dominant_frequency_hz"
@@ -23,21 +24,35 @@ sample_rate: 100.0
 step: 0.01
 mechanisms: [{mechanism: trim, terms: {C_m0: 1.0e-3, C_n0: -6.0e-4}, kind: constant}]
 """
+CONFIG = "effects: [trim]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
 
 
-@pytest.fixture(scope="module")
-def traced(brv_hypo, tmp_path_factory):
-    """One trace of a flight with a planted trim: the finished process, its JSON and its report."""
+def known(flights, settings, **_):
+    """In the place of `trace`: what it finds in this flight with these settings."""
+    assert [flight.samples for flight in flights] == [trimmed().flight.samples]
+    assert settings == ONE_EFFECT
+    return traced_trim()
+
+
+@pytest.fixture(scope="module", params=["known", pytest.param("found", marks=pytest.mark.thorough)])
+def traced(request, brv_hypo, tmp_path_factory):
+    """The trace of a flight with a planted trim: the finished command, its JSON and its report.
+
+    Of what is known already the command reads flight and settings, and tells it.
+    """
     folder = tmp_path_factory.mktemp("traced")
-    (folder / "config.yaml").write_text(
-        "effects: [trim, gyro_bias]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
-    )
+    (folder / "config.yaml").write_text(CONFIG)
     (folder / "flight.yaml").write_text(FLIGHT)
-    flown = brv_hypo("simulate", folder / "flight.yaml", "-o", folder / "flight.h5")
-    assert flown.returncode == 0, flown.stderr
     files = ("--json", folder / "out.json", "--report", folder / "out.html")
-    done = brv_hypo("trace", folder / "flight.h5", "--config", folder / "config.yaml", *files)
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "known":
+            trimmed().save(folder / "flight.h5")
+            patch.setattr("brv_hypo.residuals.trace", known)
+        else:
+            assert brv_hypo("simulate", folder / "flight.yaml", "-o", folder / "flight.h5").returncode == 0
+        done = brv_hypo("trace", folder / "flight.h5", "--config", folder / "config.yaml", *files)
     assert done.returncode == 0, done.stderr
+    assert request.param == "known" or "Found: trim" in done.stdout
     return done, json.loads((folder / "out.json").read_text()), (folder / "out.html").read_text()
 
 
@@ -73,7 +88,8 @@ def test_instruments_of_a_comparison_are_said_to_be_found_anew(tmp_path, capsys)
 
 
 def test_prints_what_was_added_and_the_error_before_and_after(traced):
-    for expected in ("Step 1", "added trim", "held out", "Found: trim"):
+    found = ", ".join(traced[1]["findings"]) or "nothing"
+    for expected in ("Step 1", "added trim", "held out", f"Found: {found}"):
         assert expected in traced[0].stdout
 
 

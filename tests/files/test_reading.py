@@ -6,7 +6,6 @@ import os
 
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.files import mappings
@@ -14,6 +13,7 @@ from brv_hypo.files.mappings import read_json, read_yaml
 from brv_hypo.files.printed import one_line, printable
 from brv_hypo.files.regular import read_text
 from brv_hypo.flight.csv_table import read_csv
+from tests.texts import texts
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{name}: &{name} [{', '.join([f'*{before}'] * 9)}]\n"
@@ -91,7 +91,7 @@ def test_only_regular_files_are_opened(tmp_path, kind):
         read_text(path, "text", 10, FlightRecordError)
 
 
-@given(st.text())
+@given(texts())
 def test_printable_text_holds_no_control_code_and_is_left_alone_again(text):
     plain = printable(text)
     assert plain == printable(plain)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,13 @@ CLOCK = 5000.0  # s that the second recorder is ahead
 
 def climb(time: Any) -> tuple[Any, Any, Any]:
     """Acceleration m/s^2, speed m/s and altitude m of a vertical climb at `time` (n,) s."""
+    dense, *course = _course()
+    return tuple(np.interp(time, dense, each) for each in course)
+
+
+@cache
+def _course() -> tuple[Any, ...]:
+    """Times, accelerations, speeds and altitudes of the climb, every millisecond."""
     dense = np.arange(-10.0, END + 1.0, 1e-3)
     thrust = np.where((dense >= IGNITION) & (dense < BURNOUT), 70.0, 0.0)
     speed, speeds, pushes = 0.0, [], []
@@ -24,7 +32,7 @@ def climb(time: Any) -> tuple[Any, Any, Any]:
         speed = max(speed + 1e-3 * gained, 0.0)
         speeds.append(speed)
     altitude = SITE + np.cumsum(speeds) * 1e-3
-    return tuple(np.interp(time, dense, each) for each in (pushes, speeds, altitude))
+    return dense, pushes, speeds, altitude
 
 
 def inertial_unit(rate: float = 800.0, seed: int = 0) -> dict[str, Any]:

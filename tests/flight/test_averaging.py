@@ -12,7 +12,8 @@ from brv_hypo.flight import Flight
 from brv_hypo.flight.averaging import MOST_SAMPLES, PER_CYCLE, averaged
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.ranking.benchmark import finer, flights
+from brv_hypo.ranking.benchmark import finer
+from tests.flights import nominal
 
 SAMPLES = 24_001
 
@@ -20,7 +21,7 @@ SAMPLES = 24_001
 @cache
 def fine() -> Flight:
     """More samples than are analysed, at 4 kHz."""
-    return finer(flights([], 1_201, ["none"])["none"], SAMPLES)
+    return finer(nominal().flight, SAMPLES)
 
 
 def test_a_short_record_is_analysed_as_it_is() -> None:

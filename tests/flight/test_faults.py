@@ -105,6 +105,15 @@ def test_samples_lost_without_a_trace_are_found():
     )
 
 
+@pytest.mark.parametrize("lost", [2, 10, 60])
+def test_a_gap_that_the_stamps_tell_of_is_no_fault(lost: int):
+    """Neither a step of the clock, nor are the samples between two gaps a burst."""
+    time, found = channels()
+    missing = np.r_[400 : 400 + lost, 440 + lost : 440 + 2 * lost]
+    kept = np.delete(np.arange(SAMPLES), missing)
+    assert kinds(time[kept], {name: values[kept] for name, values in found.items()}) == kinds(time, found)
+
+
 @pytest.mark.parametrize("within", [0.1, 0.5, 0.9])
 def test_a_kink_of_the_rates_with_a_jump_of_the_forces_is_no_clock_step(within):
     """A moment that sets in: the accelerometers off the centre of gravity jump, the gyros do not."""

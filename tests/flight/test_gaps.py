@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.flight import load_flight, save_flight
-from brv_hypo.flight.resample import BRIDGED_SAMPLES, bridge, longest_gap, regularise
+from brv_hypo.flight.resample import BRIDGED_SAMPLES, bridge, crossed, longest_gap, regularise
 from tests.flight.records import flight, motion, write_raw
 
 
@@ -183,3 +183,20 @@ def test_a_clean_record_has_no_notes(tmp_path: Path) -> None:
         "density derived from dynamic pressure and velocity",
         "reynolds missing and not derived: the planet is mars, and the only atmosphere model is Earth's",
     )
+
+
+@pytest.mark.parametrize("lost", [6, 10, 24])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_the_attitude_is_carried_across_a_gap_by_what_the_rates_were_in_it(lost: int, noise: float) -> None:
+    """The integral over the gap errs by no more than a few samples' noise; along a straight line, by far more."""
+    step, frequency = 0.005, 1.0
+    time = step * np.arange(800)
+    rate = np.sin(2.0 * np.pi * frequency * time + 0.7)
+    measured = rate + noise * np.random.default_rng(lost).standard_normal(time.size)
+    measured[300 : 300 + lost] = np.nan
+    inside = slice(300, 300 + lost)
+    error = step * abs(np.sum(crossed(measured, lost)[inside] - rate[inside]))
+    assert error < step * (1e-3 * lost + 3.0 * noise * np.sqrt(lost))
+    if noise == 0.0:
+        straight = step * abs(np.sum(crossed(measured, lost - 1)[inside] - rate[inside]))
+        assert error < 0.1 * straight

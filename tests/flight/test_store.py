@@ -27,6 +27,7 @@ from brv_hypo.flight import (
     save_flight,
 )
 from tests.flight.records import ACCEPTED, UNITS, VEHICLE, flight, motion, write_raw
+from tests.texts import texts
 
 PINT: Any = pint.UnitRegistry()
 
@@ -193,7 +194,7 @@ def is_compatible(units: str, si: str) -> bool:
     return bool(unit.is_compatible_with(PINT.parse_units(si))) and (si != "rad/s" or holds_angle)
 
 
-@given(st.sampled_from(ONE_PER_CHANNEL), st.text(max_size=8) | st.sampled_from(dir(PINT)))
+@given(st.sampled_from(ONE_PER_CHANNEL), texts(max_size=8) | st.sampled_from(dir(PINT)))
 @settings(deadline=None)
 def test_any_unit_string_is_read_or_refused_by_name(name: str, text: str) -> None:
     units = text.replace("\0", "")

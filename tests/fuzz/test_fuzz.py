@@ -8,8 +8,8 @@ from brv_hypo.files import library
 from tests.fuzz.run import Input, failure_of, inputs
 from tests.fuzz.targets import TARGETS
 
-BATCHES, OF_A_BATCH = 10, 50
-MARKS = ((), pytest.mark.thorough)  # of the first batches; the others are slow
+BATCHES, OF_A_BATCH = 20, 25
+MARKS = ((), *3 * (pytest.mark.thorough,))  # of the first batches; the others are slow
 # By target, the seeds of the operations on its valid input: each ended in a fault, a hang or litter once.
 FOUND: tuple[tuple[str, tuple[int, ...]], ...] = (("record", (126550628,)),)
 

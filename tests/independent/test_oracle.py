@@ -66,6 +66,7 @@ def test_no_rival_does_worse_than_nothing() -> None:
         assert all(0.0 <= rival.two_ln_l <= known.f_ratio * (1.0 + 1e-9) for rival in known.against.values())
 
 
+@pytest.mark.thorough
 def test_gyros_without_noise_are_refused() -> None:
     with pytest.raises(ValueError, match="without noise"):
         judge(make_flight("cone", "inplane", seed=1, noise_factor=0.0))

@@ -47,7 +47,7 @@ def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency
     assert fine.mesh_shift < 0.01 * coarse.mesh_shift
 
 
-@pytest.mark.parametrize("frequency", [4.0, 20.0, 40.0])
+@pytest.mark.parametrize("frequency", [40.0, *(pytest.param(f, marks=pytest.mark.thorough) for f in (4.0, 20.0))])
 def test_the_mesh_is_refined_until_the_estimate_is_right(frequency: float) -> None:
     result, truth = run(frequency)
     assert result.converged, result.message
@@ -132,6 +132,7 @@ def test_dynamics_far_too_stiff_for_the_samples_are_called_so() -> None:
     assert all(np.isnan(error) for error in result.std_error.values())
 
 
+@pytest.mark.thorough
 def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh, "MOST_STEPS", 2)
     segment, truth = robertson(np.linspace(0.0, 40.0, 41))

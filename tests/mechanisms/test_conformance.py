@@ -174,6 +174,38 @@ class OutOfBounds(Sound):
         return (term(motion.alpha ** theta["power"]),)
 
 
+class NamedLikeAKnot(Sound):
+    """Broken: a parameter that is called what times of change are called."""
+
+    def parameters(self):
+        return (Parameter("start", "1", (1.0, 2.0), (1.0, 3.0), "power of alpha"),)
+
+
+class NamedByAPath(Sound):
+    """Broken: a parameter whose name is two in a path."""
+
+    def parameters(self):
+        return (Parameter("a.b", "1", (1.0, 2.0), (1.0, 3.0), "power of alpha"),)
+
+
+class TurningDelay(Sound):
+    """Broken: a delay in a unit of angle."""
+
+    def parameters(self):
+        return (Parameter("tau", "rad", (0.1, 0.2), (0.05, 0.3), "delay", is_delay=True),)
+
+
+class MistimedDelay(Sound):
+    """Broken: a delay that is declared in ms and taken for seconds."""
+
+    def parameters(self):
+        return (Parameter("tau", "ms", (0.1, 0.2), (0.05, 0.3), "delay", is_delay=True),)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term."""
+        return (term(motion.delayed(theta["tau"]).alpha),)
+
+
 class Shifting(Sound):
     """Broken: the name of the term follows theta."""
 
@@ -249,6 +281,10 @@ def test_a_sound_mechanism_passes_every_check():
         (UnflaggedDelay, "flags_its_delays"),
         (FalseDelay, "flags_its_delays"),
         (OutOfBounds, "has_sane_parameters"),
+        (NamedLikeAKnot, "has_sane_parameters"),
+        (NamedByAPath, "has_sane_parameters"),
+        (TurningDelay, "has_sane_parameters"),
+        (MistimedDelay, "flags_its_delays"),
         (LateKnots, "has_sane_knots"),
         (OddVariation, "varies_in_known_ways"),
         (ConstantSigma, "derives_with_uncertainty"),

@@ -2,10 +2,16 @@ from __future__ import annotations
 
 import pytest
 
-from tests.motion.truth import CAPSULE, CONE, SLENDER, Truth, fly
+from tests.motion.truth import SCENARIOS, Truth, fly
+
+
+class Truths(dict[str, Truth]):
+    """By the scenario's name; each is flown when it is first asked for."""
+
+    def __missing__(self, name: str) -> Truth:
+        return fly(next(scenario for scenario in SCENARIOS if scenario.name == name))
 
 
 @pytest.fixture(scope="session")
 def truths() -> dict[str, Truth]:
-    """Each scenario flown once."""
-    return {scenario.name: fly(scenario) for scenario in (CONE, CAPSULE, SLENDER)}
+    return Truths()

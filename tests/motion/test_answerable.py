@@ -30,3 +30,10 @@ def test_a_quiet_flight_is_not_refused() -> None:
     flight = nominal().flight
     quiet = replace(flight, q=flight.q * 1e-3, r=flight.r * 1e-3)
     assert reconstruct(quiet).motion.alpha.size == flight.samples
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_an_attitude_that_runs_away_is_refused_with_its_likely_cause() -> None:
+    flight = nominal().flight
+    with pytest.raises(UnanswerableError, match="runs away from step to step"):
+        reconstruct(replace(flight, ay=1e150 * flight.ay))

@@ -78,7 +78,7 @@ def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None
 @pytest.mark.parametrize(
     "scenario",
     [
-        pytest.param(replace(CONE, roll_rate=20.0, duration=3.0), id="fast roll"),
+        pytest.param(replace(CONE, roll_rate=20.0, duration=3.0), id="fast roll", marks=pytest.mark.thorough),
         pytest.param(replace(CONE, roll_rate=0.2), id="slow roll", marks=pytest.mark.slow),
         pytest.param(replace(CONE, alpha=np.radians(12.0)), id="12 deg", marks=pytest.mark.slow),
         pytest.param(replace(CONE, trim=0.002 + 0.001j), id="trim", marks=pytest.mark.slow),
@@ -143,7 +143,7 @@ def test_what_was_found_of_an_error_is_taken_out_of_the_corrected_flight(truths:
 
 
 def test_a_normal_force_of_nothing_is_replaced_by_the_static_moment() -> None:
-    truth = fly(replace(CONE, normal_slope=0.0))
+    truth = fly(replace(CONE, normal_slope=0.0, duration=2.7))
     result = reconstruct(observe(truth, 2))
     assert result.status == "degraded"
     assert any("static moment was used" in text for text in result.warnings)
@@ -188,6 +188,7 @@ def test_motion_knows_its_past_and_its_static_moment(cone: Reconstruction) -> No
     assert slope == pytest.approx(CONE.static_slope, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_slope_gravity_and_noise_are_found(truths: dict[str, Truth], cone: Reconstruction) -> None:
     assert cone.normal_force_slope == pytest.approx(CONE.normal_slope, rel=1e-3)
     assert cone.gyro_sigma == pytest.approx(CONE.gyro_noise, rel=0.1)

@@ -50,7 +50,7 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
             )
             for n in ("p", "q", "r", "ax", "ay", "az")
         ),
-        (lambda f: replace(f, q=f.r, r=f.q), "q, r", "axes"),
+        pytest.param(lambda f: replace(f, q=f.r, r=f.q), "q, r", "axes", marks=THOROUGH),
         pytest.param(lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes", marks=THOROUGH),
         pytest.param(lambda f: scaled(f, DEGREES, "q"), "q", "units", marks=THOROUGH),
         pytest.param(
@@ -60,7 +60,7 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
             lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units", marks=THOROUGH
         ),
         (lambda f: scaled(f, GRAVITY, "ay"), "ay", "units"),
-        (lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units"),
+        pytest.param(lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units", marks=THOROUGH),
     ],
 )
 def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):

@@ -5,12 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 from brv_hypo.mechanisms import find
-from brv_hypo.motion import reconstruct
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
 from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import SimulatedFlight
+from tests.chains import prepared
 from tests.flights import flown
 
 
@@ -19,10 +17,9 @@ def pulse() -> SimulatedFlight:
     return flown("research_cone", "bodyfixed")
 
 
-@cache
 def problem() -> Problem:
     """Its least-squares problem, for models of few terms."""
-    return prepare([reconstruct(pulse().flight)], CompareConfig(max_terms=4, exact_terms=4))
+    return prepared("bodyfixed", max_terms=4, exact_terms=4)
 
 
 @cache

@@ -15,14 +15,13 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.mechanisms import Mechanism, Term, find
-from brv_hypo.motion import reconstruct
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import simulate
-from tests.chains import compared_nominal
+from tests.chains import compared_nominal, reconstructed
 from tests.flights import nominal
 from tests.shared_data import shared_file
 
@@ -38,6 +37,7 @@ def opportunity() -> Comparison:
 
 
 @pytest.mark.shared
+@pytest.mark.thorough
 def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     """8 Hz, Martian, inertia up to a factor: no hypothesis leaves only noise, whichever fits best."""
     comparison = opportunity
@@ -195,6 +195,7 @@ def test_a_delay_is_refined_by_the_likelihood() -> None:
 
 
 @pytest.mark.shared
+@pytest.mark.thorough
 def test_a_record_with_limits_keeps_to_the_regression_and_says_so(opportunity: Comparison) -> None:
     first = opportunity.ranking[0]
     assert first.ml is None
@@ -213,7 +214,7 @@ def test_a_regression_that_was_asked_for_needs_no_note() -> None:
 @cache
 def few_terms() -> Problem:
     settings = CompareConfig(refine=False, max_terms=2, exact_terms=2, knot_count=3)
-    return prepare([reconstruct(nominal().flight)], settings)
+    return prepare([reconstructed()], settings)
 
 
 class Confident(find("damping").__class__):  # type: ignore[misc]

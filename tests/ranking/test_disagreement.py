@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from brv_hypo.mechanisms import find
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.disagreement import criteria_disagree, stepwise_differences
 from brv_hypo.ranking.result import StepwiseDifference
@@ -60,16 +61,18 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
 
     def best(n_best, method=best_columns):
         course = SimpleNamespace(kind="jump", start=1.5)
-        labels = [SimpleNamespace(label=f"c{j}", course=course, theta=(("delay", 0.1),)) for j in range(4)]
+        labels = [
+            SimpleNamespace(label=f"c{j}", course=course, theta=(("delay", 0.1),), mechanism="lag") for j in range(4)
+        ]
         found = method(X, y, max_terms=2)
         return {len(columns): ((rss, [labels[j] for j in columns]),) for rss, columns in found}
 
     problem, grid = SimpleNamespace(samples=n, efficiency=1.0), SimpleNamespace(best=best)
     null = SimpleNamespace(mechanisms=())
-    fit = SimpleNamespace(name="lag", mechanisms=("lag",), information=0.0, grid=grid)
+    fit = SimpleNamespace(name="lag", mechanisms=(find("lag"),), information=0.0, grid=grid)
     found = {each.size: each for each in stepwise_differences(problem, [null, fit])}
-    assert found[2].best == ("c1 at 1.50 s (delay 0.1)", "c2 at 1.50 s (delay 0.1)")
-    assert "c3 at 1.50 s (delay 0.1)" in found[2].stepwise
+    assert found[2].best == ("c1 at 1.50 s (delay 0.1 s)", "c2 at 1.50 s (delay 0.1 s)")
+    assert "c3 at 1.50 s (delay 0.1 s)" in found[2].stepwise
     assert found[2].rss_ratio > 10.0
 
 

@@ -26,7 +26,7 @@ def moved(fit: HypothesisFit, kind: str, shift: float) -> HypothesisFit:
     return settled(replace(problem(), refine=False), fit, columns, columns)
 
 
-@pytest.mark.parametrize("shift", [-0.6, 0.6])
+@pytest.mark.parametrize("shift", [pytest.param(-0.6, marks=pytest.mark.thorough), 0.6])
 @pytest.mark.parametrize("name", ["bodyfixed", "damping"])
 def test_a_knot_that_is_off_is_found_again(name: str, shift: float) -> None:
     best = fitted(name)
@@ -35,7 +35,7 @@ def test_a_knot_that_is_off_is_found_again(name: str, shift: float) -> None:
     assert exchanged(problem(), off).information <= best.information + 1.0
 
 
-@pytest.mark.parametrize("name", ["bodyfixed", "damping", "sticking"])
+@pytest.mark.parametrize("name", ["bodyfixed", "damping", pytest.param("sticking", marks=pytest.mark.thorough)])
 def test_the_best_model_stays(name: str) -> None:
     best = fitted(name)
     assert exchanged(problem(), best).information <= best.information

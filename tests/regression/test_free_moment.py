@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
-from brv_hypo import reconstruct
 from brv_hypo.model.baseline import StaticMoment
-from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
 from brv_hypo.regression.problem import Problem
-from tests.flights import nominal
+from tests.chains import prepared
 
 
-@cache
 def problem() -> Problem:
-    return prepare([reconstruct(nominal().flight)], CompareConfig())
+    return prepared()
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -16,6 +16,7 @@ from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.problem import Problem
+from tests.chains import prepared
 from tests.flights import USUAL_RATE_HZ, nominal
 
 SEEDS = (1, 2)
@@ -40,10 +41,9 @@ def problem(seed: int) -> Problem:
     return prepare([reconstruct(noisier(nominal(USUAL_RATE_HZ).flight, seed))], CompareConfig())
 
 
-@cache
 def at_half_the_rate() -> Problem:
     """The flight as it is, for what its noise has no part in."""
-    return prepare([reconstruct(nominal().flight)], CompareConfig())
+    return prepared()
 
 
 def carried(found: Nuisances) -> dict[str, int]:

@@ -7,19 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.motion import ReconstructionConfig, reconstruct
+from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.motion.wind import body_crossflow, wind_direction
-from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.wander import linearisation_point, walk_noise, walk_sines, wind_to_body
-from tests.flights import nominal
+from tests.chains import prepared, reconstructed
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: int):
     """Noise of -i w in the rates across the velocity is read as a walk of w less, so that its correction is w."""
-    record, point = linearisation_point(reconstruct(nominal().flight), ReconstructionConfig())
+    record, point = linearisation_point(reconstructed(), ReconstructionConfig())
     start = point.start
     direction = wind_direction(record, start)
     turn = wind_to_body(record, direction)
@@ -34,7 +32,7 @@ def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: in
 
 
 def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
-    problem = prepare([reconstruct(nominal().flight)], CompareConfig(knot_count=3))
+    problem = prepared(knot_count=3)
     rows = problem.rows
     lengths = np.linalg.norm(rows.own_noise, axis=0)
     assert np.all((lengths > 0.1) & (lengths < 1.3))  # the noise's level is found twice, its colour once
@@ -45,7 +43,7 @@ def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
 @pytest.mark.thorough
 def test_what_is_tied_is_known_better():
     """The same coefficients with a walk beside the noise are less certain."""
-    problem = prepare([reconstruct(nominal().flight)], CompareConfig(knot_count=3))
+    problem = prepared(knot_count=3)
     frame, columns = problem.frame, problem.baseline
     tied, loose = (each.whole_design(frame, columns) for each in (problem, problem.untied()))
     place = [column.term for column in columns].index("C_Nalpha")

@@ -9,20 +9,16 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.model.columns import Column
-from brv_hypo.motion import reconstruct
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.search import offers
-from tests.flights import flown
+from tests.chains import prepared
 
 
-@cache
 def problem() -> Problem:
-    return prepare([reconstruct(flown("research_cone", "bodyfixed").flight)], CompareConfig(knot_count=3))
+    return prepared("bodyfixed", knot_count=3)
 
 
 @cache

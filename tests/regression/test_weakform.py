@@ -12,8 +12,7 @@ from scipy.integrate import quad
 
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.weakform import WeakSegment, weak_segments
-from brv_hypo.simulation import simulate
-from tests.flights import nominal
+from tests.flights import flown, nominal
 
 TIME = np.linspace(2.0, 6.0, 401)
 
@@ -57,7 +56,7 @@ def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float,
 )
 def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
     """The white residual is the gyros' own noise: 0.02 deg/s, within what chance allows."""
-    flight = simulate(config, seed=77)
+    flight = flown(config)
     (segment,) = weak_segments(flight.flight, 0)
     truth = np.asarray(flight.truth.C_m) + 1j * np.asarray(flight.truth.C_n)
     predicted = segment.integrate(truth[:, np.newaxis]).plain.at_samples[:, 0]

@@ -4,35 +4,18 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import installed
-from brv_hypo.mechanisms.conformance.effect import EFFECT_CHECKS
-from brv_hypo.mechanisms.conformance.mechanism import MECHANISM_CHECKS
 from brv_hypo.mechanisms.conformance.samples import sample_flight
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import RecordEffect
 
 CONTRACT = {
     "magnus", "cubic_stiffness", "stiffness_asymmetry", "trim", "dynamic_imbalance", "gyro_bias", "gyro_scale",
     "accel_bias", "accel_scale", "accel_position", "time_skew", "wind_step",
 }  # fmt: skip
-AERODYNAMIC = [
-    e.item for e in installed().values() if isinstance(e.item, Mechanism) and e.item.kind == "aerodynamic"
-]
 RECORD = [e.item for e in installed().values() if isinstance(e.item, RecordEffect)]
 
 
 def test_every_effect_of_the_contract_is_installed() -> None:
     assert set(installed()) >= CONTRACT
-
-
-@pytest.mark.parametrize("check", MECHANISM_CHECKS, ids=str)
-@pytest.mark.parametrize("effect", AERODYNAMIC, ids=lambda effect: effect.name)
-def test_aerodynamic_effect_conforms(effect: Mechanism, check) -> None:
-    check(effect)
-
-
-@pytest.mark.parametrize("check", EFFECT_CHECKS, ids=str)
-@pytest.mark.parametrize("effect", RECORD, ids=lambda effect: effect.name)
-def test_record_effect_conforms(effect: RecordEffect, check) -> None:
-    check(effect)
 
 
 @pytest.mark.parametrize("effect", RECORD, ids=lambda effect: effect.name)

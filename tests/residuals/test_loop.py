@@ -41,6 +41,7 @@ def clean() -> Trace:
     return trace(nominal().flight, TraceConfig())
 
 
+@pytest.mark.thorough
 def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
     assert clean.added == ()
     assert clean.stopped in ("white", "nothing significant")
@@ -62,6 +63,7 @@ def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
     assert step.error_after.held_out < 1.2 * result.noise_floor
 
 
+@pytest.mark.thorough
 def test_the_dump_is_the_contracts_json(clean: Trace) -> None:
     content = json.loads(clean.model_dump_json(by_alias=True))
     assert content["schema"] == "brv-hypo/trace/1"

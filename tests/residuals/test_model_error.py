@@ -16,7 +16,7 @@ from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, mechanis
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.residual_moments import ResidualMoments
-from brv_hypo.residuals import Trace, predict
+from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.baseline import start_model
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.linearisation import Seen, see
@@ -150,9 +150,16 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     return load_flight(path)
 
 
-def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(record: Flight) -> None:
+@pytest.fixture(scope="module")
+def elsewhere(record: Flight) -> Prediction:
+    """By a model of another flight, whose C_N0 is its own there."""
+    return predict(record, with_a_jump(traced_trim(), "another.h5", elsewhere=1.5e-4))
+
+
+def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(
+    record: Flight, elsewhere: Prediction
+) -> None:
     at_home = predict(record, with_a_jump(traced_trim(), str(record.path)))
-    elsewhere = predict(record, with_a_jump(traced_trim(), "another.h5"))
     assert at_home.left_out == ()
     assert any(term.mechanism == "bodyfixed" for term in at_home.frozen)
     assert elsewhere.left_out == ("bodyfixed",)
@@ -161,16 +168,17 @@ def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(recor
     assert elsewhere.error.frozen < 0.5 * at_home.error.frozen
 
 
+@pytest.mark.thorough
 def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record: Flight) -> None:
     model = with_a_jump(traced_trim(), str(record.path)).model_copy(update={"times": ((0.0, 3.0),)})
     assert predict(record, model).left_out == ("bodyfixed",)
 
 
-def test_elsewhere_what_stays_has_its_own_coefficient(record: Flight) -> None:
-    predicted = predict(record, with_a_jump(traced_trim(), "another.h5", elsewhere=1.5e-4))
-    assert next(term.value for term in predicted.frozen if term.name == "C_N0") == 1.5e-4
+def test_elsewhere_what_stays_has_its_own_coefficient(elsewhere: Prediction) -> None:
+    assert next(term.value for term in elsewhere.frozen if term.name == "C_N0") == 1.5e-4
 
 
+@pytest.mark.thorough
 def test_what_the_model_left_widens_the_band_and_is_told(record: Flight) -> None:
     definition = traced_trim().model.definition
     plain, unsure = (

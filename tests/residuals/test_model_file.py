@@ -81,8 +81,12 @@ def test_errors_are_the_covariances(result: Trace) -> None:
     np.testing.assert_allclose([column.std_error for column in model.columns], sigmas)
 
 
-def test_every_command_takes_it(result: Trace, path: Path) -> None:
+def test_a_trace_starts_from_it(result: Trace, path: Path) -> None:
     assert starting_model(path, Session()) == result.model.definition
+
+
+@pytest.mark.thorough
+def test_it_predicts_what_the_model_does(result: Trace, path: Path) -> None:
     predicted = predict(trimmed().flight, path)
     again = predict(trimmed().flight, result.model.definition)
     assert predicted.error == again.error

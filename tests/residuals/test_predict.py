@@ -113,6 +113,7 @@ def test_the_band_holds_nearly_all_samples(traced: Trace, sister: Flight) -> Non
     assert np.all(widths > 0.0)
 
 
+@pytest.mark.thorough
 def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predicted: Prediction) -> None:
     content = traced.model.definition.model_dump()
     content["covariance"] = tuple(tuple(100.0 * value for value in row) for row in content["covariance"])
@@ -167,6 +168,7 @@ def test_what_trace_returned_is_a_model(traced: Trace, sister: Flight, predicted
     assert predict(sister, traced, ("trim",)).error == predicted.error
 
 
+@pytest.mark.thorough
 def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Flight) -> None:
     content = traced.model.definition.model_copy(update={"flown": {"mach": (0.1, 0.2)}})
     nowhere = predict(sister, content, ("trim",))

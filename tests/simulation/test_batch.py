@@ -30,14 +30,14 @@ CONE = load_config(
 def test_a_flight_of_a_batch_is_that_flight_alone() -> None:
     """Coefficients, delays, regions, vehicle, start and instruments may all differ from flight to flight."""
     variations = {
-        "start.alpha": [0.03, 0.04, 0.05],
-        "mechanisms.0.terms.eps": [0.2, 0.4, 0.6],
-        "mechanisms.0.theta.delay": [0.05, 0.1, 0.13],
-        "mechanisms.0.start": [0.2, 0.305, 0.4],
-        "vehicle.ixy": [0.0, 0.5, -0.5],
-        "instruments.errors.gyro_bias.q": [0.0, 0.1, 0.2],
+        "start.alpha": [0.03, 0.05],
+        "mechanisms.0.terms.eps": [0.2, 0.6],
+        "mechanisms.0.theta.delay": [0.05, 0.13],
+        "mechanisms.0.start": [0.2, 0.305],
+        "vehicle.ixy": [0.5, -0.5],
+        "instruments.errors.gyro_bias.q": [0.0, 0.2],
     }
-    together = simulate_batch(CONE, seeds=(5, 6, 7), variations=variations)
+    together = simulate_batch(CONE, seeds=(5, 6), variations=variations)
     for i, flight in enumerate(together):
         alone = simulate_batch(CONE, seeds=(5 + i,), variations={k: v[i] for k, v in variations.items()})[0]
         assert flight.seed == alone.seed == 5 + i
@@ -89,8 +89,8 @@ def test_progress_runs_from_start_to_end() -> None:
 
 @pytest.mark.parametrize(
     ("path", "value", "message"),
-    [("start.altitude", 500.0, "expected 0 to"), ("aerodynamics.C_mq", 1e9, "diverges")],
+    [("start.altitude", 100.0, "expected 0 to"), ("aerodynamics.C_mq", 1e9, "diverges")],
 )
 def test_what_is_no_flight_is_refused(path: str, value: float, message: str) -> None:
     with pytest.raises(UnanswerableError, match=message):
-        simulate_batch(CONE.model_copy(update={"duration": 0.3}), seeds=(1,), variations={path: value})
+        simulate_batch(CONE.model_copy(update={"duration": 0.1}), seeds=(1,), variations={path: value})

@@ -15,10 +15,12 @@ from brv_hypo.mechanisms import RecordEffect, installed, record_effects
 from brv_hypo.motion import reconstruct
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate, simulate_batch
 from brv_hypo.simulation.errors import drawn, start_of, with_errors
+from tests.flights import SAMPLE_RATE_HZ, STEP_S
 
-CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | {"duration": 0.5}
+SHORT = {"duration": 0.5, "sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
+CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | SHORT
 CARRIED = {effect.name: effect for effect in record_effects() if effect.carried}
-SEEDS = range(300)
+SEEDS = range(150)
 
 
 def fly(instruments: dict[str, Any], seed: int = 1, **changes: Any) -> SimulatedFlight:
@@ -26,7 +28,7 @@ def fly(instruments: dict[str, Any], seed: int = 1, **changes: Any) -> Simulated
 
 
 def test_every_carried_effect_and_tolerance_of_the_vehicle_is_drawn_from_its_size() -> None:
-    """300 draws: mean within 4 standard errors of zero, standard deviation within 4 of the tolerance."""
+    """150 draws: mean within 4 standard errors of zero, standard deviation within 4 of the tolerance."""
     config = load_config({**CONE, "instruments": {"grade": "industrial", "draw": 2.0}})
     flights = [drawn(config, seed) for seed in SEEDS]
     assert flights[0].instruments.draw == 0.0

@@ -16,8 +16,9 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.simulation.simulator import flown
 from brv_hypo.simulation.system import system
+from tests.flights import SAMPLE_RATE_HZ, STEP_S
 
-CONE = load_config("research_cone")
+CONE = load_config("research_cone").model_copy(update={"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S})
 PLANTED: dict[str, dict[str, Any]] = {
     "damping": {
         "mechanism": "damping",

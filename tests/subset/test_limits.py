@@ -33,6 +33,7 @@ def test_time_limit_returns_the_best_so_far_and_a_true_gap(
         assert found.rss * (1.0 - gap) <= best.rss * (1.0 + 1e-9)
 
 
+@pytest.mark.thorough
 def test_threads_change_nothing_but_the_time(splines: tuple[np.ndarray, np.ndarray]) -> None:
     one = best_subsets(*splines, 11, n_best=2, kernel="numba-schur")
     two = best_subsets(*splines, 11, n_best=2, kernel="numba-schur", threads=2)

@@ -13,7 +13,7 @@ from tests.subset.brute_force import enumerate_subsets
 
 @pytest.mark.parametrize("kernel", ["numba-schur", pytest.param("numpy-schur", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("share", [0.3, *(pytest.param(s, marks=pytest.mark.thorough) for s in (0.9, 0.9999))])
-@pytest.mark.parametrize("kind", ["spline", "delay"])
+@pytest.mark.parametrize("kind", ["spline", pytest.param("delay", marks=pytest.mark.thorough)])
 def test_collinear_columns_are_searched_exactly_at_every_noise(kind: str, share: float, kernel: str) -> None:
     clean = spline_problem(5, noise=0.0) if kind == "spline" else delay_problem(6, 3, noise=0.0)
     X, y = with_r_squared(clean, share)

@@ -11,15 +11,18 @@ from typing import get_args
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.units import is_unit
 from brv_hypo.mechanisms.conformance.check import Check, expect, named
 from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
-from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
+from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term, TimeVariation
 from brv_hypo.mechanisms.isolation import read_only
 from brv_hypo.motion.motion import Motion
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _RESERVED = ("none",)
+# What times at which coefficients change are called, and what parts `mechanisms.0.theta.NAME`.
+_KNOTS, _OF_A_PATH = ("knot", "start", "stop"), (".", "/")
 
 
 def _thetas(mechanism: Mechanism) -> list[dict[str, float]]:
@@ -80,6 +83,15 @@ def has_sane_parameters(mechanism: Mechanism) -> None:
     names = [parameter.name for parameter in parameters]
     expect(len(set(names)) == len(names), f"two parameters share a name: {names}")
     for parameter in parameters:
+        expect(
+            parameter.name.isprintable() and parameter.name.strip() == parameter.name != "",
+            f"the parameter {parameter.name!r}: a name is one or more characters that can be printed",
+        )
+        expect(
+            parameter.name not in _KNOTS and not set(parameter.name) & set(_OF_A_PATH),
+            f"the parameter '{parameter.name}': every name will do but {', '.join(_KNOTS)}, which are what times of "
+            f"change are called, and any with {' or '.join(_OF_A_PATH)}, which parts the names of a path",
+        )
         low, high = parameter.bounds
         grid = np.asarray(parameter.grid, dtype=float)
         expect(grid.size > 0, f"the grid of '{parameter.name}' is empty")
@@ -93,7 +105,18 @@ def has_sane_parameters(mechanism: Mechanism) -> None:
             f"the grid of '{parameter.name}', {grid[0]} to {grid[-1]}, leaves its bounds {low} to {high}",
         )
         expect(is_unit(parameter.units), f"'{parameter.name}': '{parameter.units}' is not a unit")
+        expect(
+            not parameter.is_delay or _is_of_time(parameter),
+            f"the delay '{parameter.name}' is in '{parameter.units}': use a unit of time",
+        )
         expect(bool(parameter.meaning.strip()), f"'{parameter.name}' does not say what it means")
+
+
+def _is_of_time(parameter: Parameter) -> bool:
+    try:
+        return parameter.seconds > 0.0
+    except FlightRecordError:
+        return False
 
 
 def keeps_the_shape(mechanism: Mechanism) -> None:
@@ -205,7 +228,7 @@ def acts_on_the_moments(mechanism: Mechanism) -> None:
 
 
 def flags_its_delays(mechanism: Mechanism) -> None:
-    """A parameter that reaches into the past is flagged as a delay, in seconds, and never into the future."""
+    """A parameter that reaches into the past is flagged as a delay, in a unit of time, and never into the future."""
     theta = _thetas(mechanism)[0]
     asked = _delays_asked(mechanism, theta)
     expect(
@@ -219,8 +242,19 @@ def flags_its_delays(mechanism: Mechanism) -> None:
             "(`is_delay`)",
         )
         if parameter.is_delay:
-            expect(parameter.units == "s", f"the delay '{parameter.name}' is in '{parameter.units}': use s")
-            expect(parameter.bounds[0] >= 0.0, f"the delay '{parameter.name}' may become negative")
+            _check_delay(mechanism, parameter, theta)
+
+
+def _check_delay(mechanism: Mechanism, parameter: Parameter, theta: Mapping[str, float]) -> None:
+    """The past that it asks for is earlier by the parameter's value in its unit."""
+    expect(parameter.bounds[0] >= 0.0, f"the delay '{parameter.name}' may become negative")
+    value, seconds = parameter.bounds[1], parameter.seconds
+    asked = _delays_asked(mechanism, {**theta, parameter.name: value})
+    expect(
+        any(np.isclose(tau, value * seconds, rtol=1e-9, atol=0.0) for tau in asked),
+        f"at '{parameter.name}' = {value:g} {parameter.units} it asks for the motion "
+        f"{', '.join(f'{tau:g}' for tau in asked)} s earlier, not {value * seconds:g} s",
+    )
 
 
 def _delays_asked(mechanism: Mechanism, theta: Mapping[str, float]) -> list[float]:

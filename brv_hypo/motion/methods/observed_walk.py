@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.frames import effective
@@ -31,6 +32,13 @@ _CONVERGED = 1e-2
 _Axes = tuple[FloatArray, FloatArray]
 # Parts of gravity: they stand before the errors of the record among the globals.
 _GRAVITY = 3
+
+
+_RAN_AWAY = (
+    "the attitude to the wind runs away from step to step instead of settling: forces and rates of this record do not "
+    "belong to one motion. Likely causes: wrong axes, signs or units, or errors beyond all tolerance. See `brv-hypo "
+    "inspect`, or take `--method rates`, which uses the gyros alone."
+)
 
 
 @dataclass(frozen=True)
@@ -163,6 +171,8 @@ class TiedWalk:
             solution = equations.solve(*self._priors(coefficients, start))
             shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
             step = nominal + turn * shift - xi
+            if not np.all(np.isfinite(step)):
+                raise UnanswerableError(_RAN_AWAY)
             share, last = share if _rms(step) < last else 0.5 * share, _rms(step)
             crossflow = np.asarray(xi + share * step)
             start = _moved(

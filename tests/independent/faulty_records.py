@@ -1,0 +1,158 @@
+"""Faults and blemishes planted into independent records: what the trial names, and what is said where it names nothing.
+
+By hand: python -m tests.independent.faulty_records --seed 1000 --flights 1 --jobs 1
+
+Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.planted_faults`) or
+one blemish that no trial has to name: gaps, coarse digits, stamps that jitter, an inertia 5 % off. Where no fault is
+named and the record is not refused, it is compared.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from brv_hypo import compare
+from brv_hypo.errors import FlightRecordError, UnanswerableError
+from brv_hypo.flight.assemble import assemble, unassemble
+from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.schema import Record
+from brv_hypo.motion import try_record
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.record_faults import shows
+from tests.independent.flights import draw_flight
+from tests.independent.instruments import GRADES
+from tests.independent.mechanisms import LISTED
+from tests.independent.vehicles import CRAFTS
+
+SOUND = "sound"
+REFUSED, UNREADABLE = "refused", "unreadable"
+Spoil = Callable[[Record, np.random.Generator], Record]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One record: what was wrong with it, whether that was named, and what was said where nothing was.
+
+    `said`: a winner, None, REFUSED where the trial found some other fault, or UNREADABLE.
+    """
+
+    truth: str
+    fault: str
+    named: bool
+    said: str | None
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether a hypothesis other than the truth, or than none, was named."""
+        return self.said not in (None, REFUSED, UNREADABLE, "none", self.truth)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.independent.faulty_records", description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--flights", type=int, default=1, help="of each vehicle and truth (24 in all)")
+    parser.add_argument("--jobs", type=int, default=1)
+    options = parser.parse_args(arguments)
+    cases = [(v, t) for _ in range(options.flights) for v in sorted(CRAFTS) for t in ("none", *LISTED)]
+    flown = Parallel(n_jobs=options.jobs)(
+        delayed(records_of)(options.seed + k, *case) for k, case in enumerate(cases)
+    )
+    for line in report([tried for each in flown for tried in each]):
+        print(line)
+
+
+def records_of(seed: int, vehicle: str, truth: str) -> list[Tried]:
+    """A flight's record as it is, and with each fault and blemish."""
+    made = draw_flight(seed, vehicle=vehicle, truth=truth, grade=GRADES[seed % len(GRADES)])
+    record = unassemble(made.flight)
+    random = np.random.default_rng([seed, 7])
+    found = [_tried(record, truth, SOUND, lambda faults: not faults)]
+    found += [
+        _tried(fault.spoil(record, random), truth, fault.name, fault.named_by)
+        for fault in planted_faults()
+        if shows(record, fault.channels)
+    ]
+    found += [_tried(spoil(record, random), truth, name, lambda _: False) for name, spoil in BLEMISHES.items()]
+    return found
+
+
+def _tried(record: Record, truth: str, name: str, is_named: Callable[[Sequence], bool]) -> Tried:
+    try:
+        faults = try_record(assemble(record))[1].faults
+    except FlightRecordError:
+        return Tried(truth, name, False, UNREADABLE)
+    if is_named(faults) and name != SOUND:
+        return Tried(truth, name, True, None)
+    try:
+        verdict = compare(assemble(record), CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    except UnanswerableError:
+        return Tried(truth, name, False, REFUSED)
+    said = REFUSED if verdict.outcome == "record fault" else verdict.winner
+    return Tried(truth, name, not faults if name == SOUND else False, said)
+
+
+def report(tried: Sequence[Tried]) -> Iterator[str]:
+    """Lines of the table: records, share named, and wrong names among those that were compared."""
+    yield f"{'fault':42s} {'records':>7s} {'named':>6s} {'refused':>8s} {'wrong':>6s}"
+    for name in dict.fromkeys(each.fault for each in tried):
+        yield _row(name, [each for each in tried if each.fault == name])
+    faulty = {fault.name for fault in planted_faults()}
+    yield _row("all faults", [each for each in tried if each.fault in faulty])
+    yield _row("all blemishes", [each for each in tried if each.fault in BLEMISHES])
+
+
+def _row(name: str, own: Sequence[Tried]) -> str:
+    named, wrong = sum(each.named for each in own), sum(each.is_wrong for each in own)
+    refused = sum(each.said in (REFUSED, UNREADABLE) for each in own)
+    return f"{name:42s} {len(own):7d} {named:6d} {refused:8d} {wrong:6d}"
+
+
+def _gaps(record: Record, random: np.random.Generator) -> Record:
+    """Three stretches of 0.05 s without any inertial channel."""
+    step, kept = float(np.median(np.diff(record.time))), np.ones(record.time.size, dtype=bool)
+    for at in random.integers(record.time.size // 10, 9 * record.time.size // 10, size=3):
+        kept[at : at + max(1, round(0.05 / step))] = False
+    channels = {name: values[kept] for name, values in record.channels.items()}
+    return record.model_copy(update={"time": record.time[kept], "channels": channels})
+
+
+def _coarse(record: Record, _: np.random.Generator) -> Record:
+    """Inertial channels in steps of their own noise."""
+    steps = {name: sigma_of_differences([record.channels[name]]) for name in ("p", "q", "r", "ax", "ay", "az")}
+    coarse = {name: step * np.round(record.channels[name] / step) for name, step in steps.items() if step > 0.0}
+    return record.model_copy(update={"channels": {**record.channels, **coarse}})
+
+
+def _jitter(record: Record, random: np.random.Generator) -> Record:
+    """Stamps off by a twentieth of a step."""
+    step = float(np.median(np.diff(record.time)))
+    return record.model_copy(update={"time": record.time + 0.05 * step * random.uniform(-1, 1, record.time.size)})
+
+
+def _inertia(*names: str) -> Spoil:
+    def spoil(record: Record, random: np.random.Generator) -> Record:
+        factor = 1.0 + 0.05 * float(random.choice([-1.0, 1.0]))
+        changes = {name: factor * getattr(record.vehicle, name) for name in names}
+        return record.model_copy(update={"vehicle": record.vehicle.model_copy(update=changes)})
+
+    return spoil
+
+
+BLEMISHES: dict[str, Spoil] = {
+    "gaps of 0.05 s": _gaps,
+    "digits as coarse as the noise": _coarse,
+    "stamps that jitter by 5 % of a step": _jitter,
+    "inertias 5 % off": _inertia("ixx", "iyy"),
+    "transverse inertia 5 % off": _inertia("iyy"),
+}
+
+
+if __name__ == "__main__":
+    main()
