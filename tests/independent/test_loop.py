@@ -44,7 +44,7 @@ def test_of_two_effects_at_once_neither_gives_way_to_a_third() -> None:
 def test_an_effect_that_is_tried_as_constant_is_a_near_equal_at_the_times_of_another(
     seed: int, truth: str, near: bool
 ) -> None:
-    """A side moment that begins and ends looks like sticking and Magnus; sticking does not look like a Magnus moment."""
+    """A side moment that begins and ends looks like sticking and Magnus; sticking does not look like Magnus."""
     found = fly(seed, truth)
     assert isinstance(found, Outcome)
     assert found.added[0].name == "sticking"
