@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
+from brv_hypo.flight.averaging import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
@@ -48,10 +49,11 @@ def trace(
     """Trace what a model lacks on one flight or several (paths, `Flight`s or simulated flights), effect by effect.
 
     Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
-    the record are of each. Raises UsageError for an unknown effect and UnanswerableError where a record is too short.
+    the record are of each. Long records far finer than their motion are traced as means of samples. Raises UsageError
+    for an unknown effect and UnanswerableError where a record is too short.
     """
     config = config or TraceConfig()
-    records = flights_of(flights)
+    records = tuple(averaged(flight) for flight in flights_of(flights))
     fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)
     for record in records:
         if record.samples < fewest:

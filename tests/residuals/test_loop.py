@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
-from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.flight.record import Flight
+from brv_hypo.ranking.benchmark import finer
+from brv_hypo.residuals import Trace, TraceConfig, loop, trace
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from tests.flights import nominal
@@ -102,3 +105,17 @@ def test_opportunity_needs_a_body_fixed_moment_and_stiffness_that_changes() -> N
     ratios = [step.error_ratio_held_out for step in result.steps if step.added]
     assert np.prod([ratio for ratio in ratios if ratio is not None]) < 0.2
     assert result.unexplained is not None
+
+
+def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    traced: list[Flight] = []
+
+    def begun(flights: tuple[Flight, ...], *_: Any) -> None:
+        traced.extend(flights)
+
+    monkeypatch.setattr(loop, "_trace", begun)
+    trace(finer(nominal().flight, 24_001), TraceConfig())
+    assert traced[0].samples < 6_000
+    assert "means of" in traced[0].notes[-1]
