@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
+from brv_hypo.flight.resample import longest_crossed
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods import WindHistory
@@ -18,12 +21,29 @@ _NOISY_MOMENTS = 0.2  # noise of the moments over their rms, above which a warni
 def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
     """Warnings, most telling first."""
     checks = (
+        _attitude_lost(record),
         _alpha_error(record, wind),
         _moment_noise(moments),
         _samples_per_cycle(record),
         _gravity(record, wind),
     )
     return tuple(text for text in checks if text is not None)
+
+
+def _attitude_lost(record: InertialRecord) -> str | None:
+    """Gaps that are too long for the rates about them to tell what they were inside."""
+    flight = record.flight
+    longest = longest_crossed(flight.step, flight.q, flight.r)
+    lost = [(b, a) for (_, b), (a, _) in itertools.pairwise(flight.segments) if a - b > longest]
+    if not lost:
+        return None
+    first, last = lost[0]
+    others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
+    return (
+        f"a gap of {(last - first) * flight.step:.2g} s from {flight.time[first]:.2f} s on{others}: nothing tells the "
+        "attitude across it, and what is left may pose as errors or moments. Give a window on one side of it (--start, "
+        "--stop)"
+    )
 
 
 def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:

@@ -37,3 +37,13 @@ def test_an_attitude_that_runs_away_is_refused_with_its_likely_cause() -> None:
     flight = nominal().flight
     with pytest.raises(UnanswerableError, match="runs away from step to step"):
         reconstruct(replace(flight, ay=1e150 * flight.ay))
+
+
+@pytest.mark.parametrize(("lost", "told"), [(0, False), (8, False), (120, True)])
+def test_a_gap_across_which_nothing_tells_the_attitude_is_told(lost: int, told: bool) -> None:
+    flight = nominal().flight
+    gapped = replace(flight, segments=((0, 400), (400 + lost, flight.samples))) if lost else flight
+    warnings = " ".join(reconstruct(gapped).warnings)
+    assert ("nothing tells the attitude" in warnings) == told
+    if told:
+        assert f"from {flight.time[400]:.2f} s" in warnings
