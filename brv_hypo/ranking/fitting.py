@@ -27,6 +27,7 @@ from brv_hypo.regression.fit import (
     HypothesisFit,
     fit_hypothesis,
     likeliest,
+    plainer,
     renewed,
     scanned_finely,
     with_errors,
@@ -81,9 +82,14 @@ def searched(
 def _linearised(
     problem: Problem, fits: Sequence[HypothesisFit], settings: Settings, point: LinearisationPoint
 ) -> Fitted:
-    """The fits in a problem linearised about the leader: knots and delays come from where they lie."""
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie.
+
+    Two of the leader's knots that came to one place become one.
+    """
     at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
     moved = [scanned_finely(problem, renewed(problem, fit)) for fit in at]
+    leader = likeliest(moved)
+    moved = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
     return Fitted(problem, moved, replace(settings, taken=point.taken), likeliest(fits).rss)
 
 

@@ -129,18 +129,22 @@ class Excess:
 def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     """The net value farthest outside its mechanism's bounds; None where all lie within them."""
     bounds = {m.name: m.bounds for m in fit.mechanisms}
-    found = [
-        _excess(interval, net, *bounds[net.mechanism].get(net.term, (-np.inf, np.inf)))
-        for interval in intervals(fit)
-        for net in interval.values
-    ]
+    found: list[Excess] = []
+    every = [(interval, net) for interval in intervals(fit) for net in interval.values]
+    for interval, net in every:
+        low, high = bounds[net.mechanism].get(net.term, (-np.inf, np.inf))
+        alike = [o.value for _, o in every if (o.mechanism, o.term) == (net.mechanism, net.term)]
+        found.append(_excess(interval, net, low, high, float(np.max(np.abs(np.clip(alike, low, high))))))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None
 
 
-def _excess(interval: Interval, net: NetValue, low: float, high: float) -> Excess:
+def _excess(interval: Interval, net: NetValue, low: float, high: float, largest: float) -> Excess:
+    """`largest`: the largest possible value of the same term over all intervals: its errors of second order are felt in
+    the others.
+    """
     beyond = max(low - net.value, net.value - high, 0.0)
-    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * net.value)
+    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
     return Excess(
         float(beyond / max(error, 1e-300)),
         f"{net.term} = {net.value:.3g} from {interval.start:.2f} to {interval.stop:.2f} s, "

@@ -70,8 +70,8 @@ def limits(
         if fit.mechanisms:
             size, margin = _fitted(fit)
             # What is not seen the regions tell, and more than the whole moment could only cancel against the baseline.
-            seen = (fit is leader or size > margin) and size + margin <= moment
-            fitted = (size + margin) / moment if seen else 0.0
+            seen = (fit is leader or size > margin) and size <= moment
+            fitted = min((size + margin) / moment, 1.0) if seen else 0.0
             found.append(Limit(fit.name, max(fitted, *(known[m.name] for m in fit.mechanisms))))
     return tuple(found)
 

@@ -176,12 +176,7 @@ def fit_hypothesis(
     assert best is not None
     if best.information > best_rival + OUT_OF_REACH:
         return replace(best, ended_early=True, grid=grid.factors)
-    for _ in range(NARROWINGS if problem.refine else 0):
-        narrower = likeliest([settle(chosen, chosen) for chosen in narrowed(problem, best.frame, best.columns)])
-        if narrower.information >= best.information:
-            break
-        best = narrower
-    return replace(scanned_finely(problem, best), grid=grid.factors)
+    return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
 
 
 def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -211,6 +206,19 @@ def settled(
     reduced = Reduced(problem, fit.frame)
     found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known))
     return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+
+
+def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit searched once more on its own knots and delays, while it gains."""
+    for _ in range(NARROWINGS if problem.refine else 0):
+        tried = [
+            settled(problem, fit, (*problem.baseline, *chosen), chosen)
+            for chosen in narrowed(problem, fit.frame, fit.columns)
+        ]
+        if not tried or likeliest(tried).information >= fit.information:
+            break
+        fit = likeliest(tried)
+    return fit
 
 
 def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

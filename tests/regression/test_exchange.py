@@ -9,7 +9,7 @@ import pytest
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.exchange import exchanged
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, settled
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, settled
 from tests.ranking.pulse import fitted, problem
 
 
@@ -46,3 +46,17 @@ def test_a_model_of_the_grid_alone_is_left_as_it_is() -> None:
     rough = replace(problem(), refine=False)
     fit = fit_hypothesis(rough, "damping", fitted("damping").mechanisms)
     assert exchanged(rough, fit).columns == fit.columns
+
+
+def test_two_ramps_that_meet_become_one_knot() -> None:
+    """A ramp less the same a little later is a jump: their sizes grow beyond bound as the knots meet."""
+    best = fitted("inplane")
+    first = best.selected[0]
+    ramps = tuple(
+        first.at(first.theta, TimeFunction("ramp", first.course.start + late)) for late in (-5e-4, 5e-4)
+    )
+    columns = (*problem().baseline, *best.selected[1:], *ramps)
+    met = settled(replace(problem(), refine=False), best, columns, columns)
+    found = plainer(problem(), met)
+    assert found.information < met.information - 1.0
+    assert len({column.course.start for column in found.selected}) < len(met.selected)
