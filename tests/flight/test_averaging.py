@@ -12,7 +12,7 @@ from brv_hypo.flight import Flight
 from brv_hypo.flight.averaging import MOST_SAMPLES, PER_CYCLE, averaged
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.ranking.benchmark import finer
+from brv_hypo.ranking.benchmark import finer, flights
 from tests.flights import nominal
 
 SAMPLES = 24_001
@@ -68,10 +68,11 @@ def test_no_mean_reaches_into_a_gap(gap: tuple[int, int]) -> None:
 @pytest.mark.thorough
 def test_the_motion_of_the_means_is_that_of_the_record_within_its_noise() -> None:
     """Coning and spin are damped alike in all channels: alpha keeps its size."""
-    dense = fine().window(0.5, 2.0)
+    flight = finer(flights([], 1_201, ["none"])["none"], SAMPLES)
+    dense = flight.window(0.5, 2.0)
     assert dense.samples <= MOST_SAMPLES
     whole = reconstruct(dense, ReconstructionConfig())
-    lean = reconstruct(averaged(fine()).window(0.5, 2.0), ReconstructionConfig())
+    lean = reconstruct(averaged(flight).window(0.5, 2.0), ReconstructionConfig())
     alpha = np.interp(lean.motion.time, whole.motion.time, whole.motion.alpha)
     assert np.sqrt(np.mean((lean.motion.alpha - alpha) ** 2)) < 0.5 * lean.alpha_rms_sigma
     assert lean.alpha_rms_sigma == pytest.approx(whole.alpha_rms_sigma, rel=0.3)

@@ -222,7 +222,15 @@ def test_made_flight_travels_between_processes() -> None:
     np.testing.assert_array_equal(made.true.claim, _made("lag").true.claim)
 
 
-STUDIES = ("study.py", "loop_study.py", "sisters.py", "near_zero.py", "test_near_zero.py", "test_verdicts.py")
+STUDIES = (
+    "study.py",
+    "faulty_records.py",
+    "loop_study.py",
+    "sisters.py",
+    "near_zero.py",
+    "test_near_zero.py",
+    "test_verdicts.py",
+)
 
 
 def test_nothing_is_modelled_by_the_program() -> None:
