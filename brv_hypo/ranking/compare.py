@@ -22,10 +22,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Misfit
 from brv_hypo.ranking.alternative import alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import (
-    BOUND_SIGMAS,
-    REPETITIONS,
-)
+from brv_hypo.ranking.constants import BOUND_SIGMAS, REPETITIONS
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fitting import Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series

@@ -49,7 +49,14 @@ from brv_hypo.motion.wind import (
 )
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
-from brv_hypo.regression.wander import nearest_turn, walk_modes, walk_noise, walk_sines, wind_to_body
+from brv_hypo.regression.wander import (
+    crossflow_rate,
+    nearest_turn,
+    walk_modes,
+    walk_noise,
+    walk_sines,
+    wind_to_body,
+)
 
 Moved = TypeVar("Moved")
 
@@ -309,11 +316,7 @@ class LinearisedFlight:
 
     @cached_property
     def _crossflow_rate(self) -> ComplexArray:
-        """Rate of the crossflow (n,) 1/s, from the rates of its angles."""
-        motion = self.reconstruction.motion
-        cosine = np.cos(motion.alpha)
-        growth = motion.alpha_rate * cosine / np.maximum(np.sin(motion.alpha), 1e-9)
-        return np.asarray(self.crossflow * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
+        return crossflow_rate(self.reconstruction.motion, self.crossflow)
 
 
 def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:

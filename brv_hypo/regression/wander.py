@@ -12,6 +12,7 @@ from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, wind
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import with_smooth_inputs
+from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import body_crossflow, transverse_axes, wind_direction
 
@@ -51,8 +52,7 @@ def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> R
     xi = crossflow(motion.alpha, motion.windward_meridian)
     slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
     smooth = open_loop + turn * slow
-    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
-    xi_rate = xi * (growth - 1j * motion.windward_meridian_rate) + np.gradient(smooth - xi, motion.time)
+    xi_rate = crossflow_rate(motion, xi) + np.gradient(smooth - xi, motion.time)
     alpha_rate, meridian_rate = angle_rates(smooth, xi_rate)
     moved = replace(
         motion,
@@ -63,6 +63,12 @@ def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> R
         history=None,
     )
     return replace(reconstruction, motion=recorded(moved))
+
+
+def crossflow_rate(motion: Motion, xi: ComplexArray) -> ComplexArray:
+    """Rate of a motion's crossflow xi (n,) 1/s, from the rates of its angles."""
+    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
+    return np.asarray(xi * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
