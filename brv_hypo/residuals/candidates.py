@@ -331,7 +331,8 @@ def candidate_of(
     left = fit.samples - fit.parameters
     f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / left)
     chance = float(stats.f.sf(f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
-    choices = math.comb(fit.searched, min(len(fit.selected), fit.searched))
+    chosen = len({column.choice for column in fit.selected})
+    choices = math.comb(fit.searched, min(chosen, fit.searched))
     return Candidate(
         name=name,
         kind=kind,

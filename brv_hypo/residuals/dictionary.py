@@ -29,7 +29,8 @@ _QUANTITY = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time":
 class Entry:
     """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
 
-    `at(position)` is the same entry elsewhere.
+    `at(position)` is the same entry elsewhere. What `may_change` may begin, end and jump in time; the others are
+    courses in a quantity themselves.
     """
 
     words: str
@@ -37,6 +38,7 @@ class Entry:
     position: float = 0.0
     spacing: float = 0.0
     at: Callable[[float], Entry] | None = None
+    may_change: bool = False
 
 
 def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
@@ -78,6 +80,7 @@ def _turning(motion: Motion) -> list[Entry]:
             rate,
             step,
             entry,
+            may_change=True,
         )
 
     return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
@@ -110,6 +113,7 @@ def _harmonics() -> list[Entry]:
                         f"an {side} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian"
                         f"{_POWER[power]}",
                         terms,
+                        may_change=True,
                     )
                 )
     return found
@@ -139,6 +143,7 @@ def _powers() -> list[Entry]:
                     units=f"1/rad^{power}" if power else "1",
                 ),
             ),
+            may_change=True,
         )
         for axis, power in chosen
     ]

@@ -23,7 +23,7 @@ from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.discover import Discovery
+from brv_hypo.residuals.discover import Discovery, filed
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
@@ -112,24 +112,18 @@ def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     model = end.state.model
     pieces = [
-        (name, model.mechanisms[name])
+        (name, piece)
         for name in dict.fromkeys(column.mechanism for column in model.columns)
-        if name.startswith(GENERIC) and isinstance(model.mechanisms[name], FiledMechanism)
+        if name.startswith(GENERIC) and isinstance(piece := model.mechanisms[name], FiledMechanism)
     ]
     if not pieces:
         return None if end.discovery is None else end.discovery.file
-    values = {(c.mechanism, c.term): float(v) for c, v in zip(moments.columns, moments.values, strict=True)}
-    terms = [
-        term.model_copy(
-            update={
-                "name": term.name if len(pieces) == 1 else f"{name}: {term.name}",
-                "value": values.get((name, term.name)),
-            }
-        )
-        for name, piece in pieces
-        if isinstance(piece, FiledMechanism)
-        for term in piece.definition
-    ]
+    terms = []
+    for name, piece in pieces:
+        own = [k for k, column in enumerate(moments.columns) if column.mechanism == name]
+        found = filed([moments.columns[k] for k in own], moments.values[own], piece)
+        label = "" if len(pieces) == 1 else f"{name}: "
+        terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in found]
     words = " and ".join(piece.title for _, piece in pieces)
     name = pieces[0][0] if len(pieces) == 1 else GENERIC
     source = "found in the residual of a flight"
