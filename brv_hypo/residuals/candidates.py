@@ -31,7 +31,7 @@ _ALIKE = 0.95  # cosine between the predicted rates: 10 % of the square is left 
 # Error on left-out stretches that a fit may have, over that of the best fit of its mechanism.
 _SOUND = 1.05
 # Largest plausible value of a record effect, in its typical sizes.
-_LARGEST = 30.0
+LARGEST = 30.0
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def try_record_effect(problem: Problem, null: HypothesisFit, variants: Sequence[
     searched = sum(len(variant.histories) for variant in variants)
     found: list[tuple[HypothesisFit, RecordEffect]] = []
     for variant in variants:
-        bounds = {name: _LARGEST * component.size for name, (_, component) in variant.histories.items()}
+        bounds = {name: LARGEST * component.size for name, (_, component) in variant.histories.items()}
         groups = [(given_column(name, c.units),) for name, (_, c) in variant.histories.items()]
         fits = forward(problem, variant.effect.name, (), problem.frame, groups, searched)
         found.extend((fit, variant.effect) for fit in fits if _plausible(fit, bounds))

@@ -47,7 +47,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     Of several flights, what all share: nothing that follows the record's time.
     """
     one = len(motions) == 1
-    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_powers()]
+    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_round_the_body(), *_powers()]
     quantities: tuple[Quantity, ...] = ("mach", "log_reynolds", "time") if one else ("mach", "log_reynolds")
     for quantity in quantities:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
@@ -119,6 +119,36 @@ def _harmonics() -> list[Entry]:
     return found
 
 
+def _round_the_body() -> list[Entry]:
+    """Moments of any direction that turn with the windward meridian: in plane and out of plane harmonics together.
+
+    Once round is fixed in the body.
+    """
+    found = []
+    for times in (-3, -2, -1, 2, 3, 4):
+        for power in (0, 1):
+            way = "against" if times < 0 else "with"
+            found.append(
+                Entry(
+                    f"a moment that turns {_TIMES[abs(times)]} {way} the windward meridian in the plane of alpha"
+                    f"{_POWER[power]}",
+                    tuple(
+                        FiledTerm(
+                            name=f"{axis} turned by {times} phi_w{_POWER[power]}",
+                            axis=axis,
+                            turn=Turn(of="windward_meridian", rate=float(times)),
+                            factors=_alpha(power),
+                            units="1/rad" if power else "1",
+                        )
+                        for axis in _PLANE
+                    ),
+                    may_change=True,
+                )
+            )
+    return found
+
+
+_TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 _PLANE: tuple[Axis, Axis] = ("in_plane", "out_of_plane")
 WAVES: tuple[Wave, Wave] = ("cos", "sin")
 

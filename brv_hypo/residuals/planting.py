@@ -15,12 +15,11 @@ from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, Turn, me
 from brv_hypo.mechanisms.registry import find, record_effects
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import given_column
-from brv_hypo.residuals.baseline import scheduled, start_model
+from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
 from brv_hypo.residuals.candidates_at_step import Look, look
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import Baseline, TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
 from brv_hypo.residuals.linearisation import see
 from brv_hypo.simulation import load_config, simulate
@@ -41,6 +40,8 @@ AERODYNAMIC = (
 RECORD = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale", "accel_position", "time_skew", "wind_step")
 UNNAMED = ("turning_moment", "third_harmonic", "mach_step")
 EFFECTS = (*MECHANISMS, *AERODYNAMIC, *RECORD)
+# What a baseline with a schedule of the stiffness holds already: it is looked for from constant coefficients.
+SCHEDULED = ("mach_stiffness", "reynolds_stiffness")
 
 # A coefficient is detected at this many of its standard errors in the whole regression.
 _LIMIT = 5.0
@@ -62,6 +63,11 @@ class Case:
         """Its name in the results file."""
         return f"{'+'.join(self.effects) or 'none'}/{self.vehicle}/{self.seed}"
 
+    @property
+    def baseline(self) -> Baseline:
+        """Where a trace of it starts from."""
+        return "constant" if set(self.effects) & set(SCHEDULED) else "scheduled"
+
 
 def planted(case: Case) -> tuple[SimulationConfig, tuple[str, ...]]:
     """The configuration of a case, its effects at 3 to 10 times their detection limits, and their sizes in
@@ -74,7 +80,7 @@ def planted(case: Case) -> tuple[SimulationConfig, tuple[str, ...]]:
     clean = SimulationConfig.model_validate(data)
     if not case.effects:
         return clean, ()
-    here = _clean_look(clean, case.seed + 10_000)
+    here = _clean_look(clean, case.seed + 10_000, case.baseline)
     sizes = []
     for effect in case.effects:
         times = float(np.exp(draw.uniform(*np.log(_TIMES))))
@@ -94,15 +100,15 @@ def another_flight(config: SimulationConfig, seed: int) -> SimulationConfig:
     return config.model_copy(update={"start": start.model_copy(update=changed)})
 
 
-def _clean_look(config: SimulationConfig, seed: int) -> Look:
+def _clean_look(config: SimulationConfig, seed: int, baseline: Baseline) -> Look:
     """The regression of the same flight with nothing planted: it tells how well a coefficient can be known."""
     flight = simulate(config, seed=seed).flight
-    settings = TraceConfig(discover=False)
-    model = start_model((flight,), ())
+    settings = TraceConfig(discover=False, baseline=baseline)
+    model = start_model((flight,), (), baseline)
     seen = see((flight,), model, settings)
-    columns = baseline_columns(seen.frame)
-    model = scheduled(replace(model, columns=columns), seen)
-    return look(seen, model, seen.values(seen.fitted, columns), (), record_effects(), settings)
+    model = replace(model, columns=starting_columns(model, seen.frame))
+    model = scheduled(model, seen) if has_schedule(model) else model
+    return look(seen, model, seen.values(seen.fitted, model.columns), (), record_effects(), settings)
 
 
 def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> str:

@@ -79,9 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(case: Case) -> Outcome:
     """Simulate one case and trace it."""
     config, sizes = planted(case)
-    result = trace(
-        simulate(config, seed=case.seed).flight, TraceConfig(max_steps=4, maximum_likelihood=False)
-    )
+    settings = TraceConfig(baseline=case.baseline, max_steps=4, maximum_likelihood=False)
+    result = trace(simulate(config, seed=case.seed).flight, settings)
     first, last = result.steps[0], result.steps[-1]
     known = [(step.added, *step.look_alikes) for step in result.steps if step.added is not None]
     ratio, added = None, None
