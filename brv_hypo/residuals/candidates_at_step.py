@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -108,7 +109,8 @@ def look(
 
 def generic_name(model: Model) -> str:
     """The name of what is described in generic terms beside the model."""
-    return f"{GENERIC}_{len(model.added) + 1}"
+    numbers = itertools.count(len(model.added) + 1)
+    return next(name for number in numbers if (name := f"{GENERIC}_{number}") not in model.mechanisms)
 
 
 def _leader(found: Sequence[Candidate]) -> Candidate:

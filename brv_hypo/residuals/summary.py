@@ -31,7 +31,16 @@ from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.model_error import lasting, model_error
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import Found, saved
-from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
+from brv_hypo.residuals.result import (
+    ModelSummary,
+    Picture,
+    Residual,
+    Standing,
+    Step,
+    Stop,
+    Trace,
+    lasting_steps,
+)
 
 _FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, SlopeSchedule.name, SlopeCourse.name)
@@ -90,8 +99,9 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
 
 
 def _added(steps: Sequence[Step], standing: Standing) -> tuple[str, ...]:
-    """What was added with this standing, in order; once, though it was added in parts."""
-    return tuple(dict.fromkeys(step.added for step in steps if step.added and step.standing == standing))
+    """What was added with this standing and stays, in order; once, though it was added in parts."""
+    own = (step for step in lasting_steps(steps) if step.standing == standing)
+    return tuple(dict.fromkeys(step.added for step in own if step.added))
 
 
 def flown(seen: Seen) -> dict[str, tuple[float, float]]:
