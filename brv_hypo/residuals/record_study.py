@@ -32,6 +32,7 @@ from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.loop import trace
+from brv_hypo.residuals.model_file import read_structure
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
@@ -57,7 +58,12 @@ def ground(flight: Flight, steps: int) -> Ground:
     settings = TraceConfig(max_steps=max(steps, 1), maximum_likelihood=False)
     if steps == 0:
         settings = settings.model_copy(update={"effects": (), "discover": False})
-    found = trace(flight, settings).model.definition
+    return standing_on(flight, trace(flight, settings).model.definition)
+
+
+def standing_on(flight: Flight, found: SavedModel) -> Ground:
+    """The record with a model that was found on it."""
+    settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
         state = settled_state((flight,), restored(found, (flight,)), settings)
         here = look(state.seen, state.model, state.values, (), (), settings.model_copy(update={"discover": False}))
@@ -167,6 +173,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--effects", default="magnus,stiffness_asymmetry,cubic_stiffness,gyro_scale")
     parser.add_argument("--times", type=float, default=5.0, help="of the detection limit")
     parser.add_argument("--steps", type=int, default=8, help="of the record's own trace")
+    parser.add_argument("--model", type=Path, default=None, help="of that trace, as it was written, instead")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--instruments", default=None)
     parser.add_argument("--onset", type=float, default=None, help="s, from which moments that may change act")
@@ -176,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     flight = load_flight(given.flight).window(given.start, given.stop)
     if given.instruments is not None:
         flight = replace(flight, instruments=instruments_from(given.instruments, flight.instruments))
-    base = ground(flight, given.steps)
+    base = standing_on(flight, read_structure(given.model)) if given.model else ground(flight, given.steps)
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
     for effect in given.effects.split(","):
