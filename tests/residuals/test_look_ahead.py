@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -17,7 +19,8 @@ from tests.residuals.test_choice import ACROSS, candidate
 )
 def test_what_leaves_more_for_another_effect_leads(first: float | None, second: float | None, leader: str) -> None:
     found = [replace(candidate("lag", 100.0), ahead=first), replace(candidate("sticking", 80.0), ahead=second)]
-    assert _ranked(found, None)[0].name == leader
+    here: Any = SimpleNamespace(candidates=found)
+    assert _ranked(here, None)[0].name == leader
 
 
 @pytest.mark.parametrize(("ahead", "alike"), [(20.0 - 0.9 * NEAR, True), (20.0 - 1.1 * NEAR, False)])
