@@ -27,7 +27,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
 from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
-from brv_hypo.residuals.look_ahead import looked_ahead
+from brv_hypo.residuals.look_ahead import looked_ahead, looked_ahead_like
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
 _WORTH_REFINING = 0.4  # share of the best gain, below which variants are not brought closer; rule of thumb
@@ -101,6 +101,9 @@ def look(
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
+    if discovery is not None:
+        described = looked_ahead_like(problem, discovery.candidate, found, mechanisms)
+        discovery = replace(discovery, candidate=described)
     left_out = LeftOut(problem)
     told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:_TOLD]]
     components = _placed([variant for variants in catalogue.values() for variant in variants])

@@ -222,7 +222,7 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
 
 def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
     """Whether a description in generic terms comes before the candidate."""
-    more = described.gain - candidate.gain
+    more = described.leads(candidate)
     if abs(more) >= NEAR:
         return more > 0.0
     return particular_share(here.problem, here.null, candidate.fit) <= OUTSIDE**2
