@@ -142,7 +142,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
 def _report_pairs(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield _count("both are found, by name", [_both_found(o, near=False) for o in outcomes])
     yield _count("both are found, by name or a near-equal", [_both_found(o, near=True) for o in outcomes])
-    for times in (1.0, TIMES[0]):
+    for times in (1.0, 2.0, TIMES[0]):
         known = [o for o in outcomes if min(o.in_record) >= times]
         what = f"the same, each at {times:g} limits or more once the motion has to be found too"
         yield _count(what, [_both_found(o, near=True) for o in known])
