@@ -54,6 +54,8 @@ LIMIT_FALL = 2.71
 BOUND_SIGMAS = 3.0
 # Numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads.
 REPETITIONS = (8, 12)
+# Errors of what is told of vehicle and air, of which each is taken a tolerance higher and lower in turn for the same.
+REPEATED_ERRORS = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
 # Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
 SLOPE_DEGREE = 3
 # Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows
