@@ -82,6 +82,8 @@ def planted(
     item = find_installed(effect)
     if isinstance(item, RecordEffect):
         return _with_error(base, item, times, draw)
+    if item.parameters():
+        raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
     motion = base.state.seen.reconstructions[0].motion
     names = [term.name for term in item.terms(motion, {})]
     direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]

@@ -104,6 +104,12 @@ def test_a_moment_that_the_vehicle_cannot_bear_is_planted_with_the_other_sign(
 
 
 @pytest.mark.thorough
+def test_what_looks_back_in_time_is_not_planted(base: Ground) -> None:
+    with pytest.raises(UnanswerableError, match="looks back in time"):
+        planted(base, "sticking", 3.0, 1)
+
+
+@pytest.mark.thorough
 def test_an_error_of_an_instrument_is_planted_at_its_own_limit(base: Ground) -> None:
     """Within its prior nothing is seen below five tolerances: twice that is ten at least."""
     flight, size = planted(base, "time_skew", 2.0, 1)
