@@ -19,6 +19,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from pydantic import TypeAdapter
 
+from brv_hypo.errors import BrvHypoError
 from brv_hypo.mechanisms.filed import MechanismFile, mechanism_text
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.loop import trace
@@ -72,14 +73,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = Parallel(n_jobs=options.jobs)(delayed(run)(case) for case in part)
         with options.output.open("a", encoding="utf-8") as stream:
             for outcome in found:
+                if isinstance(outcome, str):
+                    print(outcome, file=sys.stderr)
+                    continue
                 done[outcome.key] = outcome
                 stream.write(json.dumps(asdict(outcome)) + "\n")
         print(f"{len(done)} of {len(cases)} flights", file=sys.stderr)
     print(table([done[case.key] for case in cases if case.key in done]))
 
 
-def run(case: Case) -> Outcome:
-    """Simulate one case and trace it."""
+def run(case: Case) -> Outcome | str:
+    """Simulate one case and trace it; the reason in words where it cannot be flown or told anything of."""
+    try:
+        return _traced(case)
+    except BrvHypoError as error:
+        return f"{case.key}: {error}"
+
+
+def _traced(case: Case) -> Outcome:
     config, sizes = planted(case)
     settings = TraceConfig(baseline=case.baseline, max_steps=4, maximum_likelihood=False)
     result = trace(simulate(config, seed=case.seed).flight, settings)
