@@ -21,10 +21,11 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.candidates import LARGEST
@@ -95,7 +96,27 @@ def planted(
         values = -values
         flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
     told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
-    return flight, told + ("" if begin is None else f" from {begin:.0f} s")
+    told += "" if begin is None else f" from {begin:.0f} s"
+    return flight, f"{told}, {_times_there(base, flight, item, values, begin):.1f} limits on the motion that it makes"
+
+
+def _times_there(
+    base: Ground, flight: Flight, item: Mechanism, values: FloatArray, onset: float | None
+) -> float:
+    """How many detection limits the planted moment is on the record that it made: it acts on the changed motion."""
+    model = restored(base.model, (flight,))
+    names = [term.name for term in item.terms(base.state.seen.reconstructions[0].motion, {})]
+    own = tuple(Column(item.name, name, (), _course(onset), "1") for name in names)
+    settings = TraceConfig(maximum_likelihood=False)
+    both = replace(
+        model, mechanisms={**model.mechanisms, item.name: item}, columns=(*model.columns, *own)
+    )
+    with threadpool_limits(limits=1, user_api="blas"):
+        problem = settled_state((flight,), both, settings).problem
+        problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
+        others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
+        moment = problem.design(problem.frame, last) @ values
+        return 1.0 / _limit_of(replace(problem, baseline=others), moment)
 
 
 def _with_error(
@@ -133,10 +154,13 @@ def _limit(
     samples.
     """
     problem = with_efficiency(here.problem, here.null)
-    course = TimeFunction("constant") if onset is None else TimeFunction("jump", onset)
     frame = problem.frame.with_mechanisms([find(effect)])
-    columns = [Column(effect, name, (), course, "1") for name in names]
+    columns = [Column(effect, name, (), _course(onset), "1") for name in names]
     return _limit_of(problem, problem.design(frame, columns) @ direction)
+
+
+def _course(onset: float | None) -> TimeFunction:
+    return TimeFunction("constant") if onset is None else TimeFunction("jump", onset)
 
 
 def _limit_of(problem: Problem, column: FloatArray) -> float:
