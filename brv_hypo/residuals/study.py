@@ -37,10 +37,11 @@ _SIGNIFICANT = TraceConfig().significance
 class Outcome:
     """What the loop said of a case.
 
-    `first`: what step 1 added or, where it added nothing, its first candidate that counts; `alike` what step 1
-    cannot tell from it. `named`: the first of each step's candidates that count, added or not. `found`: all that was
-    added, and its stated look-alikes. `second_ratio`: of the held-out error of another flight, with what was
-    discovered on this one; `second_added` whether that was added there.
+    `times`: how many detection limits each effect is large. `first`: what step 1 added or, where it added nothing, its
+    first candidate that counts; `alike` what step 1 cannot tell from it: its near-equals, and what fits as well.
+    `named`: the first of each step's candidates that count, added or not. `found`: all that was added, and what cannot
+    be told from it. `second_ratio`: of the held-out error of another flight, with what was discovered on this one;
+    `second_added` whether that was added there.
     """
 
     key: str
@@ -54,6 +55,7 @@ class Outcome:
     held_out: float
     noise_floor: float
     sizes: tuple[str, ...]
+    times: tuple[float, ...]
     seconds: float
     second_ratio: float | None = None
     second_added: bool | None = None
@@ -79,11 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(case: Case) -> Outcome:
     """Simulate one case and trace it."""
     config, sizes = planted(case)
-    result = trace(
-        simulate(config, seed=case.seed).flight, TraceConfig(max_steps=4, maximum_likelihood=False)
-    )
+    settings = TraceConfig(baseline=case.baseline, max_steps=4, maximum_likelihood=False)
+    result = trace(simulate(config, seed=case.seed).flight, settings)
     first, last = result.steps[0], result.steps[-1]
-    known = [(step.added, *step.look_alikes) for step in result.steps if step.added is not None]
+    known = [(step.added, *_alike(step)) for step in result.steps if step.added is not None]
     ratio, added = None, None
     if set(case.effects) & set(UNNAMED) and result.discovered is not None:
         ratio, added = _second(config, case.seed, result.discovered)
@@ -91,7 +92,7 @@ def run(case: Case) -> Outcome:
         key=case.key,
         effects=case.effects,
         first=_named(first),
-        alike=first.look_alikes,
+        alike=_alike(first),
         named=tuple(dict.fromkeys(name for step in result.steps if (name := _named(step)) is not None)),
         added=result.added,
         found=tuple(dict.fromkeys(name for names in known for name in names)),
@@ -100,11 +101,18 @@ def run(case: Case) -> Outcome:
         if last.added is None or last.error_after is None
         else last.error_after.held_out,
         noise_floor=result.noise_floor,
-        sizes=sizes,
+        sizes=tuple(size.words for size in sizes),
+        times=tuple(size.times for size in sizes),
         seconds=result.seconds,
         second_ratio=ratio,
         second_added=added,
     )
+
+
+def _alike(step: Step) -> tuple[str, ...]:
+    """What a step cannot tell from what it names."""
+    near = step.candidates[0].near_equals if step.candidates else ()
+    return tuple(dict.fromkeys((*near, *step.look_alikes)))
 
 
 def _named(step: Step) -> str | None:
@@ -125,7 +133,7 @@ def _second(config: SimulationConfig, seed: int, discovered: MechanismFile) -> t
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """One line for each planted combination, in shares of its flights.
+    """One line for each planted combination, in shares of its flights whose effects are above their detection limits.
 
     first: named first; alike: or a stated look-alike of that; named: all that was planted was named first by some
     step; added: was added; found: or stated look-alikes; any: something was added; noise: held-out error within 20 %
@@ -135,8 +143,9 @@ def table(outcomes: Sequence[Outcome]) -> str:
     lines = [
         "effect                      flights  first  alike  named  added  found    any  noise  ratio second"
     ]
-    for name in dict.fromkeys("+".join(o.effects) or "none" for o in outcomes):
-        own = [o for o in outcomes if ("+".join(o.effects) or "none") == name]
+    seen = [o for o in outcomes if all(times >= 1.0 for times in o.times)]
+    for name in dict.fromkeys("+".join(o.effects) or "none" for o in seen):
+        own = [o for o in seen if ("+".join(o.effects) or "none") == name]
         planted = bool(own[0].effects) and not set(own[0].effects) & set(UNNAMED)
         shares = [
             np.mean([o.first in o.effects for o in own]) if planted else np.nan,
