@@ -225,7 +225,7 @@ def main() -> None:
     parser.add_argument("--coloured", action="store_true", help="every flight's noise is as likely coloured as white")
     parser.add_argument("--factor", type=float, default=1.0, help="true errors over the stated tolerances")
     parser.add_argument("--unlisted", type=int, default=0)
-    parser.add_argument("--per-cycle", action="store_true", help="body-fixed moments anew in each cycle of the meridian")
+    parser.add_argument("--per-cycle", action="store_true", help="body-fixed moments anew in each cycle")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("-v", "--verbose", action="store_true")
     given = parser.parse_args()
