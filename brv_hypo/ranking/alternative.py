@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.ranking.constants import OTHER_FLOOR, OUTSIDE
+from brv_hypo.model.columns import Column
+from brv_hypo.ranking.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
 from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.turning import RATE, turning_moment
 from brv_hypo.regression.unlisted import unlisted_moment
 
 
@@ -41,13 +43,33 @@ def alternatives(
     listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
-        fit = fit_hypothesis(problem, unlisted.name, (unlisted,), leader.information)
-        found.append(Alternative(fit.information + OTHER_FLOOR, _described(fit)))
+        found.append(_instead_of(leader, problem, unlisted))
+    if (stretch := _many_steps(leader)) is not None:
+        turning = turning_moment(problem, tuple(listed.values()), OUTSIDE, *stretch)
+        if turning is not None:
+            found.append(_instead_of(leader, problem, turning))
     return tuple(found)
 
 
+def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:
+    """The best fit of a moment as a mechanism."""
+    fit = fit_hypothesis(problem, moment.name, (moment,), leader.information)
+    return Alternative(fit.information + OTHER_FLOOR, _described(fit))
+
+
+def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:
+    """The first and last time at which the leader changes, where it does so more often than one stretch needs."""
+    starts = {column.course.start for column in leader.selected if column.course.kind != "constant"}
+    return (min(starts), max(starts)) if len(starts) > ONE_STRETCH else None
+
+
 def _described(fit: HypothesisFit) -> str:
-    shapes = " and ".join(dict.fromkeys(column.term for column in fit.selected))
+    shapes = " and ".join(dict.fromkeys(_shape(column) for column in fit.selected))
     starts = [column.course.start for column in fit.selected if column.course.kind != "constant"]
     since = f" from {min(starts):.2f} s" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"
+
+
+def _shape(column: Column) -> str:
+    rate = dict(column.theta).get(RATE)
+    return column.term if rate is None else f"turning in the body at {rate:.3g} rad/s"

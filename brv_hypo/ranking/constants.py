@@ -24,6 +24,8 @@ OTHER_FLOOR = 8.0
 # Share of a shape's rms beyond what a listed mechanism reproduces, from which the shape is something else. The studies
 # call an effect reproduced by what holds 90 % of it.
 OUTSIDE = 0.1
+# Times at which a leader may change for one stretch: it begins and ends. With more, it may follow what turns.
+ONE_STRETCH = 2
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
 # columns) may leave: 1.4 % of its contribution's rms. On those flights they leave less than shows, to falls of 22,000.
 SECOND_ORDER = 2e-4
