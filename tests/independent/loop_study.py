@@ -21,7 +21,7 @@ from brv_hypo.residuals import Trace, TraceConfig, trace
 from tests.independent.flights import Made, draw_flight, make_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import DETECTED, judge
-from tests.independent.seen import seen_in_record
+from tests.independent.record_oracle import f_ratios_in_record
 
 # What is planted, in detection limits (F = 25 of the truth's own column).
 TIMES = (3.0, 10.0)
@@ -66,7 +66,7 @@ def fly(seed: int, truth: str) -> Outcome | str:
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
-    in_record = tuple(float(np.sqrt(f_ratio / DETECTED)) for f_ratio in seen_in_record(made)) if times else ()
+    in_record = tuple(float(np.sqrt(f_ratio / DETECTED)) for f_ratio in f_ratios_in_record(made)) if times else ()
     return Outcome(seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
 
 

@@ -23,7 +23,7 @@ from brv_hypo.residuals.linearisation import see
 from tests.independent.flights import Made
 
 
-def seen_in_record(made: Made) -> tuple[float, ...]:
+def f_ratios_in_record(made: Made) -> tuple[float, ...]:
     """F of each planted effect beside the others, on the part of the record that the loop fits."""
     flights, config = (made.flight,), TraceConfig()
     known = _known(made)

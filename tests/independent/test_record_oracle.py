@@ -6,7 +6,7 @@ import pytest
 
 from tests.independent.flights import Made, make_flight
 from tests.independent.oracle import judge
-from tests.independent.seen import seen_in_record
+from tests.independent.record_oracle import f_ratios_in_record
 
 REGION = (2.0, 4.0)
 
@@ -18,7 +18,7 @@ def flight_with(amplitude: float) -> Made:
 @pytest.mark.thorough
 def test_it_goes_with_the_square_of_the_size_and_is_less_than_what_the_motion_would_tell() -> None:
     little, more = flight_with(0.02), flight_with(0.04)
-    (first,), (second,) = seen_in_record(little), seen_in_record(more)
+    (first,), (second,) = f_ratios_in_record(little), f_ratios_in_record(more)
     assert second == pytest.approx(4.0 * first, rel=0.2)
     assert 0.0 < first < judge(little, ()).f_ratio
 
@@ -28,6 +28,6 @@ def test_of_two_effects_each_is_told_beside_the_other() -> None:
     first = flight_with(0.04)
     second = make_flight("cone", "damping", 0.04, 8, region=REGION, start=first.true.start).true.planted
     both = make_flight("cone", "bodyfixed", 0.04, 7, region=REGION, beside=second)
-    found = seen_in_record(both)
+    found = f_ratios_in_record(both)
     assert len(found) == 2
-    assert found[0] <= 1.05 * seen_in_record(first)[0]
+    assert found[0] <= 1.05 * f_ratios_in_record(first)[0]
