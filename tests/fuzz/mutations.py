@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 from collections.abc import Callable
 from pathlib import Path
@@ -198,11 +199,18 @@ OF_TABLES: tuple[Mutation, ...] = (*OF_TEXT, *[folded] * 4)
 
 
 def mutated(path: Path, mutations: tuple[Mutation, ...], seeds: tuple[int, ...]) -> tuple[str, ...]:
-    """Apply one operation for each seed; their names."""
-    names = []
-    for seed in seeds:
-        draw = random.Random(seed)
-        mutation = draw.choice(mutations)
-        mutation(path, draw)
-        names.append(mutation.__name__)
-    return tuple(names)
+    """Apply one operation for each seed; their names.
+
+    In a child: the HDF5 library may crash as it writes into what was damaged before, and the file stays as it is then.
+    """
+    draws = [random.Random(seed) for seed in seeds]
+    chosen = [draw.choice(mutations) for draw in draws]
+    child = os.fork()
+    if child == 0:
+        try:
+            for mutation, draw in zip(chosen, draws, strict=True):
+                mutation(path, draw)
+        finally:
+            os._exit(0)
+    os.waitpid(child, 0)
+    return tuple(mutation.__name__ for mutation in chosen)
