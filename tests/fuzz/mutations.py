@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import random
@@ -207,6 +208,7 @@ def mutated(path: Path, mutations: tuple[Mutation, ...], seeds: tuple[int, ...])
     chosen = [draw.choice(mutations) for draw in draws]
     child = os.fork()
     if child == 0:
+        faulthandler.disable()
         try:
             for mutation, draw in zip(chosen, draws, strict=True):
                 mutation(path, draw)
