@@ -1,4 +1,4 @@
-"""How many examples a property is tried on: few in the quick run, a hundred where thorough tests run.
+"""How many examples a property is tried on: few in the quick run, a hundred where thorough tests run. None is timed.
 
 Plugins that are files are those of one test: commands that are run in this process would leave theirs to the next.
 """
@@ -12,8 +12,8 @@ from hypothesis import settings
 
 from brv_hypo.mechanisms import plugin_files, use_plugin_files
 
-settings.register_profile("quick", settings(), max_examples=15)
-settings.register_profile("thorough", settings(), max_examples=100)
+settings.register_profile("quick", settings(), max_examples=15, deadline=None)
+settings.register_profile("thorough", settings(), max_examples=100, deadline=None)
 
 
 def pytest_configure(config: pytest.Config) -> None:

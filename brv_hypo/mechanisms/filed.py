@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import yaml
@@ -30,7 +30,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_yaml
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 
 FORMAT, VERSION = "brv-mechanism", 1
@@ -169,7 +169,7 @@ class FiledMechanism(Mechanism):
     title = "mechanism of a file"
     claims = "what its file says"
     source = "a mechanism file"
-    time_variation = ("constant",)
+    time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant",)
 
     definition: tuple[FiledTerm, ...] = ()
 

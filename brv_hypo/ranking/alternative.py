@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
-from brv_hypo.ranking.constants import OTHER_FLOOR, OUTSIDE
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, solved
+from brv_hypo.ranking.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
+from brv_hypo.regression.characteristic import particular_share, plain_columns
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.turning import RATE, turning_moment
 from brv_hypo.regression.unlisted import unlisted_moment
 
 
@@ -34,34 +35,41 @@ def alternatives(
     """
     leader = likeliest(fits)
     found = []
-    if (plain := _uncharacteristic(problem, leader, fits)) is not None:
-        terms = ", ".join(dict.fromkeys(column.term for column in plain))
+    null = next(fit for fit in fits if not fit.mechanisms)
+    if particular_share(problem, null, leader) <= OUTSIDE**2:
+        terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
         words = f"a change of {terms} alone, which is not particular to {leader.name}"
         found.append(Alternative(leader.information, words))
     listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
-        fit = fit_hypothesis(problem, unlisted.name, (unlisted,), leader.information)
-        found.append(Alternative(fit.information + OTHER_FLOOR, _described(fit)))
+        found.append(_instead_of(leader, problem, unlisted))
+    if (stretch := _many_steps(leader)) is not None:
+        turning = turning_moment(problem, tuple(listed.values()), OUTSIDE, *stretch)
+        if turning is not None:
+            found.append(_instead_of(leader, problem, turning))
     return tuple(found)
 
 
-def _uncharacteristic(
-    problem: Problem, leader: HypothesisFit, fits: Sequence[HypothesisFit]
-) -> tuple[Column, ...] | None:
-    """The leader's terms without those characteristic of it, where they explain nearly all that it does; else None."""
-    telling = {(m.name, term) for m in leader.mechanisms for term in m.characteristic}
-    plain = tuple(column for column in leader.selected if (column.mechanism, column.term) not in telling)
-    if not telling or not plain:
-        return None
-    without = solved(Reduced(problem, leader.frame), leader.name, leader.mechanisms, (*problem.baseline, *plain), 0)
-    null = next(fit for fit in fits if not fit.mechanisms)
-    lost = (without.rss - leader.rss) / max(null.rss - leader.rss, 1e-300)
-    return plain if lost <= OUTSIDE**2 else None
+def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:
+    """The best fit of a moment as a mechanism."""
+    fit = fit_hypothesis(problem, moment.name, (moment,), leader.information)
+    return Alternative(fit.information + OTHER_FLOOR, _described(fit))
+
+
+def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:
+    """The first and last time at which the leader changes, where it does so more often than one stretch needs."""
+    starts = {column.course.start for column in leader.selected if column.course.kind != "constant"}
+    return (min(starts), max(starts)) if len(starts) > ONE_STRETCH else None
 
 
 def _described(fit: HypothesisFit) -> str:
-    shapes = " and ".join(dict.fromkeys(column.term for column in fit.selected))
+    shapes = " and ".join(dict.fromkeys(_shape(column) for column in fit.selected))
     starts = [column.course.start for column in fit.selected if column.course.kind != "constant"]
     since = f" from {min(starts):.2f} s" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"
+
+
+def _shape(column: Column) -> str:
+    rate = dict(column.theta).get(RATE)
+    return column.term if rate is None else f"turning in the body at {rate:.3g} rad/s"

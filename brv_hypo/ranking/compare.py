@@ -121,7 +121,7 @@ def _judged(
         Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
         for fit, error in zip(fits, errors, strict=True)
     ]
-    repeated = stability(fits, without, REPETITIONS)
+    repeated = stability(problem, fits, without, REPETITIONS)
     instead = alternatives(problem, hypotheses, fits)
     return judge(scores, left, repeated, limits(problem, hypotheses, fits), instead, other_prior)
 

@@ -24,6 +24,8 @@ OTHER_FLOOR = 8.0
 # Share of a shape's rms beyond what a listed mechanism reproduces, from which the shape is something else. The studies
 # call an effect reproduced by what holds 90 % of it.
 OUTSIDE = 0.1
+# Times at which a leader may change for one stretch: it begins and ends. With more, it may follow what turns.
+ONE_STRETCH = 2
 # Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
 # columns) may leave: 1.4 % of its contribution's rms. On those flights they leave less than shows, to falls of 22,000.
 SECOND_ORDER = 2e-4
@@ -54,6 +56,8 @@ LIMIT_FALL = 2.71
 BOUND_SIGMAS = 3.0
 # Numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads.
 REPETITIONS = (8, 12)
+# Errors of what is told of vehicle and air, of which each is taken a tolerance higher and lower in turn for the same.
+REPEATED_ERRORS = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
 # Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
 SLOPE_DEGREE = 3
 # Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows

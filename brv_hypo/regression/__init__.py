@@ -10,5 +10,6 @@ nuisance.py    what is fitted along in every hypothesis
 problem.py     data, noise and what is projected out; noise.py settles the noise
 reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots
+unlisted.py    shapes of a moment that no listed mechanism has; turning.py one that turns in the body
 held_out.py    prediction error on held-out blocks
 """

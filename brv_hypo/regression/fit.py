@@ -86,15 +86,6 @@ class HypothesisFit:
         return self.columns[self.baseline_size :]
 
     @property
-    def is_characteristic(self) -> bool:
-        """Whether it holds what tells each mechanism from a mere change of the model's coefficients."""
-        chosen = {(column.mechanism, column.term) for column in self.selected}
-        return all(
-            not mechanism.characteristic or any((mechanism.name, term) in chosen for term in mechanism.characteristic)
-            for mechanism in self.mechanisms
-        )
-
-    @property
     def parameters(self) -> int:
         """Linear coefficients and delays that were fitted."""
         return len(self.columns) + sum(parameter.kind == "theta" for parameter in self.nonlinear)

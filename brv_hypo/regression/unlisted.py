@@ -41,22 +41,26 @@ def unlisted_moment(problem: Problem, listed: Sequence[Mechanism], beyond: float
     leaves all of them.
     """
     motion = problem.frame.motions[0]
-    known = [_basis(mechanism, motion) for mechanism in listed if not mechanism.parameters()]
+    known = shapes_of(listed, motion)
     shapes = tuple(
-        name for name in SHAPES if all(_left(shape_of(name, motion), basis) > beyond for basis in known)
+        name for name in SHAPES if all(left_of(shape_of(name, motion), basis) > beyond for basis in known)
     )
     return UnlistedMoment(shapes=shapes) if shapes else None
 
 
-def _basis(mechanism: Mechanism, motion: Motion) -> FloatArray:
-    """Orthonormal columns of a mechanism's terms, both components stacked (2 samples, terms)."""
-    terms = checked_terms(mechanism, motion, {})
-    stacked = np.column_stack([np.concatenate([term.in_plane, term.out_of_plane]) for term in terms])
-    return np.asarray(np.linalg.qr(stacked)[0])
+def shapes_of(listed: Sequence[Mechanism], motion: Motion) -> list[FloatArray]:
+    """Orthonormal columns of each mechanism's terms, both components stacked (2 samples, terms)."""
+    return [_basis(mechanism, motion) for mechanism in listed if not mechanism.parameters()]
 
 
-def _left(components: Sequence[ComplexArray], basis: FloatArray) -> float:
+def left_of(components: Sequence[ComplexArray], basis: FloatArray) -> float:
     """The least share of the rms of a shape's components that lies beyond the basis."""
     stacked = np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
     beyond = np.linalg.norm(stacked - basis @ (basis.T @ stacked), axis=0)
     return float(np.min(beyond / np.linalg.norm(stacked, axis=0)))
+
+
+def _basis(mechanism: Mechanism, motion: Motion) -> FloatArray:
+    terms = checked_terms(mechanism, motion, {})
+    stacked = np.column_stack([np.concatenate([term.in_plane, term.out_of_plane]) for term in terms])
+    return np.asarray(np.linalg.qr(stacked)[0])

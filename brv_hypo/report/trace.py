@@ -78,6 +78,8 @@ def _step(step: Step) -> list[Block]:
     told = [outcome_text(step)]
     if step.look_alikes:
         told.insert(0, f"as good a fit on this flight: {', '.join(step.look_alikes)}")
+    if step.taken_out:
+        told.append(f"not needed beside it, and taken out: {', '.join(step.taken_out)}")
     correlated = [
         f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {number(one.p_value, 2)})"
         for one in step.residual.correlations

@@ -31,7 +31,7 @@ _ALIKE = 0.95  # cosine between the predicted rates: 10 % of the square is left 
 # Error on left-out stretches that a fit may have, over that of the best fit of its mechanism.
 _SOUND = 1.05
 # Largest plausible value of a record effect, in its typical sizes.
-_LARGEST = 30.0
+LARGEST = 30.0
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def try_record_effect(problem: Problem, null: HypothesisFit, variants: Sequence[
     searched = sum(len(variant.histories) for variant in variants)
     found: list[tuple[HypothesisFit, RecordEffect]] = []
     for variant in variants:
-        bounds = {name: _LARGEST * component.size for name, (_, component) in variant.histories.items()}
+        bounds = {name: LARGEST * component.size for name, (_, component) in variant.histories.items()}
         groups = [(given_column(name, c.units),) for name, (_, c) in variant.histories.items()]
         fits = forward(problem, variant.effect.name, (), problem.frame, groups, searched)
         found.extend((fit, variant.effect) for fit in fits if _plausible(fit, bounds))
@@ -331,7 +331,8 @@ def candidate_of(
     left = fit.samples - fit.parameters
     f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / left)
     chance = float(stats.f.sf(f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
-    choices = math.comb(fit.searched, min(len(fit.selected), fit.searched))
+    chosen = len({column.choice for column in fit.selected})
+    choices = math.comb(fit.searched, min(chosen, fit.searched))
     return Candidate(
         name=name,
         kind=kind,

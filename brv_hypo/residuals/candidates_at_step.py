@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
 from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
-from brv_hypo.residuals.look_ahead import looked_ahead
+from brv_hypo.residuals.look_ahead import looked_ahead, looked_ahead_like
 from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
 
 _WORTH_REFINING = 0.4  # share of the best gain, below which variants are not brought closer; rule of thumb
@@ -100,6 +101,9 @@ def look(
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
+    if discovery is not None:
+        described = looked_ahead_like(problem, discovery.candidate, found, mechanisms)
+        discovery = replace(discovery, candidate=described)
     left_out = LeftOut(problem)
     told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:_TOLD]]
     components = _placed([variant for variants in catalogue.values() for variant in variants])
@@ -108,7 +112,8 @@ def look(
 
 def generic_name(model: Model) -> str:
     """The name of what is described in generic terms beside the model."""
-    return f"{GENERIC}_{len(model.added) + 1}"
+    numbers = itertools.count(len(model.added) + 1)
+    return next(name for number in numbers if (name := f"{GENERIC}_{number}") not in model.mechanisms)
 
 
 def _leader(found: Sequence[Candidate]) -> Candidate:

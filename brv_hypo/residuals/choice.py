@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+from brv_hypo.ranking.constants import OUTSIDE
 from brv_hypo.regression.channels import Rows
+from brv_hypo.regression.characteristic import particular_share
 from brv_hypo.regression.residual_moments import residual_moments
 from brv_hypo.residuals.candidates import NEAR, Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
@@ -130,7 +132,7 @@ def choose(
     what was tried on this look already; `scheduled` says that the model has a schedule by Mach number.
     """
     held = {column.mechanism for column in here.problem.baseline}
-    ranked = tuple(_ranked(here.candidates, discovery, held))
+    ranked = tuple(_ranked(here, discovery, held))
     ranked = ranked if scheduled else _schedules_first(ranked)
     chances = adjusted(ranked)
     known = {id(tried.candidate): tried for tried in before}
@@ -139,7 +141,11 @@ def choose(
         if candidate.gain <= 0.0 or candidate.fall < _DETECTED or chances[candidate.name] > significance:
             continue
         # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
-        idle = candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows(candidate))
+        idle = (
+            candidate.explains is not None
+            and candidate.explains <= 0.0
+            and (scheduled or not follows(candidate))
+        )
         certain = chances[candidate.name] <= _BEYOND_DOUBT * significance
         if ((residual_is_white and not certain) or idle) and not is_carried(here.problem, candidate.name):
             continue
@@ -195,25 +201,28 @@ def _try(
     )
 
 
-def _ranked(
-    found: Sequence[Candidate], discovery: Discovery | None, held: Collection[str] = ()
-) -> list[Candidate]:
+def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
     """The candidates, best first.
 
     What is left of an effect that the model holds is that effect, described better: another has to beat it clearly. A
-    description in generic terms has to beat a name clearly, unless the mechanism of that name is fitted without what
-    is characteristic of it: then the description leads where it is as good.
+    description in generic terms has to beat a name clearly, unless what the mechanism of that name explains is next to
+    nothing without changes that are not particular to it: then the description leads where it is as good.
     """
-    ranked = sorted(found, key=lambda candidate: -candidate.together - (NEAR if candidate.name in held else 0.0))
+    ranked = sorted(
+        here.candidates, key=lambda candidate: -candidate.together - (NEAR if candidate.name in held else 0.0)
+    )
     if discovery is None:
         return ranked
     described = discovery.candidate
     place = next(
-        (
-            k
-            for k, candidate in enumerate(ranked)
-            if described.gain > candidate.gain + (NEAR if candidate.fit.is_characteristic else -NEAR)
-        ),
-        len(ranked),
+        (k for k, candidate in enumerate(ranked) if _gives_way(here, candidate, described)), len(ranked)
     )
     return [*ranked[:place], described, *ranked[place:]]
+
+
+def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
+    """Whether a description in generic terms comes before the candidate."""
+    more = described.leads(candidate)
+    if abs(more) >= NEAR:
+        return more > 0.0
+    return particular_share(here.problem, here.null, candidate.fit) <= OUTSIDE**2

@@ -29,7 +29,8 @@ _QUANTITY = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time":
 class Entry:
     """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
 
-    `at(position)` is the same entry elsewhere.
+    `at(position)` is the same entry elsewhere. What `may_change` may begin, end and jump in time; the others are
+    courses in a quantity themselves.
     """
 
     words: str
@@ -37,6 +38,7 @@ class Entry:
     position: float = 0.0
     spacing: float = 0.0
     at: Callable[[float], Entry] | None = None
+    may_change: bool = False
 
 
 def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
@@ -45,7 +47,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     Of several flights, what all share: nothing that follows the record's time.
     """
     one = len(motions) == 1
-    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_powers()]
+    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_round_the_body(), *_powers()]
     quantities: tuple[Quantity, ...] = ("mach", "log_reynolds", "time") if one else ("mach", "log_reynolds")
     for quantity in quantities:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
@@ -78,6 +80,7 @@ def _turning(motion: Motion) -> list[Entry]:
             rate,
             step,
             entry,
+            may_change=True,
         )
 
     return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
@@ -110,11 +113,42 @@ def _harmonics() -> list[Entry]:
                         f"an {side} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian"
                         f"{_POWER[power]}",
                         terms,
+                        may_change=True,
                     )
                 )
     return found
 
 
+def _round_the_body() -> list[Entry]:
+    """Moments of any direction that turn with the windward meridian: in plane and out of plane harmonics together.
+
+    Once round is fixed in the body.
+    """
+    found = []
+    for times in (-3, -2, -1, 2, 3, 4):
+        for power in (0, 1):
+            way = "against" if times < 0 else "with"
+            found.append(
+                Entry(
+                    f"a moment that turns {_TIMES[abs(times)]} {way} the windward meridian in the plane of alpha"
+                    f"{_POWER[power]}",
+                    tuple(
+                        FiledTerm(
+                            name=f"{axis} turned by {times} phi_w{_POWER[power]}",
+                            axis=axis,
+                            turn=Turn(of="windward_meridian", rate=float(times)),
+                            factors=_alpha(power),
+                            units="1/rad" if power else "1",
+                        )
+                        for axis in _PLANE
+                    ),
+                    may_change=True,
+                )
+            )
+    return found
+
+
+_TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
 _PLANE: tuple[Axis, Axis] = ("in_plane", "out_of_plane")
 WAVES: tuple[Wave, Wave] = ("cos", "sin")
 
@@ -139,6 +173,7 @@ def _powers() -> list[Entry]:
                     units=f"1/rad^{power}" if power else "1",
                 ),
             ),
+            may_change=True,
         )
         for axis, power in chosen
     ]

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
+from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm, MechanismFile, mechanism_of
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
@@ -21,6 +22,9 @@ from brv_hypo.subset import best_subsets
 
 _SCREENED = 10  # entries at most, of which the best subset is found exactly: 2^10 subsets
 _FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
+# Entries at most that are tried as what begins, ends and jumps in time, the best as constants: of an effect that acts
+# a quarter of the record, a quarter of what it explains is left to find it by.
+_TIMED = 3
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,7 @@ def discover(
     Entries are screened one after another, moved to their best places, and the best subset of each size is
     found exactly.
     """
-    response, basis = problem.response, np.linalg.qr(problem.design(problem.frame, problem.baseline))[0]
-    left = response - basis @ (basis.T @ response)
+    response, (basis, left) = problem.response, _left(problem)
     chosen: list[Entry] = []
     for _ in range(min(most + 2, _SCREENED) if most > 1 else 1):
         gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
@@ -68,17 +71,30 @@ def discover(
         basis = np.column_stack([basis, np.linalg.qr(own)[0]])
         left = response - basis @ (basis.T @ response)
         chosen.append(best)
-    searched = len(dictionary.entries)
-    fits = [_fit(problem, name, subset, searched) for subset in _subsets(problem, chosen, most)]
+    count = len(dictionary.entries)
+    fits = [_constant(problem, name, subset, count) for subset in _subsets(problem, chosen, most)]
+    if len(problem.records) == 1:
+        fits += [_timed(problem, name, entry, count) for entry in _changing(dictionary, problem)]
     if not fits:
         return None
-    (fit, file), words, pieces = min(fits, key=lambda found: found[0][0].information)
-    candidate = replace(candidate_of(problem, null, fit, name, "discovered"))
-    valued = [
-        term.model_copy(update={"value": float(v)})
-        for term, v in zip(file.terms, fit.values[fit.baseline_size :], strict=True)
-    ]
-    return Discovery(candidate, file.model_copy(update={"terms": tuple(valued)}), words, pieces)
+    found = min(fits, key=lambda each: each.fit.information)
+    candidate = candidate_of(problem, null, found.fit, name, "discovered")
+    terms = filed(found.fit.selected, found.fit.values[found.fit.baseline_size :], found.mechanism)
+    return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title, found.pieces)
+
+
+def filed(columns: Sequence[Column], values: FloatArray, mechanism: FiledMechanism) -> tuple[FiledTerm, ...]:
+    """The terms of a described mechanism's columns as a file holds them: one each, with its value and its jump."""
+    known = {term.name: term for term in mechanism.definition}
+    found = []
+    for column, value in zip(columns, values, strict=True):
+        term, start = known[column.term], column.course.start
+        changes: dict[str, object] = {"value": float(value)}
+        if column.course.kind == "jump":
+            changes["name"] = f"{term.name}, from {start:.12g} s"
+            changes["factors"] = (*term.factors, Factor(of="time", function="step", at=start))
+        found.append(term.model_copy(update=changes))
+    return tuple(found)
 
 
 def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple[Entry, ...]]:
@@ -106,39 +122,122 @@ def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple
     return [tuple(chosen[k] for k in members) for members in found if 0 < len(members) <= most]
 
 
-def _fit(
-    problem: Problem, name: str, chosen: tuple[Entry, ...], searched: int
-) -> tuple[tuple[HypothesisFit, MechanismFile], str, int]:
-    words = " and ".join(entry.words for entry in chosen)
-    file = MechanismFile(
+@dataclass(frozen=True)
+class _Described:
+    """A description as fitted; `file` holds its terms without values and jumps, `pieces` counts its entries."""
+
+    fit: HypothesisFit
+    file: MechanismFile
+    mechanism: FiledMechanism
+    pieces: int
+
+
+def _constant(problem: Problem, name: str, chosen: tuple[Entry, ...], entries_searched: int) -> _Described:
+    """Entries that act throughout."""
+    file = _file(name, chosen, " and ".join(entry.words for entry in chosen))
+    columns = tuple(_column(name, term.name, term.units) for term in file.terms)
+    return _described(problem, file, columns, math.comb(entries_searched, len(chosen)), len(chosen))
+
+
+def _timed(problem: Problem, name: str, entry: Entry, entries_searched: int) -> _Described:
+    """An entry with jumps in time where they explain most, and then at its own best place."""
+    mechanism = _Changing(definition=entry.terms)
+    fit = fit_hypothesis(problem, mechanism.name, (mechanism,))
+    courses = tuple(dict.fromkeys(column.course for column in fit.selected))
+    entry = _moved(problem, entry, *_left(problem), courses)
+    times = sorted(course.start for course in courses if course.kind == "jump")
+    words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
+    columns = tuple(_column(name, term.name, term.units, course) for course in courses for term in entry.terms)
+    searched = _choices(entries_searched * math.comb(fit.searched, len(courses)), len(courses))
+    return _described(problem, _file(name, (entry,), words), columns, searched, 1)
+
+
+class _Changing(FiledMechanism):
+    """An entry of the dictionary, constant or with jumps, its terms the components of one vector."""
+
+    name = "changing"
+    time_variation = ("constant", "jump")
+    terms_enter_together = True
+
+
+def _choices(sets: int, chosen: int) -> int:
+    """Of how many a choice of so many has at least this number of sets to choose from."""
+    count = chosen
+    while math.comb(count, chosen) < sets:
+        count += 1
+    return count
+
+
+def _changing(dictionary: Dictionary, problem: Problem) -> list[Entry]:
+    """The entries that explain most as constants, of those that may change in time; of neighbours the best alone."""
+    basis, left = _left(problem)
+    gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
+    found: list[Entry] = []
+    for k in sorted(range(len(gains)), key=lambda k: -gains[k]):
+        entry = dictionary.entries[k]
+        if entry.may_change and gains[k] > 0.0 and not any(_neighbours(entry, other) for other in found):
+            found.append(entry)
+    return found[:_TIMED]
+
+
+def _neighbours(one: Entry, other: Entry) -> bool:
+    """Whether two entries are the same at places next to each other."""
+    placed = one.at is not None and other.at is not None
+    return placed and abs(one.position - other.position) < 1.5 * max(one.spacing, other.spacing)
+
+
+def _file(name: str, chosen: Sequence[Entry], words: str) -> MechanismFile:
+    return MechanismFile(
         name=name,
         title=words,
         claims=words,
         source="found in the residual of a flight",
         terms=tuple(term for entry in chosen for term in entry.terms),
     )
+
+
+def _described(
+    problem: Problem, file: MechanismFile, columns: tuple[Column, ...], searched: int, pieces: int
+) -> _Described:
     mechanism = mechanism_of(file)
     frame = problem.frame.with_mechanisms([mechanism])
-    columns = tuple(_column(name, term.name, term.units) for term in file.terms)
-    return (solved(problem, name, (mechanism,), frame, columns, searched), file), words, len(chosen)
+    fit = solved(problem, file.name, (mechanism,), frame, columns, searched)
+    return _Described(fit, file, mechanism, pieces)
 
 
-def _moved(problem: Problem, entry: Entry, basis: FloatArray, left: FloatArray) -> Entry:
-    """The entry at the place near it that explains most."""
+_ALWAYS = (TimeFunction("constant"),)
+
+
+def _left(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """An orthonormal basis (rows, rank) of the model, and what it leaves (rows,)."""
+    basis = np.asarray(np.linalg.qr(problem.design(problem.frame, problem.baseline))[0], dtype=float)
+    return basis, problem.response - basis @ (basis.T @ problem.response)
+
+
+def _moved(
+    problem: Problem,
+    entry: Entry,
+    basis: FloatArray,
+    left: FloatArray,
+    courses: Sequence[TimeFunction] = _ALWAYS,
+) -> Entry:
+    """The entry, with these courses in time, at the place near it that explains most."""
     spacing = entry.spacing
     while entry.at is not None and spacing > 0.02 * entry.spacing:
         places = [
             entry.at(entry.position + spacing * shift) for shift in np.linspace(-1.0, 1.0, 2 * _FINER + 1)
         ]
-        gains = [_gain(_free(own, basis), left) for own in _white(problem, places)]
+        gains = [_gain(_free(own, basis), left) for own in _white(problem, places, courses)]
         entry = places[int(np.argmax(gains))]
         spacing /= _FINER
     return entry
 
 
-def _white(problem: Problem, chosen: Sequence[Entry]) -> list[FloatArray]:
-    """The whitened columns of each entry."""
-    frame, groups = _columns(problem, chosen)
+def _white(
+    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeFunction] = _ALWAYS
+) -> list[FloatArray]:
+    """The whitened columns of each entry with these courses."""
+    frame, groups = _columns(problem, chosen, courses)
     design = problem.design(frame, [column for group in groups for column in group])
     ends = np.cumsum([0, *(len(group) for group in groups)])
     return [design[:, a:b] for a, b in itertools.pairwise(ends)]
@@ -157,12 +256,18 @@ def _gain(columns: FloatArray, left: FloatArray) -> float:
     return float(right @ np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right)
 
 
-def _columns(problem: Problem, chosen: Sequence[Entry]) -> tuple[RateFrame, list[tuple[Column, ...]]]:
+def _columns(
+    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeFunction] = _ALWAYS
+) -> tuple[RateFrame, list[tuple[Column, ...]]]:
     name = "dictionary"
     mechanism = FiledMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
     frame = replace(problem.frame.with_mechanisms([]), mechanisms={**problem.frame.mechanisms, name: mechanism})
-    return frame, [tuple(_column(name, term.name, term.units) for term in entry.terms) for entry in chosen]
+    return frame, [
+        tuple(_column(name, term.name, term.units, course) for course in courses for term in entry.terms)
+        for entry in chosen
+    ]
 
 
-def _column(mechanism: str, term: str, units: str) -> Column:
-    return Column(mechanism, term, (), TimeFunction("constant"), units)
+def _column(mechanism: str, term: str, units: str, course: TimeFunction = _ALWAYS[0]) -> Column:
+    """A term's column; the terms of one course are chosen together."""
+    return Column(mechanism, term, (), course, units, tied=True)

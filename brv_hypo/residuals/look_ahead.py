@@ -33,16 +33,29 @@ def looked_ahead(
     ahead = {leaders[0].name: first}
     for rival in leaders[1:]:
         if rival.gain >= _RIVAL * leaders[0].gain:
-            ahead[rival.name] = max(_beside(problem, rival, mechanisms), 0.0)
+            ahead[rival.name] = _beside(problem, rival, mechanisms)
     return [replace(candidate, ahead=ahead.get(candidate.name)) for candidate in found]
 
 
+def looked_ahead_like(
+    problem: Problem, described: Candidate, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]
+) -> Candidate:
+    """A description in generic terms, with what the best effect beside it gains where that is known of its rivals.
+
+    One that takes up a little of two effects at once would explain more than the name of either.
+    """
+    rivals = [candidate for candidate in found if candidate.ahead is not None]
+    if not any(described.gain > _RIVAL * rival.gain for rival in rivals):
+        return described
+    return replace(described, ahead=_beside(problem, described, mechanisms))
+
+
 def _beside(problem: Problem, candidate: Candidate, mechanisms: Sequence[Mechanism]) -> float:
-    """Fall of the extended BIC by the best other mechanism beside the candidate."""
+    """Fall of the extended BIC by the best other mechanism beside the candidate; 0 where none gains."""
     beside = replace(problem, baseline=candidate.fit.columns, frame=candidate.fit.frame)
     null = fit_hypothesis(beside, "none", ())
     others = [mechanism for mechanism in mechanisms if mechanism.name != candidate.name]
-    return max((_gain(beside, null, mechanism) for mechanism in others), default=0.0)
+    return max((0.0, *(_gain(beside, null, mechanism) for mechanism in others)))
 
 
 def _gain(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> float:

@@ -34,6 +34,7 @@ from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary
+from brv_hypo.residuals.unneeded import unneeded, without
 
 Progress = Callable[[str], None]
 SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
@@ -77,7 +78,7 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> T
     discovery: Discovery | None = None
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = course.turn(number, state)
+        turn = course.turn(number, state, [step.added for step in steps if step.added is not None])
         first = first or turn.before
         steps.append(turn.step)
         if turn.discovery is not None and (turn.after is not None or discovery is None):
@@ -161,8 +162,11 @@ class _Course:
             model = replace(model, columns=fit_hypothesis(state.problem, "start", chosen).columns)
         return settled_state(self.flights, model, self.config)
 
-    def turn(self, number: int, state: State) -> Turn:
-        """One step: the residual, the candidates, and the model with the best of them if it is needed."""
+    def turn(self, number: int, state: State, before: Sequence[str]) -> Turn:
+        """One step: the residual, the candidates, and the model with the best of them if it is needed.
+
+        What was added `before` and is not needed beside it is taken out.
+        """
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
         untried = [m for m in usable if _may_join(m, state.model, len(self.flights))]
         effects = [e for e in self.effects if not _held_everywhere(e.name, state.model, len(self.flights))]
@@ -189,6 +193,9 @@ class _Course:
         if after is not None and choice.taken is not None and choice.taken.candidate.effect is None:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
             after = settled_state(self.flights, after.model, self.config)
+        if after is not None and (gone := unneeded(after, [name for name in before if name != step.added])):
+            after = settled_state(self.flights, without(after.model, gone), self.config)
+            step = step.model_copy(update={"taken_out": gone})
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
     def _choice(

@@ -15,12 +15,11 @@ from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, Turn, me
 from brv_hypo.mechanisms.registry import find, record_effects
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import given_column
-from brv_hypo.residuals.baseline import scheduled, start_model
+from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
 from brv_hypo.residuals.candidates_at_step import Look, look
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import Baseline, TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
 from brv_hypo.residuals.linearisation import see
 from brv_hypo.simulation import load_config, simulate
@@ -41,10 +40,13 @@ AERODYNAMIC = (
 RECORD = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale", "accel_position", "time_skew", "wind_step")
 UNNAMED = ("turning_moment", "third_harmonic", "mach_step")
 EFFECTS = (*MECHANISMS, *AERODYNAMIC, *RECORD)
+# What a baseline with a schedule of the stiffness holds already: it is looked for from constant coefficients.
+SCHEDULED = ("mach_stiffness", "reynolds_stiffness")
 
 # A coefficient is detected at this many of its standard errors in the whole regression.
 _LIMIT = 5.0
 _TIMES = (3.0, 10.0)  # detection limits between which a planted effect's size is drawn
+_MOST = 15.0  # tolerances that an instrument is planted to err by at most
 # Factors on roll rate and angle of attack of another flight.
 _CHANGE = (0.8, 1.25)
 
@@ -62,11 +64,25 @@ class Case:
         """Its name in the results file."""
         return f"{'+'.join(self.effects) or 'none'}/{self.vehicle}/{self.seed}"
 
+    @property
+    def baseline(self) -> Baseline:
+        """Where a trace of it starts from."""
+        return "constant" if set(self.effects) & set(SCHEDULED) else "scheduled"
 
-def planted(case: Case) -> tuple[SimulationConfig, tuple[str, ...]]:
-    """The configuration of a case, its effects at 3 to 10 times their detection limits, and their sizes in
-    words.
+
+@dataclass(frozen=True)
+class Size:
+    """How large an effect is planted, in words and in detection limits.
+
+    Fewer than were drawn where an instrument or a vehicle has no more.
     """
+
+    words: str
+    times: float
+
+
+def planted(case: Case) -> tuple[SimulationConfig, tuple[Size, ...]]:
+    """The configuration of a case, its effects at 3 to 10 times their detection limits, and their sizes."""
     draw = np.random.default_rng([case.seed, *(ord(letter) for letter in case.key)])
     config = load_config(case.vehicle)
     data = config.model_dump()
@@ -74,7 +90,7 @@ def planted(case: Case) -> tuple[SimulationConfig, tuple[str, ...]]:
     clean = SimulationConfig.model_validate(data)
     if not case.effects:
         return clean, ()
-    here = _clean_look(clean, case.seed + 10_000)
+    here = _clean_look(clean, case.seed + 10_000, case.baseline)
     sizes = []
     for effect in case.effects:
         times = float(np.exp(draw.uniform(*np.log(_TIMES))))
@@ -94,26 +110,27 @@ def another_flight(config: SimulationConfig, seed: int) -> SimulationConfig:
     return config.model_copy(update={"start": start.model_copy(update=changed)})
 
 
-def _clean_look(config: SimulationConfig, seed: int) -> Look:
+def _clean_look(config: SimulationConfig, seed: int, baseline: Baseline) -> Look:
     """The regression of the same flight with nothing planted: it tells how well a coefficient can be known."""
     flight = simulate(config, seed=seed).flight
-    settings = TraceConfig(discover=False)
-    model = start_model((flight,), ())
+    settings = TraceConfig(discover=False, baseline=baseline)
+    model = start_model((flight,), (), baseline)
     seen = see((flight,), model, settings)
-    columns = baseline_columns(seen.frame)
-    model = scheduled(replace(model, columns=columns), seen)
-    return look(seen, model, seen.values(seen.fitted, columns), (), record_effects(), settings)
+    model = replace(model, columns=starting_columns(model, seen.frame))
+    model = scheduled(model, seen) if has_schedule(model) else model
+    return look(seen, model, seen.values(seen.fitted, model.columns), (), record_effects(), settings)
 
 
-def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> str:
-    """Plant an effect in the configuration's data; its size in words."""
+def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> Size:
+    """Plant an effect in the configuration's data; its size."""
     if effect in MECHANISMS:
         entries = [dict(entry) for entry in data["plantable"][effect]]
-        scale = times * _limit_of(here, [_planted_columns(entry) for entry in entries])
+        limit = _limit_of(here, [_planted_columns(entry) for entry in entries])
+        scale = min(times * limit, 1.0)
         for entry in entries:
-            entry["terms"] = {name: float(value) * min(scale, 1.0) for name, value in entry["terms"].items()}
+            entry["terms"] = {name: float(value) * scale for name, value in entry["terms"].items()}
         data["mechanisms"] = (*data["mechanisms"], *entries)
-        return f"{effect} x {min(scale, 1.0):.3g}"
+        return Size(f"{effect} x {scale:.3g}", scale / limit)
     if effect in RECORD:
         return _plant_record(data, effect, here, times, draw)
     entry = _aerodynamic(effect, draw, here)
@@ -125,7 +142,7 @@ def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np
         data["vehicle"]["ixy"] = entry["terms"]["I_xy/(S d)"] * area
     else:
         data["mechanisms"] = (*data["mechanisms"], entry)
-    return f"{effect} {entry['terms']}"
+    return Size(f"{effect} {entry['terms']}", times)
 
 
 def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str, Any]:
@@ -213,7 +230,7 @@ def _free_length(here: Look, column: FloatArray) -> float:
 
 def _plant_record(
     data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator
-) -> str:
+) -> Size:
     """Plant an error of one component of an instrument, or a step of the wind."""
     limits = {}
     for name, (_, planted) in here.components.items():
@@ -222,14 +239,15 @@ def _plant_record(
             limits[name] = (planted.name, _LIMIT / max(_free_length(here, column), 1e-12))
     flight = here.seen.flights[0]
     sizes = {c.name: c.size for e in record_effects() if e.name == effect for c in e.components(flight)}
-    fit = [name for name, (component, limit) in limits.items() if times * limit < 15.0 * sizes[component]]
+    fit = [name for name, (component, limit) in limits.items() if times * limit < _MOST * sizes[component]]
     name = str(draw.choice(fit or [min(limits, key=lambda n: limits[n][1] / sizes[limits[n][0]])]))
     component, limit = limits[name]
-    value = float(min(times * limit, 15.0 * sizes[component]) * draw.choice([-1.0, 1.0]))
+    size = min(times * limit, _MOST * sizes[component])
+    value = float(size * draw.choice([-1.0, 1.0]))
     if effect == "wind_step":
         at = float(draw.uniform(0.25, 0.7) * data["duration"])
         across = value * np.array([0.0, np.cos(draw.uniform(0.0, 6.3)), np.sin(draw.uniform(0.0, 6.3))])
         data["environment"]["wind_step"] = {"time": at, "velocity": tuple(across.tolist())}
     else:
         data["instruments"]["errors"].setdefault(effect, {})[component] = value
-    return f"{effect} {component} {value:.3g}"
+    return Size(f"{effect} {component} {value:.3g}", size / limit)

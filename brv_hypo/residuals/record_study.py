@@ -21,15 +21,19 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.problem import Problem, given_column
+from brv_hypo.residuals.candidates import LARGEST
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.loop import trace
+from brv_hypo.residuals.model_file import read_structure
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
@@ -55,7 +59,12 @@ def ground(flight: Flight, steps: int) -> Ground:
     settings = TraceConfig(max_steps=max(steps, 1), maximum_likelihood=False)
     if steps == 0:
         settings = settings.model_copy(update={"effects": (), "discover": False})
-    found = trace(flight, settings).model.definition
+    return standing_on(flight, trace(flight, settings).model.definition)
+
+
+def standing_on(flight: Flight, found: SavedModel) -> Ground:
+    """The record with a model that was found on it."""
+    settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
         state = settled_state((flight,), restored(found, (flight,)), settings)
         here = look(state.seen, state.model, state.values, (), (), settings.model_copy(update={"discover": False}))
@@ -67,22 +76,73 @@ def planted(
 ) -> tuple[Flight, str]:
     """The record with the effect at `times` its detection limit, in a random direction of its terms; its size.
 
-    A moment that may change in time begins at `onset` (s), where one is given.
+    A moment that may change in time begins at `onset` (s), where one is given. One that the vehicle could not bear is
+    planted with the other sign. Raises UnanswerableError where nothing of that size is possible.
     """
     draw = np.random.default_rng([seed, *(ord(letter) for letter in effect)])
     item = find_installed(effect)
-    if isinstance(item, Mechanism):
-        motion = base.state.seen.reconstructions[0].motion
-        names = [term.name for term in item.terms(motion, {})]
-        direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
-        begin = None if item.time_variation == ("constant",) else onset
-        values = times * _limit(base.here, effect, names, direction, begin) * direction
-        told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
-        told += "" if begin is None else f" from {begin:.0f} s"
-        return with_moment(base.flight, base.state, item, values.tolist(), begin), told
-    component = item.components(base.flight)[int(draw.integers(len(item.components(base.flight))))]
-    value = 3.0 * times * component.size  # in tolerances: a smaller one is no error beyond them
-    return item.perturb(base.flight, component.name, value), f"{component.name} {value:.3g} {component.units}"
+    if isinstance(item, RecordEffect):
+        return _with_error(base, item, times, draw)
+    if item.parameters():
+        raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
+    motion = base.state.seen.reconstructions[0].motion
+    names = [term.name for term in item.terms(motion, {})]
+    direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
+    begin = None if item.time_variation == ("constant",) else onset
+    values = times * _limit(base.here, effect, names, direction, begin) * direction
+    try:
+        flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
+    except UnanswerableError:
+        values = -values
+        flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
+    told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
+    told += "" if begin is None else f" from {begin:.0f} s"
+    return flight, f"{told}, {_times_there(base, flight, item, values, begin):.1f} limits on the motion that it makes"
+
+
+def _times_there(
+    base: Ground, flight: Flight, item: Mechanism, values: FloatArray, onset: float | None
+) -> float:
+    """How many detection limits the planted moment is on the record that it made: it acts on the changed motion."""
+    model = restored(base.model, (flight,))
+    names = [term.name for term in item.terms(base.state.seen.reconstructions[0].motion, {})]
+    own = tuple(Column(item.name, name, (), _course(onset), "1") for name in names)
+    settings = TraceConfig(maximum_likelihood=False)
+    both = replace(
+        model, mechanisms={**model.mechanisms, item.name: item}, columns=(*model.columns, *own)
+    )
+    with threadpool_limits(limits=1, user_api="blas"):
+        problem = settled_state((flight,), both, settings).problem
+        problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
+        others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
+        moment = problem.design(problem.frame, last) @ values
+        return 1.0 / _limit_of(replace(problem, baseline=others), moment)
+
+
+def _with_error(
+    base: Ground, effect: RecordEffect, times: float, draw: np.random.Generator
+) -> tuple[Flight, str]:
+    """The record with an error of one component of an instrument, of those that have errors so large."""
+    settings = TraceConfig(discover=False, maximum_likelihood=False)
+    with threadpool_limits(limits=1, user_api="blas"):
+        here = look(base.state.seen, base.state.model, base.state.values, (), (effect,), settings)
+    problem = with_efficiency(here.problem, here.null)
+    limits = {
+        component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
+        for name, (_, component) in here.components.items()
+    }
+    possible = [c for c, limit in limits.items() if times * limit <= LARGEST * c.size]
+    if not possible:
+        least = min(limits, key=lambda c: limits[c] / c.size)
+        raise UnanswerableError(
+            f"on this record an error of {effect.name} {least.name} shows from {limits[least]:.3g} {least.units} on, "
+            f"{limits[least] / least.size:.0f} of its tolerance: at {times:g} times that no instrument errs so much, "
+            f"and the loop believes up to {LARGEST:.0f}. Plant less (--times)."
+        )
+    component = possible[int(draw.integers(len(possible)))]
+    value = float(times * limits[component])
+    told = f"{component.name} {value:.3g} {component.units}, {value / component.size:.1f} of its tolerance"
+    return effect.perturb(base.flight, component.name, value), told
 
 
 def _limit(
@@ -94,13 +154,20 @@ def _limit(
     samples.
     """
     problem = with_efficiency(here.problem, here.null)
-    course = TimeFunction("constant") if onset is None else TimeFunction("jump", onset)
     frame = problem.frame.with_mechanisms([find(effect)])
-    columns = [Column(effect, name, (), course, "1") for name in names]
-    own = problem.design(frame, columns) @ direction
+    columns = [Column(effect, name, (), _course(onset), "1") for name in names]
+    return _limit_of(problem, problem.design(frame, columns) @ direction)
+
+
+def _course(onset: float | None) -> TimeFunction:
+    return TimeFunction("constant") if onset is None else TimeFunction("jump", onset)
+
+
+def _limit_of(problem: Problem, column: FloatArray) -> float:
+    """Detection limit of a whitened column's coefficient."""
     design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
-    free = np.sqrt(problem.efficiency) * np.linalg.norm(own - basis @ (basis.T @ own))
+    free = np.sqrt(problem.efficiency) * np.linalg.norm(column - basis @ (basis.T @ column))
     return _LIMIT / float(free)
 
 
@@ -132,6 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--effects", default="magnus,stiffness_asymmetry,cubic_stiffness,gyro_scale")
     parser.add_argument("--times", type=float, default=5.0, help="of the detection limit")
     parser.add_argument("--steps", type=int, default=8, help="of the record's own trace")
+    parser.add_argument("--model", type=Path, default=None, help="of that trace, as it was written, instead")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--instruments", default=None)
     parser.add_argument("--onset", type=float, default=None, help="s, from which moments that may change act")
@@ -141,7 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     flight = load_flight(given.flight).window(given.start, given.stop)
     if given.instruments is not None:
         flight = replace(flight, instruments=instruments_from(given.instruments, flight.instruments))
-    base = ground(flight, given.steps)
+    base = standing_on(flight, read_structure(given.model)) if given.model else ground(flight, given.steps)
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)
     for effect in given.effects.split(","):

@@ -95,7 +95,8 @@ class Step(NullIsNaN):
     which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
     blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
-    `flight_left_out`: with several flights, what the shared terms predict of each from the others.
+    `flight_left_out`: with several flights, what the shared terms predict of each from the others. `taken_out`: effects
+    of earlier steps that the model has no need of beside this one.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
     `held_out_score` the fall of the held-out error in both channels in its standard errors.
     """
@@ -105,6 +106,7 @@ class Step(NullIsNaN):
     candidates: tuple[TriedCandidate, ...]
     look_alikes: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+    taken_out: tuple[str, ...] = ()
     added: str | None
     description: str = ""
     standing: Standing | None = None
@@ -117,6 +119,15 @@ class Step(NullIsNaN):
     flight_left_out: FlightLeftOut | None = None
     error_ratio_std_error: float | None = None
     held_out_score: float | None = None
+
+
+def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
+    """The steps that added what the model still holds."""
+    return tuple(
+        step
+        for place, step in enumerate(steps)
+        if step.added is not None and not any(step.added in later.taken_out for later in steps[place + 1 :])
+    )
 
 
 class ModelSummary(NullIsNaN):
@@ -167,8 +178,8 @@ class Trace(Pictured, Result):
 
     @property
     def added(self) -> tuple[str, ...]:
-        """The effects that were added, in order; once, though an effect was added in parts."""
-        return tuple(dict.fromkeys(step.added for step in self.steps if step.added is not None))
+        """The effects that were added and stay, in order; once, though an effect was added in parts."""
+        return tuple(dict.fromkeys(step.added for step in lasting_steps(self.steps) if step.added is not None))
 
     def headline(self) -> str:
         """What was found, what is hinted at, and why the loop stopped."""

@@ -19,6 +19,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from pydantic import TypeAdapter
 
+from brv_hypo.errors import BrvHypoError
 from brv_hypo.mechanisms.filed import MechanismFile, mechanism_text
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.loop import trace
@@ -37,10 +38,11 @@ _SIGNIFICANT = TraceConfig().significance
 class Outcome:
     """What the loop said of a case.
 
-    `first`: what step 1 added or, where it added nothing, its first candidate that counts; `alike` what step 1
-    cannot tell from it. `named`: the first of each step's candidates that count, added or not. `found`: all that was
-    added, and its stated look-alikes. `second_ratio`: of the held-out error of another flight, with what was
-    discovered on this one; `second_added` whether that was added there.
+    `times`: how many detection limits each effect is large. `first`: what step 1 added or, where it added nothing, its
+    first candidate that counts; `alike` what step 1 cannot tell from it: its near-equals, and what fits as well.
+    `named`: the first of each step's candidates that count, added or not. `found`: all that was added, and what cannot
+    be told from it. `second_ratio`: of the held-out error of another flight, with what was discovered on this one;
+    `second_added` whether that was added there.
     """
 
     key: str
@@ -54,6 +56,7 @@ class Outcome:
     held_out: float
     noise_floor: float
     sizes: tuple[str, ...]
+    times: tuple[float, ...]
     seconds: float
     second_ratio: float | None = None
     second_added: bool | None = None
@@ -70,20 +73,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = Parallel(n_jobs=options.jobs)(delayed(run)(case) for case in part)
         with options.output.open("a", encoding="utf-8") as stream:
             for outcome in found:
+                if isinstance(outcome, str):
+                    print(outcome, file=sys.stderr)
+                    continue
                 done[outcome.key] = outcome
                 stream.write(json.dumps(asdict(outcome)) + "\n")
         print(f"{len(done)} of {len(cases)} flights", file=sys.stderr)
     print(table([done[case.key] for case in cases if case.key in done]))
 
 
-def run(case: Case) -> Outcome:
-    """Simulate one case and trace it."""
+def run(case: Case) -> Outcome | str:
+    """Simulate one case and trace it; the reason in words where it cannot be flown or told anything of."""
+    try:
+        return _traced(case)
+    except BrvHypoError as error:
+        return f"{case.key}: {error}"
+
+
+def _traced(case: Case) -> Outcome:
     config, sizes = planted(case)
-    result = trace(
-        simulate(config, seed=case.seed).flight, TraceConfig(max_steps=4, maximum_likelihood=False)
-    )
+    settings = TraceConfig(baseline=case.baseline, max_steps=4, maximum_likelihood=False)
+    result = trace(simulate(config, seed=case.seed).flight, settings)
     first, last = result.steps[0], result.steps[-1]
-    known = [(step.added, *step.look_alikes) for step in result.steps if step.added is not None]
+    known = [(step.added, *_alike(step)) for step in result.steps if step.added is not None]
     ratio, added = None, None
     if set(case.effects) & set(UNNAMED) and result.discovered is not None:
         ratio, added = _second(config, case.seed, result.discovered)
@@ -91,7 +103,7 @@ def run(case: Case) -> Outcome:
         key=case.key,
         effects=case.effects,
         first=_named(first),
-        alike=first.look_alikes,
+        alike=_alike(first),
         named=tuple(dict.fromkeys(name for step in result.steps if (name := _named(step)) is not None)),
         added=result.added,
         found=tuple(dict.fromkeys(name for names in known for name in names)),
@@ -100,11 +112,18 @@ def run(case: Case) -> Outcome:
         if last.added is None or last.error_after is None
         else last.error_after.held_out,
         noise_floor=result.noise_floor,
-        sizes=sizes,
+        sizes=tuple(size.words for size in sizes),
+        times=tuple(size.times for size in sizes),
         seconds=result.seconds,
         second_ratio=ratio,
         second_added=added,
     )
+
+
+def _alike(step: Step) -> tuple[str, ...]:
+    """What a step cannot tell from what it names."""
+    near = step.candidates[0].near_equals if step.candidates else ()
+    return tuple(dict.fromkeys((*near, *step.look_alikes)))
 
 
 def _named(step: Step) -> str | None:
@@ -125,7 +144,7 @@ def _second(config: SimulationConfig, seed: int, discovered: MechanismFile) -> t
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """One line for each planted combination, in shares of its flights.
+    """One line for each planted combination, in shares of its flights whose effects are above their detection limits.
 
     first: named first; alike: or a stated look-alike of that; named: all that was planted was named first by some
     step; added: was added; found: or stated look-alikes; any: something was added; noise: held-out error within 20 %
@@ -135,8 +154,9 @@ def table(outcomes: Sequence[Outcome]) -> str:
     lines = [
         "effect                      flights  first  alike  named  added  found    any  noise  ratio second"
     ]
-    for name in dict.fromkeys("+".join(o.effects) or "none" for o in outcomes):
-        own = [o for o in outcomes if ("+".join(o.effects) or "none") == name]
+    seen = [o for o in outcomes if all(times >= 1.0 for times in o.times)]
+    for name in dict.fromkeys("+".join(o.effects) or "none" for o in seen):
+        own = [o for o in seen if ("+".join(o.effects) or "none") == name]
         planted = bool(own[0].effects) and not set(own[0].effects) & set(UNNAMED)
         shares = [
             np.mean([o.first in o.effects for o in own]) if planted else np.nan,

@@ -23,7 +23,7 @@ from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.discover import Discovery
+from brv_hypo.residuals.discover import Discovery, filed
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
@@ -31,7 +31,16 @@ from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.model_error import lasting, model_error
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import Found, saved
-from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace
+from brv_hypo.residuals.result import (
+    ModelSummary,
+    Picture,
+    Residual,
+    Standing,
+    Step,
+    Stop,
+    Trace,
+    lasting_steps,
+)
 
 _FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, SlopeSchedule.name, SlopeCourse.name)
@@ -90,8 +99,9 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
 
 
 def _added(steps: Sequence[Step], standing: Standing) -> tuple[str, ...]:
-    """What was added with this standing, in order; once, though it was added in parts."""
-    return tuple(dict.fromkeys(step.added for step in steps if step.added and step.standing == standing))
+    """What was added with this standing and stays, in order; once, though it was added in parts."""
+    own = (step for step in lasting_steps(steps) if step.standing == standing)
+    return tuple(dict.fromkeys(step.added for step in own if step.added))
 
 
 def flown(seen: Seen) -> dict[str, tuple[float, float]]:
@@ -112,24 +122,18 @@ def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     model = end.state.model
     pieces = [
-        (name, model.mechanisms[name])
+        (name, piece)
         for name in dict.fromkeys(column.mechanism for column in model.columns)
-        if name.startswith(GENERIC) and isinstance(model.mechanisms[name], FiledMechanism)
+        if name.startswith(GENERIC) and isinstance(piece := model.mechanisms[name], FiledMechanism)
     ]
     if not pieces:
         return None if end.discovery is None else end.discovery.file
-    values = {(c.mechanism, c.term): float(v) for c, v in zip(moments.columns, moments.values, strict=True)}
-    terms = [
-        term.model_copy(
-            update={
-                "name": term.name if len(pieces) == 1 else f"{name}: {term.name}",
-                "value": values.get((name, term.name)),
-            }
-        )
-        for name, piece in pieces
-        if isinstance(piece, FiledMechanism)
-        for term in piece.definition
-    ]
+    terms = []
+    for name, piece in pieces:
+        own = [k for k, column in enumerate(moments.columns) if column.mechanism == name]
+        found = filed([moments.columns[k] for k in own], moments.values[own], piece)
+        label = "" if len(pieces) == 1 else f"{name}: "
+        terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in found]
     words = " and ".join(piece.title for _, piece in pieces)
     name = pieces[0][0] if len(pieces) == 1 else GENERIC
     source = "found in the residual of a flight"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from brv_hypo.flight.derive import derive
@@ -34,7 +34,6 @@ def test_everything_follows_from_altitude_and_velocity_on_earth() -> None:
 
 @given(st.lists(st.floats(0.0, 80000.0), min_size=2, max_size=20))
 @example([11025.0, 20060.0, 32170.0, 47370.0, 51430.0, 71820.0])
-@settings(deadline=None)
 def test_altitude_of_density_inverts_the_atmosphere(heights: list[float]) -> None:
     altitude = np.array(heights)
     velocity = np.full(altitude.size, 2000.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.flight.bursts import find_bursts
@@ -27,7 +27,6 @@ def kinds(time, found):
 
 
 @given(st.floats(14.0, 2000.0), st.floats(0.0, 6.3), st.floats(0.0, 50.0), st.integers(0, 2**31))
-@settings(deadline=None)
 def test_motion_however_quantised_is_untouched(cycle, phase, quanta, seed):
     noise = np.random.default_rng(seed).standard_normal(SAMPLES)
     wave = 100.0 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / cycle + phase) + noise
@@ -44,7 +43,6 @@ def test_a_channel_sampled_and_held_is_untouched():
 
 
 @given(st.integers(100, 600), st.integers(4, 100), st.integers(0, 2**31))
-@settings(deadline=None)
 def test_a_stuck_channel_is_masked_exactly(start, length, seed):
     time, found = channels(seed)
     found["q"][start : start + length] = found["q"][start]
@@ -77,7 +75,6 @@ def test_a_record_without_noise_or_roll_has_no_dead_channel():
 
 
 @given(st.integers(50, 700), st.integers(3, 30), st.floats(40.0, 1e4), st.integers(0, 2**31))
-@settings(deadline=None)
 def test_a_burst_is_found_exactly(start, length, height, seed):
     values = 50.0 * np.sin(np.arange(SAMPLES) / 30.0) + np.random.default_rng(seed).standard_normal(SAMPLES)
     values[start : start + length] += height

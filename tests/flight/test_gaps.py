@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.flight import load_flight, save_flight
@@ -20,7 +20,6 @@ def wave(time: Any, frequency: float = 1.0) -> Any:
 
 
 @given(st.floats(1e-4, 2.0), st.floats(-1e4, 1e4), st.integers(16, 300), st.floats(0.0, 0.0049))
-@settings(deadline=None)
 def test_time_uniform_within_one_percent_is_left_as_it_is(
     step: float, start: float, samples: int, jitter: float
 ) -> None:
@@ -34,7 +33,6 @@ def test_time_uniform_within_one_percent_is_left_as_it_is(
 
 
 @given(st.integers(0, 2**31), st.floats(0.05, 0.2))
-@settings(deadline=None)
 def test_jittered_time_is_resampled_to_the_motion(seed: int, jitter: float) -> None:
     rng = np.random.default_rng(seed)
     time = 0.01 * (np.arange(500) + jitter * rng.uniform(-1.0, 1.0, 500))
@@ -85,7 +83,6 @@ def test_the_longest_bridged_gap_is_an_eighth_of_a_cycle(rate: float, frequency:
 
 
 @given(st.floats(16.0, 400.0), st.floats(0.0, 6.3), st.integers(20, 170))
-@settings(deadline=None)
 def test_a_bridged_gap_is_within_a_percent_of_the_amplitude(
     samples_per_cycle: float, phase: float, start: int
 ) -> None:

@@ -15,7 +15,7 @@ SAMPLES = 600
 
 
 @given(st.floats(2.0, 2000.0), st.floats(0.0, 6.3), st.floats(0.0, 0.1), st.integers(0, 2**31))
-@settings(max_examples=2 * settings.default.max_examples, deadline=None)
+@settings(max_examples=2 * settings.default.max_examples)
 def test_clean_oscillation_is_untouched_up_to_the_nyquist_frequency(
     samples_per_cycle: float, phase: float, growth: float, seed: int
 ) -> None:
@@ -30,7 +30,7 @@ def test_clean_oscillation_is_untouched_up_to_the_nyquist_frequency(
 @given(
     st.integers(0, SAMPLES), st.floats(-100.0, 100.0), st.integers(0, 3), st.sampled_from([0.0, 1e-6, 1.0])
 )
-@settings(max_examples=2 * settings.default.max_examples, deadline=None)
+@settings(max_examples=2 * settings.default.max_examples)
 def test_a_jump_of_any_derivative_is_untouched(at: int, size: float, order: int, sigma: float) -> None:
     index = np.arange(SAMPLES)
     after = np.where(index >= at, np.maximum(index - at, 0.0) ** order, 0.0)
@@ -59,7 +59,6 @@ def test_rounding_of_a_channel_at_rest_is_untouched(quantum: float) -> None:
     st.integers(1, 2),
     st.booleans(),
 )
-@settings(deadline=None)
 def test_isolated_spikes_are_found_exactly(
     slots: list[int], height: float, length: int, downward: bool
 ) -> None:

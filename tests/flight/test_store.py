@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pint
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.errors import FlightRecordError, UsageError
@@ -73,7 +73,6 @@ def assert_same(found: Flight, expected: Flight, *, rtol: float) -> None:
 
 
 @given(flights())
-@settings(deadline=None)
 def test_saving_and_loading_returns_the_flight(original: Flight) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "flight.h5")
@@ -84,7 +83,6 @@ def test_saving_and_loading_returns_the_flight(original: Flight) -> None:
 
 
 @given(flights(), CHOICES)
-@settings(deadline=None)
 def test_any_accepted_unit_gives_the_same_flight(original: Flight, units: dict[str, str]) -> None:
     def in_units(name: str, values: Any) -> Any:
         return np.asarray(values) / ACCEPTED[UNITS[name]][units[name]]
@@ -195,7 +193,6 @@ def is_compatible(units: str, si: str) -> bool:
 
 
 @given(st.sampled_from(ONE_PER_CHANNEL), texts(max_size=8) | st.sampled_from(dir(PINT)))
-@settings(deadline=None)
 def test_any_unit_string_is_read_or_refused_by_name(name: str, text: str) -> None:
     units = text.replace("\0", "")
     with tempfile.TemporaryDirectory() as folder:
@@ -222,7 +219,6 @@ def test_what_is_not_a_record_is_refused(tmp_path: Path) -> None:
 
 
 @given(st.floats(0.0, 0.999))
-@settings(deadline=None)
 def test_a_file_cut_short_anywhere_is_refused(kept: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = write_raw(Path(folder, "f.h5"), motion(40))

@@ -118,15 +118,22 @@ def _processor_seconds() -> float:
 
 
 def _living_children() -> list[str]:
-    found = [path.read_text().split() for path in Path("/proc/self/task").glob("*/children")]
-    return [number for numbers in found for number in numbers]
+    """Process numbers of the children of every thread."""
+    return [number for path in Path("/proc/self/task").glob("*/children") for number in _told(path).split()]
+
+
+def _told(path: Path) -> str:
+    """What the system says of a thread or process; nothing where it has just ended."""
+    try:
+        return path.read_text()
+    except OSError:
+        return ""
 
 
 def _taken_by(number: str) -> float:
     """Processor seconds of a living process; 0 where it has just ended."""
-    try:
-        fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
+    fields = _told(Path(f"/proc/{number}/stat")).rpartition(")")[2].split()
+    if not fields:
         return 0.0
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

@@ -47,7 +47,7 @@ def collocated(course: TimeFunction, corrected: bool = True) -> tuple[float, flo
     return rate, position
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(knot=st.floats(0.2, 1.0), length=st.floats(0.2, 0.8))
 def test_a_jump_between_nodes_gives_the_rate_and_position_of_the_sharp_jump(knot, length):
     rate, position = collocated(TimeFunction("jump", knot, knot + length))
@@ -62,7 +62,7 @@ def test_without_the_correction_the_error_is_a_thousand_times_larger():
     assert abs(collocated(course, corrected=False)[0] - exact) > 1e3 * abs(collocated(course)[0] - exact)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(knot=st.floats(0.2, 1.8))
 def test_a_ramp_is_integrated_exactly(knot):
     course = TimeFunction("ramp", knot)

@@ -25,7 +25,7 @@ def test_slow_motion_needs_no_nodes_between():
 
 
 @given(nearest=st.floats(1e-4, 2e-3), delay=st.sampled_from([0.0, 0.03, 0.2]))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_meridian_turns_little_between_nodes(nearest: float, delay: float):
     crossflow = passing(nearest)
     found = Meridian(crossflow, (delay,) if delay else ()).with_nodes_between(TIME)

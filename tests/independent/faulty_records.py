@@ -10,6 +10,7 @@ named and the record is not refused, it is compared.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -59,12 +60,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--flights", type=int, default=1, help="of each vehicle and truth (24 in all)")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("-v", "--verbose", action="store_true", help="a line of what was not named, as it goes")
     options = parser.parse_args(arguments)
     cases = [(v, t) for _ in range(options.flights) for v in sorted(CRAFTS) for t in ("none", *LISTED)]
-    flown = Parallel(n_jobs=options.jobs)(
-        delayed(records_of)(options.seed + k, *case) for k, case in enumerate(cases)
-    )
-    for line in report([tried for each in flown for tried in each]):
+    runs = (delayed(records_of)(options.seed + k, *case) for k, case in enumerate(cases))
+    found: list[Tried] = []
+    for k, flown in enumerate(Parallel(n_jobs=options.jobs, return_as="generator")(runs)):
+        found.extend(flown)
+        if options.verbose:
+            for each in flown:
+                if each.is_wrong or not (each.named or each.fault in BLEMISHES):
+                    print(f"{options.seed + k} {cases[k][0]:14s} {each}", flush=True)
+            print(f"{k + 1} of {len(cases)} flights", file=sys.stderr, flush=True)
+    for line in report(found):
         print(line)
 
 

@@ -42,8 +42,8 @@ _STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4}
 class TrueMotion:
     """What was so at the record's times, SI; moments and contributions complex.
 
-    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted,
-    `claim` the same, region or no. `share`
+    `moment` is C_m + i C_n of all, about the stated c.g.; `contribution` C_N' + i C_Z' of what is planted, `parts` that
+    of each effect (n, effects), `claim` that of the first, region or no. `share`
     is the contribution's rms in its region over the moment's rms over the record, `nominal_share` what amplitude 1
     was meant to give.
     """
@@ -62,6 +62,7 @@ class TrueMotion:
     force: np.ndarray
     moment: np.ndarray
     contribution: np.ndarray
+    parts: np.ndarray
     claim: np.ndarray
     planted: Planted
     errors: Errors
@@ -247,6 +248,7 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
         force=force,
         moment=moment,
         contribution=contribution,
+        parts=_parts(body.planted, looks),
         claim=np.array([body.planted.claim(look.running) for look in looks]),
         planted=body.planted,
         errors=errors,
@@ -256,6 +258,12 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
         share=share,
         nominal_share=nominal_share,
     )
+
+
+def _parts(planted: Planted, looks: list[Look]) -> np.ndarray:
+    """What each of the planted effects contributes (n, effects)."""
+    running = [look.running for look in looks]
+    return np.array([[part.claim(now) * part.acts(now.time) for part in planted.parts] for now in running])
 
 
 def _record(true: TrueMotion, history: History, grade: str, rng: np.random.Generator, title: str) -> Flight:

@@ -20,7 +20,8 @@ from joblib import Parallel, delayed
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from tests.independent.flights import Made, draw_flight, make_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
-from tests.independent.oracle import judge
+from tests.independent.oracle import DETECTED, judge
+from tests.independent.record_oracle import f_ratios_in_record
 
 # What is planted, in detection limits (F = 25 of the truth's own column).
 TIMES = (3.0, 10.0)
@@ -46,13 +47,14 @@ class Added:
 @dataclass(frozen=True)
 class Outcome:
     """One flight: what was planted (of a pair both, joined) and at how many detection limits each, and what the loop
-    added.
+    added. `in_record` are these limits where the motion has to be found along with them.
     """
 
     seed: int
     vehicle: str
     truth: str
     times: tuple[float, ...]
+    in_record: tuple[float, ...]
     added: tuple[Added, ...]
     seconds: float
 
@@ -64,7 +66,8 @@ def fly(seed: int, truth: str) -> Outcome | str:
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
-    return Outcome(seed, made.vehicle, truth, times, added_by(found), found.seconds)
+    in_record = tuple(float(np.sqrt(f_ratio / DETECTED)) for f_ratio in f_ratios_in_record(made)) if times else ()
+    return Outcome(seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
 
 
 def planted(seed: int, truth: str) -> tuple[Made, tuple[float, ...]]:
@@ -127,6 +130,11 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         "a listed effect or its near-equal is named first",
         [bool(o.added) and o.truth in (o.added[0].name, *o.added[0].near) for o in listed],
     )
+    known = [o for o in listed if min(o.in_record) >= TIMES[0]]
+    yield _count(
+        "the same, at 3 limits or more once the motion has to be found too",
+        [bool(o.added) and o.truth in (o.added[0].name, *o.added[0].near) for o in known],
+    )
     yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in seen])
     yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in seen])
 
@@ -134,6 +142,10 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
 def _report_pairs(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield _count("both are found, by name", [_both_found(o, near=False) for o in outcomes])
     yield _count("both are found, by name or a near-equal", [_both_found(o, near=True) for o in outcomes])
+    for times in (1.0, 2.0, TIMES[0]):
+        known = [o for o in outcomes if min(o.in_record) >= times]
+        what = f"the same, each at {times:g} limits or more once the motion has to be found too"
+        yield _count(what, [_both_found(o, near=True) for o in known])
     yield _count("one at least is found, by name or a near-equal", [bool(_found(o)) for o in outcomes])
     more = [_beyond(o) for o in outcomes]
     yield _count("something else is added beside them", [bool(names) for names in more])
@@ -176,7 +188,9 @@ def _count(what: str, hits: Sequence[bool]) -> str:
 
 def line(outcome: Outcome) -> str:
     """One flight in words."""
-    limits = f" at {' and '.join(f'{times:.1f}' for times in outcome.times)} limits" if outcome.times else ""
+    limits = ""
+    if outcome.times:
+        limits = f" at {_joined(outcome.times)} limits ({_joined(outcome.in_record)} in the record)"
     steps = "; ".join(
         f"{a.standing} {a.name} ({a.description}) {a.ratio:.3f} ± {a.ratio_error:.3f}, named in {a.named_in:.0%}"
         + (f", near {', '.join(a.near)}" if a.near else "")
@@ -186,6 +200,10 @@ def line(outcome: Outcome) -> str:
         f"{outcome.seed} {outcome.vehicle} {outcome.truth}{limits}, "
         f"{outcome.seconds:.0f} s: {steps or 'nothing'}"
     )
+
+
+def _joined(times: Sequence[float]) -> str:
+    return " and ".join(f"{each:.1f}" for each in times)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -70,9 +70,18 @@ class Outcome:
 
 
 def fly(
-    seed: int, number: int, grade: str, factor: float, unlisted: int, coloured: bool = False
+    seed: int,
+    number: int,
+    grade: str,
+    factor: float,
+    unlisted: int,
+    coloured: bool = False,
+    per_cycle: bool = False,
 ) -> Outcome | str:
-    """Draw, compare and note one flight; the reason in words where none came of it."""
+    """Draw, compare and note one flight; the reason in words where none came of it.
+
+    `per_cycle`: body-fixed moments are fitted in Chrusciel's variant, anew in each cycle of the meridian.
+    """
     names = ("none", *NAMES)
     truth = names[number % len(names)]
     if unlisted and number % unlisted == unlisted - 1:
@@ -85,7 +94,8 @@ def fly(
         made = draw_flight(seed, truth=truth, grade=grade, factor=factor, noise=noise)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    found = compare([made.flight], CompareConfig(mechanisms=NAMES, maximum_likelihood="none"))
+    options = {"bodyfixed": {"variant": "per_cycle"}} if per_cycle else {}
+    found = compare([made.flight], CompareConfig(mechanisms=NAMES, options=options, maximum_likelihood="none"))
     known = judge(made) if truth != "none" else None
     verdict = found.verdict
     limits = {limit.mechanism: limit.share_of_moment_95 for limit in verdict.limits}
@@ -215,11 +225,12 @@ def main() -> None:
     parser.add_argument("--coloured", action="store_true", help="every flight's noise is as likely coloured as white")
     parser.add_argument("--factor", type=float, default=1.0, help="true errors over the stated tolerances")
     parser.add_argument("--unlisted", type=int, default=0)
+    parser.add_argument("--per-cycle", action="store_true", help="body-fixed moments anew in each cycle")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("-v", "--verbose", action="store_true")
     given = parser.parse_args()
     runs = (
-        delayed(fly)(given.seed + k, k, given.grade, given.factor, given.unlisted, given.coloured)
+        delayed(fly)(given.seed + k, k, given.grade, given.factor, given.unlisted, given.coloured, given.per_cycle)
         for k in range(given.flights)
     )
     outcomes: list[Outcome] = []

@@ -48,6 +48,14 @@ def test_a_side_moment_instead_of_sticking_is_found_to_be_one(
     assert "side moment" in verdict.reason
 
 
+def test_a_moment_that_turns_in_the_body_is_not_named_body_fixed() -> None:
+    """Four steps of a body-fixed moment follow it."""
+    made = draw_flight(73029, truth="rotating", grade="tactical")
+    verdict = said(made)
+    assert verdict.outcome == "none adequate"
+    assert "turning in the body at" in verdict.reason
+
+
 @pytest.mark.parametrize(("seed", "grade"), [(68139, "tactical"), (68214, "industrial")])
 def test_a_stiffness_that_follows_mach_number_is_not_named_asymmetric_flow(seed: int, grade: str) -> None:
     verdict = said(draw_flight(seed, truth="mach_step", grade=grade))

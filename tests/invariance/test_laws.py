@@ -25,7 +25,7 @@ CASES = st.builds(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("law", LAWS)
-@settings(max_examples=1, deadline=None, derandomize=True, phases=PHASES)
+@settings(max_examples=1, derandomize=True, phases=PHASES)
 @given(data=st.data())
 def test_the_law_holds(law, data):
     apart, allowed = LAWS[law](data, Case())
@@ -33,7 +33,7 @@ def test_the_law_holds(law, data):
 
 
 @pytest.mark.slow
-@settings(max_examples=FLIGHTS, deadline=None, phases=PHASES, suppress_health_check=list(HealthCheck))
+@settings(max_examples=FLIGHTS, phases=PHASES, suppress_health_check=list(HealthCheck))
 @given(law=st.sampled_from(sorted(LAWS)), case=CASES, data=st.data())
 def test_every_law_holds_on_drawn_flights(law, case, data):
     apart, allowed = LAWS[law](data, case)

@@ -87,7 +87,7 @@ def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, Fl
 
 
 @given(seed=st.integers(0, 10_000), n=st.integers(8, 14), n_states=st.integers(1, 3), reach=st.integers(0, 6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_it_solves_the_same_system_as_dense_algebra(seed: int, n: int, n_states: int, reach: int) -> None:
     for variance in (0.0, 0.3):
         problem = random_problem(seed, n, n_states, reach, variance)

@@ -16,7 +16,7 @@ TIMES = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 25))
     coefficients=st.lists(st.floats(-3, 3), min_size=4, max_size=4),
     where=st.lists(st.floats(float(TIMES[0]), float(TIMES[-1])), min_size=1, max_size=8),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_cubics_and_their_rates_are_exact_on_an_uneven_time_base(
     coefficients: list[float], where: list[float]
 ) -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs, savgol_filter
 
@@ -24,7 +24,6 @@ def test_weights_are_those_of_savitzky_and_golay(order: int, half_width: int, de
         )
 
 
-@settings(deadline=None)
 @given(
     coefficients=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
     cut=st.integers(60, 140),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.errors import UnanswerableError
@@ -17,7 +17,6 @@ from brv_hypo.motion.noise import white_noise_level
 from tests.motion.truth import CONE, Truth, observe
 
 
-@settings(deadline=None)
 @given(rate=st.floats(0.05, 2.0), turn=st.floats(-6.0, 6.0))
 def test_torque_free_coning_closes_its_cone(rate: float, turn: float) -> None:
     # A transverse rate of constant size that turns at a constant rate carries the nose round the fixed axis

@@ -11,7 +11,7 @@ from brv_hypo.motion import kept_rows as module
 from brv_hypo.motion.kept_rows import PER_CYCLE, blocks, kept_rows, spacing
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(gap=st.integers(3_000, 20_000), stride=st.integers(2, 40), phase=st.floats(0.0, 6.0))
 def test_all_samples_follow_from_those_kept(gap: int, stride: int, phase: float) -> None:
     count = 40_000

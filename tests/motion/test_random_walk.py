@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.motion.random_walk import Tie, walk_equations
@@ -45,7 +45,6 @@ def _dense(ties: list[Tie], steps: np.ndarray, information: np.ndarray) -> tuple
     return covariance @ matrix.T @ target, covariance
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 2**31), n=st.integers(3, 25), k=st.integers(1, 4))
 def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
     ties, steps = _problem(seed, n, k)
@@ -58,7 +57,6 @@ def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
     assert solution.covariance == pytest.approx(covariance[2 * n :, 2 * n :], rel=1e-6, abs=1e-9)
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 2**31), n=st.integers(3, 25))
 def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
     ties, steps = _problem(seed, n, 2)
@@ -70,7 +68,6 @@ def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
     assert variance == pytest.approx(np.diag(covariance)[:n], rel=1e-6)
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 2**31), n=st.integers(3, 2000), step=st.sampled_from([0.0, 1e-20, 1e-12]))
 def test_a_walk_that_hardly_steps_is_a_constant(seed: int, n: int, step: float) -> None:
     rng = np.random.default_rng(seed)

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms import Mechanism, Term
 from brv_hypo.motion.motion import Motion
+from brv_hypo.ranking.constants import REPEATED_ERRORS
 from brv_hypo.ranking.stability import stability
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import LeavingOut
+from brv_hypo.regression.problem import Problem
 from tests.ranking.pulse import fitted, problem
 
 BLOCKS = 6
@@ -43,7 +46,7 @@ def null_ahead_by(information: float) -> HypothesisFit:
 
 def share_of(fits: list[HypothesisFit], blocks: tuple[int, ...]) -> float:
     leaving = LeavingOut(problem())
-    return stability(fits, [leaving.of(fit.frame, fit.columns) for fit in fits], blocks)
+    return stability(problem(), fits, [leaving.of(fit.frame, fit.columns) for fit in fits], blocks)
 
 
 def test_a_leader_that_every_block_supports_is_stable() -> None:
@@ -65,3 +68,35 @@ def test_a_leader_that_few_blocks_support_is_not(repeated: tuple[int, ...]) -> N
 
 def test_alone_a_hypothesis_always_leads() -> None:
     assert share_of([fitted("none")], (3,)) == 1.0
+
+
+def expected_elsewhere() -> list[Problem]:
+    """The problem with each error of `REPEATED_ERRORS` expected a tolerance higher, then lower."""
+    rows = problem().rows
+    found = []
+    for number, item in enumerate(rows.nuisances.items):
+        for change in (1.0, -1.0) if item.name in REPEATED_ERRORS else ():
+            items = list(rows.nuisances.items)
+            items[number] = replace(item, present=item.present + change)
+            changed = replace(rows, nuisances=replace(rows.nuisances, items=tuple(items)))
+            found.append(replace(problem(), rows=changed))
+    return found
+
+
+def refitted(where: Problem, fit: HypothesisFit) -> float:
+    """The criterion of a fit's columns in another problem, fitted from the beginning."""
+    design = where.design(where.frame if not fit.selected else fit.frame, fit.columns)
+    residual = where.response - design @ np.linalg.lstsq(design, where.response, rcond=None)[0]
+    return replace(fit, residual=residual).information
+
+
+@pytest.mark.parametrize("between", [0.25, 0.5, 0.75])
+def test_other_inertia_and_pressure_within_tolerances_are_repetitions(between: float) -> None:
+    """Of two nearly equal ones, the leader is that which a fit from the beginning finds in each."""
+    fits = [fitted("none"), fitted("bodyfixed")]
+    leads = [refitted(each, fits[0]) - refitted(each, fits[1]) for each in expected_elsewhere()]
+    assert max(leads) > min(leads)
+    ahead = min(leads) + between * (max(leads) - min(leads))
+    null_leads = fits[0].information - ahead < fits[1].information
+    agree = np.mean([(lead < ahead) == null_leads for lead in leads])
+    assert share_of([null_ahead_by(ahead), fits[1]], ()) == pytest.approx(agree)

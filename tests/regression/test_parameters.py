@@ -119,7 +119,7 @@ def numbers(fit: HypothesisFit) -> list[float]:
     return [*(getattr(criteria, name) for name in told), fit.information, *map(float, values)]
 
 
-@settings(max_examples=settings().max_examples // 7, deadline=None)  # a fit each
+@settings(max_examples=settings().max_examples // 7)  # a fit each
 @given(data=st.data())
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_names_and_units_of_parameters_change_no_number(name: str, data: st.DataObject) -> None:

@@ -24,7 +24,7 @@ def moment(time: float) -> complex:
 SEGMENT = WeakSegment(TIME, np.zeros(401, complex), np.ones(401, complex), 0, slice(0, 401))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     kind=st.sampled_from(["constant", "jump", "ramp"]),
     start=st.floats(1.0, 6.5),

@@ -32,7 +32,7 @@ def tables(draw) -> Table:
     return Table(headings, rows)
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # drawing rows is slow on a busy machine
+@settings(suppress_health_check=[HealthCheck.too_slow])  # drawing rows is slow on a busy machine
 @given(tables(), st.integers(60, 120))
 def test_a_table_fits_and_holds_every_character(table, width) -> None:
     text = printed(Fitted(table), width)

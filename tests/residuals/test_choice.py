@@ -23,15 +23,8 @@ def candidate(
     gain: float,
     contribution: np.ndarray = ALONG,
     mechanisms: tuple[Any, ...] = (),
-    terms: str = "",
 ) -> Candidate:
-    names = terms.split()
-    told = {term for mechanism in mechanisms for term in mechanism.characteristic}
-    fit: Any = SimpleNamespace(
-        mechanisms=mechanisms,
-        selected=[SimpleNamespace(term=term) for term in names],
-        is_characteristic=not told or not told.isdisjoint(names),
-    )
+    fit: Any = SimpleNamespace(mechanisms=mechanisms)
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
     return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0)
 
@@ -57,7 +50,7 @@ def chosen(
     monkeypatch.setattr(choice, "_try", tried)
     nuisances = SimpleNamespace(items=(), bounded=())
     problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
-    here: Any = SimpleNamespace(candidates=tuple(found), problem=problem)
+    here: Any = SimpleNamespace(candidates=tuple(found), problem=problem, null=None)
     discovery: Any = None if description is None else SimpleNamespace(candidate=description)
     return choose(here, any_state, discovery, 0.01, lambda one: any_state)
 
@@ -108,19 +101,21 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(
-    ("terms", "ahead", "first"),
+    ("particular", "ahead", "first"),
     [
-        ("C_Nalpha", 0.9 * NEAR, "discovered_1"),
-        ("C_Nalpha", 1.1 * NEAR, "inplane"),
-        ("C_Nalpha C_N0", 0.9 * NEAR, "inplane"),
-        ("C_Nalpha C_N0", -0.9 * NEAR, "inplane"),
-        ("C_Nalpha C_N0", -1.1 * NEAR, "discovered_1"),
+        (0.0, 0.9 * NEAR, "discovered_1"),
+        (0.009, 0.9 * NEAR, "discovered_1"),
+        (0.0, 1.1 * NEAR, "inplane"),
+        (0.5, 0.9 * NEAR, "inplane"),
+        (0.5, -0.9 * NEAR, "inplane"),
+        (0.5, -1.1 * NEAR, "discovered_1"),
     ],
 )
-def test_a_mechanism_without_what_is_characteristic_of_it_gives_way(
-    terms: str, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
+def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
+    particular: float, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    named = candidate("inplane", 100.0, ALONG, (find("inplane"),), terms)
+    monkeypatch.setattr(choice, "particular_share", lambda problem, null, fit: particular)
+    named = candidate("inplane", 100.0)
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
     assert result.ranked[0].name == first
 
@@ -173,7 +168,7 @@ def test_where_the_residual_is_white_only_what_is_beyond_doubt_counts(
 def test_a_schedule_comes_before_jumps_where_the_model_has_none(
     monkeypatch: pytest.MonkeyPatch, scheduled: bool, first: str
 ) -> None:
-    jumps = candidate("inplane", 90.0, mechanisms=(find("inplane"),), terms="C_N0")
+    jumps = candidate("inplane", 90.0, mechanisms=(find("inplane"),))
     schedule = candidate("mach_stiffness", 60.0, ACROSS, mechanisms=(find("mach_stiffness"),))
     chosen([jumps, schedule], first, monkeypatch)
     nuisances = SimpleNamespace(items=(), bounded=())

@@ -1,11 +1,21 @@
-"""Generic terms have names of their own, however near they are to each other."""
+"""Generic terms: their names, when they begin and end, and what they pay for being chosen among many."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from brv_hypo.mechanisms.conformance import sample_motion
+from brv_hypo.mechanisms.filed import FiledMechanism, FiledTerm, Turn, mechanism_of
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.dictionary import entries
+from brv_hypo.residuals.discover import dictionary_of, discover
+from tests.chains import prepared
 
 
 def test_moments_that_turn_at_nearly_the_same_rate_have_names_of_their_own() -> None:
@@ -13,3 +23,50 @@ def test_moments_that_turn_at_nearly_the_same_rate_have_names_of_their_own() -> 
     assert turning.at is not None
     names = [term.name for rate in (-14.171, -14.174, -14.1741) for term in turning.at(rate).terms]
     assert len(set(names)) == len(names)
+
+
+TURNING = FiledTerm(name="along", axis="body_y", turn=Turn(of="time", rate=3.0))
+
+
+def with_moment(given: Problem, term: FiledTerm, course: TimeFunction, size: float) -> Problem:
+    """The problem with the rates that so large a moment makes added to those of its flight."""
+    mechanism = FiledMechanism(definition=(term,))
+    frame = given.frame.with_mechanisms([mechanism])
+    column = Column(mechanism.name, term.name, (), course, "1")
+    own = given.rows.of_moments(frame.columns([column]))[:, 0]
+    planted = replace(given)
+    vars(planted)["raw_response"] = given.raw_response + size / np.linalg.norm(own) * own
+    return planted
+
+
+def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
+    given = with_moment(prepared(), TURNING, TimeFunction("jump", 2.0, 4.5), 600.0)
+    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    assert found is not None
+    rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
+    times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
+    assert rates == pytest.approx([3.0] * len(rates), abs=0.2)
+    assert times == pytest.approx([2.0, 4.5], abs=0.1)
+    assert "that changes at" in found.words
+
+
+def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
+    given = with_moment(prepared(), TURNING, TimeFunction("jump", 2.0, 4.5), 600.0)
+    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    assert found is not None
+    fit, read = found.candidate.fit, mechanism_of(found.file)
+    motion = given.frame.motions[0]
+    values = [term.value or 0.0 for term in found.file.terms]
+    of_file = sum(v * (t.in_plane + 1j * t.out_of_plane) for v, t in zip(values, read.terms(motion, {}), strict=True))
+    fitted = fit.frame.moments(fit.selected) @ fit.values[fit.baseline_size :]
+    turned = of_file * np.exp(-1j * motion.windward_meridian)
+    assert turned[: fitted.size] == pytest.approx(fitted, abs=1e-9)
+
+
+def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
+    given = with_moment(prepared(), TURNING, TimeFunction("constant"), 600.0)
+    dictionary = dictionary_of(given)
+    found = discover(given, fit_hypothesis(given, "none", ()), dictionary, "discovered_1", 1)
+    assert found is not None
+    assert len({column.choice for column in found.candidate.fit.selected}) == 1
+    assert found.candidate.fit.searched == len(dictionary.entries)

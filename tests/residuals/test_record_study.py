@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.mechanisms import find
-from brv_hypo.residuals import TraceConfig, trace
+from brv_hypo.flight import Flight
+from brv_hypo.mechanisms import Mechanism, find
+from brv_hypo.residuals import TraceConfig, record_study, trace
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.record_study import Ground, found_in, ground, line, planted
@@ -82,3 +83,42 @@ def test_the_study_tells_of_a_planted_effect(base: Ground) -> None:
     flight, size = planted(base, "stiffness_asymmetry", 8.0, 1)
     said = line("stiffness_asymmetry", size, found_in(base, flight))
     assert " found: " in said
+
+
+@pytest.mark.thorough
+def test_a_moment_that_the_vehicle_cannot_bear_is_planted_with_the_other_sign(
+    base: Ground, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[list[float]] = []
+
+    def bears_the_second(flight: Flight, state: State, item: Mechanism, values: list[float], onset: float) -> Flight:
+        tried.append(values)
+        if len(tried) == 1:
+            raise UnanswerableError("too far")
+        return flight
+
+    monkeypatch.setattr(record_study, "with_moment", bears_the_second)
+    _, size = planted(base, "magnus", 3.0, 1)
+    assert tried[1] == [-value for value in tried[0]]
+    assert f"{tried[1][0]:.3g}" in size
+
+
+@pytest.mark.thorough
+def test_what_looks_back_in_time_is_not_planted(base: Ground) -> None:
+    with pytest.raises(UnanswerableError, match="looks back in time"):
+        planted(base, "sticking", 3.0, 1)
+
+
+@pytest.mark.thorough
+def test_an_error_of_an_instrument_is_planted_at_its_own_limit(base: Ground) -> None:
+    """Within its prior nothing is seen below five tolerances: twice that is ten at least."""
+    flight, size = planted(base, "time_skew", 2.0, 1)
+    told = float(size.split(", ")[1].split(" ")[0])
+    assert 10.0 <= told <= 30.0
+    assert np.any(flight.q != base.flight.q) or np.any(flight.ay != base.flight.ay)
+
+
+@pytest.mark.thorough
+def test_an_error_that_no_instrument_has_is_not_planted(base: Ground) -> None:
+    with pytest.raises(UnanswerableError, match="no instrument errs so much"):
+        planted(base, "gyro_bias", 100.0, 1)

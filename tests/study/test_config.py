@@ -68,7 +68,7 @@ def test_unknown_names_of_studies_are_refused_with_the_nearest():
         read_study("study_shor")
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), flights=st.integers(1, 4))
 def test_draws_are_the_seeds_alone_lie_in_their_ranges_and_stay_when_the_study_grows(seed, flights):
     study = CONE.model_copy(update={"seed": seed, "flights": flights})

@@ -1,0 +1,101 @@
+"""A moment that turns in the body at a constant rate: what a body-fixed moment can follow only in many steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.unlisted import left_of, shapes_of
+
+RATE = "rate"
+# Rates of turning that are tried at most, half to either side: beyond half a turn a record apart they are independent.
+_RATES = 160
+# Times the motion's own rates (roll, and the meridian's in nine tenths of the time) up to which a moment may turn.
+_FASTEST = 3.0
+
+
+class TurningMoment(Mechanism):
+    """A transverse moment of constant size whose direction in body axes turns at `rate` rad/s; `about` s, where both
+    components stand along the axes.
+    """
+
+    name = "turning_moment"
+    title = "a moment that turns in the body"
+    claims = "nothing: it stands for what a separated flow, a wake or loose mass may do"
+    source = "a rotating vector in body axes"
+    terms_enter_together = True
+
+    about: float
+    rates: tuple[float, ...]
+    apart: float
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The rate of turning; each is refined to half-way to its neighbours."""
+        bounds = (min(self.rates) - 0.5 * self.apart, max(self.rates) + 0.5 * self.apart)
+        return (Parameter(RATE, "rad/s", self.rates, bounds, "rate of turning in body axes"),)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The two components."""
+        return tuple(
+            Term(name, each.real, each.imag)
+            for name, each in zip(("turning y", "turning z"), self._components(motion, theta[RATE]), strict=True)
+        )
+
+    def _components(self, motion: Motion, rate: float) -> tuple[ComplexArray, ComplexArray]:
+        along = np.exp(1j * (motion.windward_meridian - rate * (motion.time - self.about)))
+        return along, 1j * along
+
+
+def turning_moment(
+    problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
+) -> TurningMoment | None:
+    """The moment, acting from `start` to `stop` s, of the rate that explains most of the first fit's residual.
+
+    Rates at which a listed mechanism reproduces all but the share `beyond` of its rms are left out, and what turns by
+    less than half a turn meanwhile; None where nothing is left.
+    """
+    motion = problem.frame.motions[0]
+    apart = np.pi / (stop - start)
+    known = shapes_of(listed, motion)
+    everything = TurningMoment(about=start, rates=_rates(motion, apart), apart=apart)
+    rates = tuple(
+        rate
+        for rate in everything.rates
+        if all(left_of(everything._components(motion, rate), basis) > beyond for basis in known)
+    )
+    if not rates:
+        return None
+    falls = _falls(problem, everything, rates, TimeFunction("jump", start, stop))
+    return TurningMoment(about=start, rates=(rates[int(np.argmax(falls))],), apart=2.0 * apart)
+
+
+def _rates(motion: Motion, apart: float) -> tuple[float, ...]:
+    """Rates in rad/s, either way, half a turn or more apart."""
+    fastest = _FASTEST * float(
+        np.mean(np.abs(motion.p)) + np.percentile(np.abs(motion.windward_meridian_rate), 90)
+    )
+    top = min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
+    count = min(int(top / apart), _RATES // 2)
+    return tuple(apart * k for k in range(-count, count + 1) if k)
+
+
+def _falls(
+    problem: Problem, moment: TurningMoment, rates: Sequence[float], course: TimeFunction
+) -> FloatArray:
+    """Fall of the residual sum of squares that each rate brings with this course (rates,)."""
+    reduced = Reduced(problem, problem.frame.with_mechanisms([moment]))
+    columns = [
+        Column(moment.name, term.name, ((RATE, rate),), course, term.units)
+        for rate in rates
+        for term in moment.terms(problem.frame.motions[0], {RATE: rate})
+    ]
+    batch = reduced.batch(columns)
+    return np.array([reduced.rss - reduced.fit(batch.of([2 * k, 2 * k + 1])).rss for k in range(len(rates))])

@@ -1,0 +1,52 @@
+"""What a fit says of its mechanisms in particular."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.mechanisms import find
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.characteristic import particular_share, plain_columns
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, solved
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
+from tests.ranking.pulse import problem
+
+
+def fit_of(given: Problem, mechanism: str, *terms: str) -> HypothesisFit:
+    """The fit of these terms, which jump in the middle of the record."""
+    middle = TimeFunction("jump", float(np.median(given.frame.time)))
+    columns = tuple(Column(mechanism, term, (), middle, "1") for term in terms)
+    mechanisms = (find(mechanism),)
+    reduced = Reduced(given, given.frame.with_mechanisms(mechanisms))
+    return solved(reduced, mechanism, mechanisms, (*given.baseline, *columns), 0)
+
+
+def test_what_is_lost_without_the_characteristic_term_is_a_share_of_what_is_explained() -> None:
+    given = problem()
+    null = fit_hypothesis(given, "none", ())
+    fit = fit_of(given, "inplane", "C_N0", "C_Nalpha")
+    plain = fit_of(given, "inplane", "C_Nalpha")
+    lost = (plain.rss - fit.rss) / (null.rss - fit.rss)
+    assert [column.term for column in plain_columns(fit)] == ["C_Nalpha"]
+    assert particular_share(given, null, fit) == pytest.approx(lost, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "terms", "share"),
+    [("inplane", ("C_Nalpha",), 0.0), ("inplane", ("C_N0",), 1.0), ("damping", ("C_mq",), 1.0)],
+)
+def test_terms_of_one_kind_are_particular_or_not(
+    mechanism: str, terms: tuple[str, ...], share: float
+) -> None:
+    given = problem()
+    terms = (
+        terms
+        if mechanism == "inplane"
+        else tuple(t.name for t in find(mechanism).terms(given.frame.motions[0], {}))
+    )
+    assert (
+        particular_share(given, fit_hypothesis(given, "none", ()), fit_of(given, mechanism, *terms)) == share
+    )
