@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.likelihood.changing_errors import changing_errors
 from brv_hypo.likelihood.colour import coloured_covariance, inflation
 from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
@@ -69,6 +70,9 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
             _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
         )
     shift = mesh_shift(problem, iterate, segments, white)
+    # Only where the motion was too fast for the samples: elsewhere nothing is over before it is measured.
+    fast = options.mesh_steps > 1 and bool(rows) and not loose
+    changing = changing_errors(problem, iterate, segments, white, estimated) if fast else ()
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(problem, samples, _unknowns(problem, estimated), options)
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
@@ -105,7 +109,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         linear=linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
-        remarks=(*_remarks(together, measured, tests, options), *noise.remarks),
+        remarks=(*_remarks(together, measured, tests, options), *noise.remarks, *changing),
     )
 
 

@@ -4,7 +4,8 @@ coverage: how often 95 % intervals hold the truth, with white and with coloured 
 estimates against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting.
 delay: a delay started a tenth of a second off. filter: coverage of parameters and of both noises, all estimated.
 trapped: a model without the stall that was flown. records: gaps, missing samples, held inputs, coarse grids. hold: the
-bias of a held input. stiff: standard errors of motion that is fast for its samples. See `hard_study` for these four.
+bias of a held input. stiff, kinetics: standard errors of motion that is fast for its samples. See `hard_study` for these
+five.
 """
 
 from __future__ import annotations
@@ -18,7 +19,13 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.estimate import fit
-from brv_hypo.likelihood.hard_study import print_hold, print_records, print_stiff, print_trapped
+from brv_hypo.likelihood.hard_study import (
+    print_hold,
+    print_kinetics,
+    print_records,
+    print_stiff,
+    print_trapped,
+)
 from brv_hypo.likelihood.problems import (
     ModelProblem,
     growing_body,
@@ -265,6 +272,7 @@ _STUDIES: dict[str, Callable[[int, int, Callable[[str], None]], None]] = {
     "records": print_records,
     "hold": print_hold,
     "stiff": print_stiff,
+    "kinetics": print_kinetics,
 }
 
 

@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, Status, fit, mesh
+from brv_hypo.likelihood.changing_errors import MARK
+from brv_hypo.likelihood.hard_problems import kinetics
 from brv_hypo.likelihood.mesh import finer
 
 SIGMA = 0.01
@@ -99,6 +101,18 @@ def test_a_finer_segment_has_the_inputs_of_the_coarse_one(hold: Any) -> None:
         np.testing.assert_allclose(fine.u[0], inside, atol=2e-4)
     with pytest.raises(UsageError, match="mesh_steps"):
         run(8.0, mesh_steps=0)
+
+
+@pytest.mark.parametrize(("speed", "told"), [(40.0, False), (100.0, True)])
+def test_errors_that_change_with_their_estimate_are_told(speed: float, told: bool) -> None:
+    """At 100 1/s the fast phase is over within a sample, and sigma grows as exp(k1 / 20 Hz)."""
+    problem = kinetics(speed)
+    result = fit(problem.dynamics, problem.outputs, [problem.simulate(100, seed=1)], problem.truth)
+    marked = [remark for remark in result.remarks if MARK in remark]
+    assert result.converged
+    assert result.mesh_steps > 1
+    assert bool(marked) == told
+    assert all("'k1', 'k3'" in remark and "profile_interval" in remark for remark in marked)
 
 
 def robertson(times: FloatArray) -> tuple[Segment, dict[str, float]]:
