@@ -4,8 +4,8 @@ coverage: how often 95 % intervals hold the truth, with white and with coloured 
 estimates against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting.
 delay: a delay started a tenth of a second off. filter: coverage of parameters and of both noises, all estimated.
 trapped: a model without the stall that was flown. records: gaps, missing samples, held inputs, coarse grids. hold: the
-bias of a held input. stiff, kinetics: standard errors of motion that is fast for its samples. See `hard_study` for these
-five.
+bias of a held input. stiff, kinetics: standard errors of motion that is fast for its samples. See `hard_study` for
+these five.
 """
 
 from __future__ import annotations

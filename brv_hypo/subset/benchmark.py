@@ -4,8 +4,9 @@ R with the package leaps (Debian: r-cran-leaps) is called through Rscript where 
 are CPU seconds, which other work on the machine does not lengthen: for this package the whole of ``best_subsets``,
 best of ``--repeats`` after one call that loads the kernel; for leaps its ``regsubsets`` call alone, without the start
 of R. Times of several threads are wall clock. ``--curve`` runs three problems over a range of noise, from R^2 0.3 to
-0.9999: how hard a search is depends on that more than on anything else. ``--to-target`` stops leaps once it has taken
-the target times as long, which is then the lower bound of the ratio.
+0.9999: how hard a search is depends on that more than on anything else. ``--long`` runs one of them to 15 terms,
+which ends with its gap where the noise is large. ``--to-target`` stops leaps once it has taken the target times as
+long, which is then the lower bound of the ratio.
 """
 
 from __future__ import annotations
@@ -86,6 +87,10 @@ CURVES = (
 )
 
 
+# Terms, threads and wall-clock seconds of the search that may end with its gap.
+LONG_TERMS, LONG_THREADS, LONG_LIMIT_S = 15, 2, 12.0
+
+
 def main() -> None:
     """Run every case and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -94,6 +99,7 @@ def main() -> None:
     parser.add_argument("--to-target", action="store_true", help="stop leaps where the target ratio is reached")
     parser.add_argument("--only", default="", help="only the cases whose name contains this")
     parser.add_argument("--curve", action="store_true", help="the cases over a range of noise")
+    parser.add_argument("--long", action="store_true", help="15 of 60 spline columns, two threads")
     parser.add_argument("--shares", type=float, nargs="+", default=SHARES, help="R^2 of the points of the curve")
     parser.add_argument("--limit", type=float, default=60.0, help="seconds for this package on the curve")
     options = parser.parse_args()
@@ -102,6 +108,9 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, load {load:.1f}; R leaps {'found' if with_leaps else 'absent'}")
     allowed = _Allowed(options.leaps_limit if with_leaps else 0.0, options.to_target)
     best_subsets(*spline_problem(5), 3, kernel="numba-schur")  # loads the kernel
+    if options.long:
+        _print_long(options.shares)
+        return
     if options.curve:
         _print_curve(options.only, options.shares, options.repeats, options.limit, allowed)
         return
@@ -142,6 +151,19 @@ def _print_curve(
             theirs, ratio, compared = _beside(X, y, case, point, seconds, allowed)
             row = (case.name, case.terms, f"{share:g}", f"{seconds:.4f}", certificate.nodes)
             print(CURVE_ROW.format(*row, theirs, ratio, verdict or compared), flush=True)
+
+
+def _print_long(shares: Sequence[float]) -> None:
+    """For each R^2 the seconds and the nodes, or where the limit struck the certified gap of the sizes not proved."""
+    for share in shares:
+        X, y = with_r_squared(spline_problem(noise=0.0), share)
+        certificate = best_subsets(X, y, LONG_TERMS, threads=LONG_THREADS, time_limit_s=LONG_LIMIT_S).certificate
+        proved = sum(gap == 0.0 for gap in certificate.gaps)
+        print(
+            f"R^2 {share:g}: {certificate.seconds:.2f} s, {certificate.nodes} nodes, "
+            f"{proved} of {LONG_TERMS} sizes proved, gap {certificate.gap:.2%}",
+            flush=True,
+        )
 
 
 def _timed(search: Callable[[], SubsetResult]) -> tuple[float, SubsetResult]:

@@ -1,0 +1,141 @@
+"""`python -m brv_hypo.likelihood.peer`: filter error beside statsmodels, on the same records in the same run.
+
+The short period in turbulence: 8 parameters, process and measurement noise estimated, both programs from parameters a
+fifth off and noises twice too large. The peer is `MLEModel` of statsmodels (Kalman filter in C, maximised by its L-BFGS
+with its complex-step scores and its covariance from the observed information); the model is discretised exactly for
+it. Processor times of one thread, the fit and its standard errors; the median of the ratios is what counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.estimate import fit
+from brv_hypo.likelihood.problems import short_period
+from brv_hypo.likelihood.segment import Segment
+
+_DRIVE = np.array([0.005, 0.03])
+"""Process noise of angle of attack and pitch rate per root second, rad and rad/s."""
+_OFF, _NOISE_OFF = 0.8, 2.0
+"""Start over truth, of parameters and of noises."""
+_WIDE = 1e2
+"""Variance of the peer's initial state, far above that of any motion."""
+_PEER_ITERATIONS = 500
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One record: processor s of both, whether both converged, and the largest difference of a parameter in sigma."""
+
+    ours: float
+    peer: float
+    converged: tuple[bool, bool]
+    apart: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times longer the peer takes."""
+        return self.peer / self.ours
+
+
+def compare(samples: int, seed: int) -> Comparison:
+    """Both programs on one simulated record."""
+    problem = replace(short_period(), process_noise=_DRIVE, hold="linear")
+    segment = problem.simulate(samples, seed)
+    start = {name: _OFF * value for name, value in problem.truth.items()}
+    began = time.process_time()
+    found = fit(
+        problem.dynamics, problem.outputs, [segment], start, _NOISE_OFF * _DRIVE, estimate_process_noise=True
+    )
+    middle = time.process_time()
+    theta, error, converged = _fitted_by_peer(segment, start, _NOISE_OFF * problem.noise)
+    ended = time.process_time()
+    apart = max(abs(found.theta[name] - theta[name]) / error[name] for name in start)
+    return Comparison(middle - began, ended - middle, (found.converged, converged), apart)
+
+
+def _fitted_by_peer(
+    segment: Segment, start: Mapping[str, float], noise: FloatArray
+) -> tuple[dict[str, float], dict[str, float], bool]:
+    """Parameters, their standard errors and whether statsmodels calls it converged."""
+    from statsmodels.tsa.statespace.mlemodel import MLEModel
+
+    t, u, names = np.asarray(segment.t), np.asarray(segment.u), list(start)
+    step = float(t[1] - t[0])
+
+    class ShortPeriod(MLEModel):  # type: ignore[misc]
+        """Parameters as in `short_period`, then the logarithms of process and measurement noise."""
+
+        @property
+        def start_params(self) -> FloatArray:
+            return np.concatenate([list(start.values()), np.log(_NOISE_OFF * _DRIVE), np.log(noise)])
+
+        @property
+        def param_names(self) -> list[str]:
+            return [*names, "q_alpha", "q_rate", "r_alpha", "r_rate"]
+
+        def update(self, params: Any, **options: Any) -> None:
+            params = super().update(params, **options)
+            theta = dict(zip(names, params[:8], strict=True))
+            transition, by_input, driving = _discrete(theta, np.exp(2.0 * params[8:10]), step)
+            self["transition"] = transition
+            inputs = np.stack([u[0], np.append(u[0, 1:], u[0, -1])])
+            self["state_intercept"] = by_input @ inputs
+            self["state_cov"] = driving
+            self["obs_intercept"] = np.array([theta["alpha_bias"], theta["q_bias"]])
+            self["obs_cov"] = np.diag(np.exp(2.0 * params[10:12]))
+
+    model = ShortPeriod(np.asarray(segment.y).T, k_states=2, k_posdef=2)
+    model["design"] = model["selection"] = np.eye(2)
+    model.ssm.initialize_approximate_diffuse(_WIDE)
+    found = model.fit(disp=False, maxiter=_PEER_ITERATIONS)
+    theta = dict(zip(names, np.real(found.params[:8]).tolist(), strict=True))
+    error = dict(zip(names, found.bse[:8].tolist(), strict=True))
+    return theta, error, bool(found.mle_retvals["converged"])
+
+
+def _discrete(theta: Mapping[str, Any], intensity: Any, step: float) -> tuple[Any, Any, Any]:
+    """Transition (2, 2), effect of the input at both ends of a step, linear between (2, 2), and process noise (2, 2).
+
+    Van Loan, IEEE Trans. Automatic Control 23 (1978) 395.
+    """
+    A = np.array([[theta["Z_alpha"], theta["Z_q"]], [theta["M_alpha"], theta["M_q"]]])
+    B = np.array([theta["Z_delta"], theta["M_delta"]])
+    held = np.zeros((4, 4), dtype=A.dtype)
+    held[:2, :2], held[:2, 2], held[2, 3] = A, B, 1.0 / step
+    moved = expm(held * step)
+    noisy = np.zeros((4, 4), dtype=A.dtype)
+    noisy[:2, :2], noisy[:2, 2:], noisy[2:, 2:] = -A, np.diag(intensity), A.T
+    spread = expm(noisy * step)
+    transition = spread[2:, 2:].T
+    by_input = np.stack([moved[:2, 2] - moved[:2, 3], moved[:2, 3]], axis=1)
+    return transition, by_input, transition @ spread[:2, 2:]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print one line a record and the median of the ratios."""
+    parser = argparse.ArgumentParser(prog="python -m brv_hypo.likelihood.peer", description=__doc__)
+    parser.add_argument("--records", type=int, default=5)
+    parser.add_argument("--samples", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    chosen = parser.parse_args(arguments)
+    compare(50, chosen.seed)  # loads what both need
+    found = [compare(chosen.samples, chosen.seed + i) for i in range(chosen.records)]
+    for each in found:
+        print(
+            f"here {each.ours:.3f} s, statsmodels {each.peer:.2f} s, ratio {each.ratio:.1f}; "
+            f"converged {each.converged}, {each.apart:.2f} sigma apart at most"
+        )
+    print(f"median ratio {np.median([each.ratio for each in found]):.1f}")
+
+
+if __name__ == "__main__":
+    main()
