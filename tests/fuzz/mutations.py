@@ -6,6 +6,7 @@ import faulthandler
 import json
 import os
 import random
+import resource
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -198,17 +199,21 @@ OF_TREES: tuple[Mutation, ...] = (*OF_TEXT, *[value_replaced] * 8)
 OF_RECORDS: tuple[Mutation, ...] = (*RAW, *[record_changed] * 8)
 OF_TABLES: tuple[Mutation, ...] = (*OF_TEXT, *[folded] * 4)
 
+DAMAGING_SECONDS = 2  # of the processor, for what takes a hundredth
+
 
 def mutated(path: Path, mutations: tuple[Mutation, ...], seeds: tuple[int, ...]) -> tuple[str, ...]:
     """Apply one operation for each seed; their names.
 
-    In a child: the HDF5 library may crash as it writes into what was damaged before, and the file stays as it is then.
+    In a child: the HDF5 library may crash, or never end, as it writes into what was damaged before, and the file stays
+    as it is then.
     """
     draws = [random.Random(seed) for seed in seeds]
     chosen = [draw.choice(mutations) for draw in draws]
     child = os.fork()
     if child == 0:
         faulthandler.disable()
+        resource.setrlimit(resource.RLIMIT_CPU, (DAMAGING_SECONDS, DAMAGING_SECONDS))
         try:
             for mutation, draw in zip(chosen, draws, strict=True):
                 mutation(path, draw)
