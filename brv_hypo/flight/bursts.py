@@ -5,7 +5,8 @@ A run of 3 to 60 samples is a burst where all of these hold:
   around, which no motion and no kink shows;
 - the quintic through 8 samples on either side passes the run at more than 8 standard deviations of the channel's noise
   at its first and last sample and in the middle of its departures;
-- the edges are at least half of the departure there.
+- the edges are the steps to the departure there and back, to a factor of two: a moment that turns abruptly, as where alpha
+  passes by zero once a cycle, makes edges too, and the quintic does not follow the motion from one to the next.
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
         return False
     around = np.abs(np.concatenate([third[start - FLANK : start - 1], third[stop + 2 : stop + FLANK]]))
     edge = min(abs(third[start]), abs(third[stop]))
+    steps = np.array([third[start], -third[stop]]) / EDGE_OF_STEP
     # Most pairs of edges end here, before the fit, which costs a hundred times as much.
     if not edge > TIMES_AROUND * float(np.max(np.nan_to_num(around))):
         return False
@@ -80,7 +82,9 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
     course = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], ORDER)
     inside = np.arange(start, stop)
     departure = values[inside] - course((inside - middle) / reach)
-    ends = min(abs(departure[0]), abs(departure[-1]))
+    ends = departure[[0, -1]]
     return bool(
-        min(ends, float(np.median(np.abs(departure)))) > SIGMAS * sigma and edge > 0.5 * EDGE_OF_STEP * ends
+        min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > SIGMAS * sigma
+        and np.all(steps * ends > 0.0)
+        and np.all(np.abs(np.log2(steps / ends)) < 1.0)
     )

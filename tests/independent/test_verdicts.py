@@ -69,6 +69,17 @@ def test_a_search_that_ended_with_two_knots_off_finds_them() -> None:
     assert said(made).winner == "inplane"
 
 
+@pytest.mark.parametrize(
+    ("seed", "truth", "grade", "colour"),
+    [(75265, "damping", "laboratory", 0.893151924333777), (75602, "inplane", "industrial", 0.558944851908466)],
+)
+def test_a_moment_that_turns_abruptly_is_no_fault_of_the_record(
+    seed: int, truth: str, grade: str, colour: float
+) -> None:
+    """Alpha passes by zero once a cycle: two such passages were taken for the ends of a burst, and masked."""
+    assert said(draw_flight(seed, truth=truth, grade=grade, noise=Noise(colour=colour))).winner == truth
+
+
 @pytest.mark.parametrize("seed", [49002, 49004, 49006])
 def test_coloured_noise_is_no_mechanism(seed: int) -> None:
     made = draw_flight(seed, truth="none", grade="tactical", noise=Noise(colour=0.85))
