@@ -5,8 +5,8 @@ A run of 3 to 60 samples is a burst where all of these hold:
   around, which no motion and no kink shows;
 - the quintic through 8 samples on either side passes the run at more than 8 standard deviations of the channel's noise
   at its first and last sample and in the middle of its departures;
-- the edges are the steps to the departure there and back, to a factor of two: a moment that turns abruptly, as where alpha
-  passes by zero once a cycle, makes edges too, and the quintic does not follow the motion from one to the next.
+- the edges are the steps to the departure there and back, to a factor of two: a moment that turns abruptly, as where
+  alpha passes by zero once a cycle, makes edges too, and the quintic does not follow the motion from one to the next.
 """
 
 from __future__ import annotations
