@@ -166,8 +166,9 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         "between one and three detection limits: the limit covers the share",
         [o.share <= o.limit for o in tried],
     )
+    over = [o.limit / _known_limit(o) for o in seen if np.isfinite(o.limit)]  # a record refused has none
     yield (
-        f"limit over the oracle's: median {_median([o.limit / _known_limit(o) for o in seen]):.2f}; names that stand "
+        f"limit over the oracle's: median {_median(over):.2f}; names that stand "
         f"above the detection limit: median {_median([len(o.equivalent) for o in seen]):.0f}"
     )
     apart = [o for o in other if o.f_ratio >= DETECTED and not o.reproduced >= REPRODUCED]
