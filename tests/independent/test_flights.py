@@ -226,7 +226,7 @@ STUDIES = (
     "study.py",
     "faulty_records.py",
     "loop_study.py",
-    "seen.py",
+    "record_oracle.py",
     "sisters.py",
     "near_zero.py",
     "test_near_zero.py",
