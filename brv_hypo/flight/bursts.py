@@ -70,7 +70,6 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
         return False
     around = np.abs(np.concatenate([third[start - FLANK : start - 1], third[stop + 2 : stop + FLANK]]))
     edge = min(abs(third[start]), abs(third[stop]))
-    steps = np.array([third[start], -third[stop]]) / EDGE_OF_STEP
     # Most pairs of edges end here, before the fit, which costs a hundred times as much.
     if not edge > TIMES_AROUND * float(np.max(np.nan_to_num(around))):
         return False
@@ -82,7 +81,7 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
     course = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], ORDER)
     inside = np.arange(start, stop)
     departure = values[inside] - course((inside - middle) / reach)
-    ends = departure[[0, -1]]
+    ends, steps = departure[[0, -1]], np.array([third[start], -third[stop]]) / EDGE_OF_STEP
     return bool(
         min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > SIGMAS * sigma
         and np.all(steps * ends > 0.0)

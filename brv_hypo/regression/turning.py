@@ -17,7 +17,7 @@ from brv_hypo.regression.unlisted import left_of, shapes_of
 
 RATE = "rate"
 # Rates of turning that are tried at most, half to either side: beyond half a turn a record apart they are independent.
-_RATES = 160
+RATES = 160
 # Times the motion's own rates (roll, and the meridian's in nine tenths of the time) up to which a moment may turn.
 _FASTEST = 3.0
 
@@ -77,13 +77,17 @@ def turning_moment(
     return TurningMoment(about=start, rates=(rates[int(np.argmax(falls))],), apart=2.0 * apart)
 
 
+def fastest_turning(motion: Motion) -> float:
+    """The largest rate, rad/s either way, at which a moment is looked for that turns in the body."""
+    fastest = _FASTEST * (
+        float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), 90))
+    )
+    return min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
+
+
 def _rates(motion: Motion, apart: float) -> tuple[float, ...]:
     """Rates in rad/s, either way, half a turn or more apart."""
-    fastest = _FASTEST * float(
-        np.mean(np.abs(motion.p)) + np.percentile(np.abs(motion.windward_meridian_rate), 90)
-    )
-    top = min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
-    count = min(int(top / apart), _RATES // 2)
+    count = min(int(fastest_turning(motion) / apart), RATES // 2)
     return tuple(apart * k for k in range(-count, count + 1) if k)
 
 

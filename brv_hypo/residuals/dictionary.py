@@ -14,10 +14,10 @@ import numpy as np
 
 from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn, values_of
 from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.turning import RATES, fastest_turning
 
 Wave = Literal["cos", "sin"]
 
-_TURNS = 160  # rates of turning at most, half to either side: beyond half a turn a record apart they are independent
 _STEPS = 14  # places of a step, evenly over the quantity; `discover` moves the chosen ones between
 _HATS = 8  # places of a hat, each as wide as the way to the next
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
@@ -60,11 +60,8 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
 def _turning(motion: Motion) -> list[Entry]:
     """Body-fixed moments of constant size that turn in the body at a constant rate."""
     duration = float(motion.time[-1] - motion.time[0])
-    fastest = 3.0 * (
-        float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), 90))
-    )
-    top = min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
-    step = max(np.pi / duration, 2.0 * top / _TURNS)
+    top = fastest_turning(motion)
+    step = max(np.pi / duration, 2.0 * top / RATES)
     rates = step * np.arange(-int(top / step), int(top / step) + 1)
     near = float(np.mean(motion.p))
 
