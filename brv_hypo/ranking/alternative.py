@@ -36,7 +36,7 @@ def alternatives(
     leader = likeliest(fits)
     found = []
     null = next(fit for fit in fits if not fit.mechanisms)
-    if particular_share(problem, null, leader) <= OUTSIDE**2:
+    if not is_particular(problem, null, leader):
         terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
         words = f"a change of {terms} alone, which is not particular to {leader.name}"
         found.append(Alternative(leader.information, words))
@@ -49,6 +49,11 @@ def alternatives(
         if turning is not None:
             found.append(_instead_of(leader, problem, turning))
     return tuple(found)
+
+
+def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> bool:
+    """Whether what is characteristic of its mechanisms explains more of what a fit does than next to nothing."""
+    return particular_share(problem, null, fit) > OUTSIDE**2
 
 
 def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:

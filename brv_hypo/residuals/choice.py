@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from brv_hypo.ranking.constants import OUTSIDE
+from brv_hypo.ranking.alternative import is_particular
 from brv_hypo.regression.channels import Rows
-from brv_hypo.regression.characteristic import particular_share
 from brv_hypo.regression.residual_moments import residual_moments
 from brv_hypo.residuals.candidates import NEAR, Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
@@ -225,4 +224,4 @@ def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
     more = described.leads(candidate)
     if abs(more) >= NEAR:
         return more > 0.0
-    return particular_share(here.problem, here.null, candidate.fit) <= OUTSIDE**2
+    return not is_particular(here.problem, here.null, candidate.fit)

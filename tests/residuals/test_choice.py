@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
+from brv_hypo.ranking import alternative
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import NEAR, Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
@@ -114,7 +115,7 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
     particular: float, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choice, "particular_share", lambda problem, null, fit: particular)
+    monkeypatch.setattr(alternative, "particular_share", lambda problem, null, fit: particular)
     named = candidate("inplane", 100.0)
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
     assert result.ranked[0].name == first
