@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.resample import runs
 
 BLOCKS = 20
@@ -40,8 +40,12 @@ def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
     if share > 1.0 - 1.0 / FEWEST_SAMPLES:
         return ()
     shortest = np.log(CHANCE / values.size) / np.log(share)
-    found = [(start, stop + 1) for start, stop in runs(equal) if stop - start >= shortest]
-    if repeats:
+    stretches = runs(equal)
+    lengths = np.array([stop - start for start, stop in stretches])
+    found = [(start, stop + 1) for start, stop in stretches if stop - start >= shortest]
+    if not repeats:
+        found = [run for run in found if _expected(lengths, run[1] - run[0] - 1, share, values.size) < CHANCE]
+    else:
         steps = np.abs(np.diff(values))
         common = float(np.quantile(steps[steps > 0.0], 0.99)) if np.any(steps > 0.0) else np.inf
         found = [run for run in found if _release(values, run) > RELEASE * common]
@@ -78,6 +82,18 @@ def is_constant(values: FloatArray) -> bool:
 def _shares(equal: BoolArray) -> FloatArray:
     """Share of repeated samples in each of some blocks."""
     return np.array([float(np.mean(block)) for block in np.array_split(equal, BLOCKS)])
+
+
+def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
+    """Runs of `length` repetitions that `size` samples hold by nature, from the channel's other runs up to that length.
+
+    Where a wave turns, a quantised channel goes on repeating itself far more often than it begins to.
+    """
+    others = lengths[lengths <= length]
+    repeated = int(others.sum()) - length
+    begins = max(share, repeated / size)
+    goes_on = max(begins, (repeated - (others.size - 1) + begins) / (repeated + 1))
+    return float(size * begins * goes_on ** (length - 1))
 
 
 def _release(values: FloatArray, run: tuple[int, int]) -> float:
