@@ -139,10 +139,11 @@ class Body:
         density, temperature = atmosphere(-down)
         pressure = 0.5 * density * speed * speed
         push = pressure * vehicle.reference_area
+        normal = craft.normal_slope * craft.bent(craft.normal_bend, alpha)
         fx, fy, fz = (
-            -push * craft.axial,
-            -push * craft.normal_slope * per_cross * v,
-            -push * craft.normal_slope * per_cross * w,
+            -push * craft.axial * craft.bent(craft.axial_bend, alpha),
+            -push * normal * per_cross * v,
+            -push * normal * per_cross * w,
         )
         ax, ay, az = fx / vehicle.mass, fy / vehicle.mass, fz / vehicle.mass
         ud, vd, wd = (
@@ -157,7 +158,7 @@ class Body:
         planted = self.planted.contribution(running)
         meridian = running.meridian
         moment = (
-            slope * per_cross * (w - 1j * v)
+            slope * craft.bent(craft.static_bend, alpha) * per_cross * (w - 1j * v)
             + craft.damping * (q + 1j * r) * reduced
             + planted * cmath.exp(-1j * meridian)
         )
@@ -215,7 +216,7 @@ class Body:
 
         return Running(
             time, alpha, meridian, alpha_rate, meridian_rate,
-            speed / sound_speed(temperature), p * reduced, reduced, lambda angle: slope * angle, past,
+            speed / sound_speed(temperature), p * reduced, reduced, lambda angle: slope * angle * self.craft.bent(self.craft.static_bend, angle), past,
         )  # fmt: skip
 
     def _crossflow(self, then: float, time: float, here: complex, rate: complex) -> complex:

@@ -57,7 +57,7 @@ class TrueMotion:
     mach: np.ndarray
     altitude: np.ndarray
     dynamic_pressure: np.ndarray
-    static_slope: np.ndarray
+    static_slope: np.ndarray  # at alpha = 0
     rates: np.ndarray
     force: np.ndarray
     moment: np.ndarray
@@ -71,6 +71,11 @@ class TrueMotion:
     noise: Noise
     share: float
     nominal_share: float
+
+    def static(self, alpha: np.ndarray) -> np.ndarray:
+        """Static moment (n,) at angles of attack (n,) at the record's times."""
+        craft = self.craft
+        return np.asarray(self.static_slope * alpha * craft.bent(craft.static_bend, alpha))
 
     @property
     def region(self) -> tuple[float, float] | None:
@@ -243,7 +248,7 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
         mach=stack(looks, "mach"),
         altitude=-states[:, 2],
         dynamic_pressure=stack(looks, "dynamic_pressure"),
-        static_slope=np.array([look.running.static(1.0) for look in looks]),
+        static_slope=np.array([body.static_slope(look.speed) for look in looks]),
         rates=rates,
         force=force,
         moment=moment,

@@ -114,13 +114,15 @@ class Ground:
         return columns, priors
 
     def _baseline(self) -> Iterator[np.ndarray]:
-        """Start, C_N0, C_Nalpha and its drift, C_mq."""
+        """Start, C_N0, C_Nalpha and its drift, alpha cubed where the static moment bends, C_mq."""
         true = self.made.true
         ones = np.ones(self.time.size, dtype=complex)
         yield from (ones, 1j * ones)
         drift = 2.0 * (self.time - self.time[0]) / (self.time[-1] - self.time[0]) - 1.0
         for column in (ones, *(drift**degree * true.alpha for degree in range(DRIFT + 1))):
             yield self.integral(body_components(column, true.meridian))(self.time)
+        if true.craft.static_bend:
+            yield self.integral(body_components(true.alpha**3, true.meridian))(self.time)
         transverse = true.rates[:, 1] + 1j * true.rates[:, 2]
         yield self.integral(transverse * self.vehicle.reference_length / (2.0 * true.velocity))(self.time)
 
@@ -156,9 +158,9 @@ class Ground:
     def _specific_force(self) -> np.ndarray:
         """Of the aerodynamics at the c.g. (n, 3)."""
         true, craft = self.made.true, self.made.true.craft
-        cross = craft.normal_slope * true.alpha
+        cross = craft.normal_slope * true.alpha * craft.bent(craft.normal_bend, true.alpha)
         shape = [
-            np.full(self.time.size, craft.axial),
+            craft.axial * craft.bent(craft.axial_bend, true.alpha),
             cross * np.sin(true.meridian),
             cross * np.cos(true.meridian),
         ]
@@ -183,9 +185,9 @@ class Ground:
     def _delayed(self, name: str, delay: float) -> np.ndarray:
         true = self.made.true
         before = self.zeta(self.time - delay)
-        static = true.static_slope * np.abs(before)
+        static = true.static(np.abs(before))
         if name == "lag":
-            column = static * np.exp(1j * delay * true.meridian_rate) - true.static_slope * true.alpha
+            column = static * np.exp(1j * delay * true.meridian_rate) - true.static(true.alpha)
         else:
             column = 1j * static * np.sin(true.meridian - np.angle(before))
         return np.where(self.time - self.time[0] < delay, 0.0, column)

@@ -4,7 +4,8 @@ By hand: python -m tests.independent.study --seed 1000 --flights 120 --jobs 2
 
 Flight k has seed SEED + k; none and the five mechanisms take turns (`--unlisted N`: every N-th flight has a mechanism
 that is not in the list); vehicle and amplitude (log-uniform, 0.3 % to 100 % of nominal) are drawn from the seed.
-`--grade mixed` draws the grade too, `--coloured` the correlation of neighbouring samples of the
+`--drawn` flies a vehicle with bent aerodynamics that is drawn as well, in place of one of four. `--grade mixed` draws the
+grade too, `--coloured` the correlation of neighbouring samples of the
 inertial unit's noise, which then is as likely white as coloured.
 """
 
@@ -20,6 +21,7 @@ from joblib import Parallel, delayed
 from brv_hypo import compare, reconstruct
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.verdict import OTHER
+from tests.independent.drawn_vehicles import draw_craft
 from tests.independent.flights import Made, draw_flight
 from tests.independent.instruments import GRADES, Noise
 from tests.independent.mechanisms import LISTED, UNLISTED
@@ -77,10 +79,12 @@ def fly(
     unlisted: int,
     coloured: bool = False,
     per_cycle: bool = False,
+    drawn: bool = False,
 ) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where none came of it.
 
-    `per_cycle`: body-fixed moments are fitted in Chrusciel's variant, anew in each cycle of the meridian.
+    `per_cycle`: body-fixed moments are fitted in Chrusciel's variant, anew in each cycle of the meridian. `drawn`: so is
+    the vehicle.
     """
     names = ("none", *NAMES)
     truth = names[number % len(names)]
@@ -90,8 +94,9 @@ def fly(
     drawn_grade, colour = str(rng.choice(GRADES)), float(rng.uniform(*COLOURS))
     noise = Noise(colour=colour if coloured and rng.random() < 0.5 else 0.0)
     grade = drawn_grade if grade == MIXED else grade
+    vehicle = {"vehicle": draw_craft(rng)} if drawn else {}
     try:
-        made = draw_flight(seed, truth=truth, grade=grade, factor=factor, noise=noise)
+        made = draw_flight(seed, truth=truth, grade=grade, factor=factor, noise=noise, **vehicle)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     options = {"bodyfixed": {"variant": "per_cycle"}} if per_cycle else {}
@@ -227,11 +232,21 @@ def main() -> None:
     parser.add_argument("--factor", type=float, default=1.0, help="true errors over the stated tolerances")
     parser.add_argument("--unlisted", type=int, default=0)
     parser.add_argument("--per-cycle", action="store_true", help="body-fixed moments anew in each cycle")
+    parser.add_argument("--drawn", action="store_true", help="a vehicle drawn for every flight")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("-v", "--verbose", action="store_true")
     given = parser.parse_args()
     runs = (
-        delayed(fly)(given.seed + k, k, given.grade, given.factor, given.unlisted, given.coloured, given.per_cycle)
+        delayed(fly)(
+            given.seed + k,
+            k,
+            given.grade,
+            given.factor,
+            given.unlisted,
+            given.coloured,
+            given.per_cycle,
+            given.drawn,
+        )
         for k in range(given.flights)
     )
     outcomes: list[Outcome] = []

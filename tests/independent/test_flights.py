@@ -80,7 +80,7 @@ def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     true = _made(truth).true
     transverse = true.rates[:, 1] + 1j * true.rates[:, 2]
     damping = CONE.damping * transverse * CONE.vehicle.reference_length / (2.0 * true.velocity)
-    static = body_components(true.static_slope * true.alpha, true.meridian)
+    static = body_components(true.static(true.alpha), true.meridian)
     planted = body_components(true.contribution, true.meridian)
     np.testing.assert_allclose(true.moment, static + damping + planted, atol=1e-9)
 

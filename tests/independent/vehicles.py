@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from brv_hypo.flight.record import Vehicle
 class Craft:
     """A vehicle, its aerodynamics (CONVENTIONS) and the middle of its start conditions.
 
-    `stiffness_drift`: relative change of the static slope by the relative change of speed.
+    `stiffness_drift`: relative change of the static slope by the relative change of speed. `static_bend`, `normal_bend`
+    and `axial_bend`: relative changes of static moment over alpha, of normal force over alpha and of axial force from
+    alpha = 0 to `alpha`, as its square.
     """
 
     name: str
@@ -31,6 +34,13 @@ class Craft:
     duration: float
     sample_rate: float
     stiffness_drift: float = 0.3
+    static_bend: float = 0.0
+    normal_bend: float = 0.0
+    axial_bend: float = 0.0
+
+    def bent(self, bend: float, alpha: Any) -> Any:
+        """1 at alpha = 0, 1 + `bend` at the craft's own alpha; of any shape."""
+        return 1.0 + bend * (alpha / self.alpha) ** 2
 
 
 CONE = Craft(
