@@ -15,14 +15,13 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.static_bend import BENT
 from brv_hypo.motion.motion import Motion
 
 # Standard deviation of the slope's change along Mach numbers, over its mean, and the ratio of Mach numbers, as a
 # logarithm, over which it changes: blunt and slender shapes change by such shares within a doubling.
 RELATIVE = 1.0
 LENGTH = 0.7
-# Angle of attack (rad) at which the bend's change is as large as the slope's: about ten degrees.
-BENT = 0.2
 # Shares of the first term's prior, and of the process's own size, below which a term says nothing; the most of them.
 _SMALLEST = 3e-3
 _NOTHING = 1e-3

@@ -12,6 +12,7 @@ from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, wit
 from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import default_knots
 from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
@@ -43,11 +44,12 @@ SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and si
 class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
-    `static`: None where it is still to be chosen. `taken`: the errors (SI) without which each record is linearised.
+    `static`, `bend`: None where they are still to be chosen. `taken`: the errors (SI) without which each record is linearised.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
     static: StaticMoment | None = None
+    bend: StaticBend | None = None
     taken: tuple[Errors, ...] = ()
 
 
@@ -71,7 +73,8 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
         )
     settings = Settings(tuple(ReconstructionConfig(method=config.method) for _ in reconstructions))
     problem = _problem(reconstructions, settings, config)
-    settings, found = replace(settings, static=_static_of(problem)), errors_found(problem)
+    settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
+    found = errors_found(problem)
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
     for _ in range(MOST_LINEARISATIONS):
         point = baseline_point(problem, found)
@@ -108,6 +111,13 @@ def _static_of(problem: Problem) -> StaticMoment:
     static = problem.frame.mechanisms[StaticMoment.name]
     assert isinstance(static, StaticMoment)
     return static
+
+
+def _bend_of(problem: Problem) -> StaticBend:
+    """The bend that a body with this slope may have."""
+    values, _ = problem.solution(problem.frame, problem.baseline)
+    slope = next(v for c, v in zip(problem.baseline, values, strict=True) if c.term == "C_Nalpha")
+    return StaticBend(slope=float(slope))
 
 
 def cleaned(
@@ -149,7 +159,8 @@ def _problem(
     points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, strict=True)]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
     static = settings.static or _static(smooth, config)
-    frame = build_frame(smooth, [static, PitchDamping()])
+    bend = () if settings.bend is None else (settings.bend,)
+    frame = build_frame(smooth, [static, PitchDamping(), *bend])
     span = frame.time
     knots = (
         default_knots(float(span.min()), float(span.max()), config.knot_count)
@@ -161,7 +172,7 @@ def _problem(
         records,
         baseline_columns(frame),
         carried_effects(),
-        carried_mechanisms(reconstructions[0].flight),
+        (*carried_mechanisms(reconstructions[0].flight), *bend),
         knots,
         config.max_terms,
         config.exact_terms,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
@@ -16,7 +17,10 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import body_crossflow, transverse_axes, wind_direction
 
-_FEWEST_MODES, _MOST_MODES = 10, 40  # sines; the most bound the time
+_FEWEST_MODES, _MOST_MODES = 10, 80  # sines; the most bound the time
+# Sines for each cycle of the motion. A walk at frequency f turns the vehicle by the static moment, which is (f_n / f)^2
+# of the noise that the walk is made of: half as fast again as the motion, with two sines a cycle, it is lost in it.
+_MODES_PER_CYCLE = 3.0
 # What the sines may leave of the random walk, in standard deviations of alpha.
 _LEFT_OUT = 0.8
 
@@ -72,13 +76,24 @@ def crossflow_rate(motion: Motion, xi: ComplexArray) -> ComplexArray:
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
-    """How many sines stand for the random walk: what they leave of it is less than alpha's own uncertainty.
+    """How many sines stand for the random walk.
 
-    The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    What they leave of it is less than alpha's own uncertainty, and faster than what the motion answers to. The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
     wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
+    wanted = max(wanted, _MODES_PER_CYCLE * _cycles(reconstruction.motion))
     return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
+
+
+def _cycles(motion: Motion) -> float:
+    """Cycles of the crossflow over the record, in axes that do not roll."""
+    turned = crossflow(motion.alpha, motion.windward_meridian) * np.exp(
+        1j * cumulative_trapezoid(motion.p, motion.time, initial=0.0)
+    )
+    rate = np.gradient(turned, motion.time)
+    frequency = np.linalg.norm(rate) / max(float(np.linalg.norm(turned - turned.mean())), 1e-300)
+    return float(frequency * (motion.time[-1] - motion.time[0]) / (2.0 * np.pi))
 
 
 def walk_sines(record: InertialRecord, count: int) -> FloatArray:

@@ -14,13 +14,24 @@ from brv_hypo.flight.record import Vehicle
 from tests.independent.air import atmosphere
 from tests.independent.vehicles import Craft
 
+FEWEST_CYCLES = 5.0  # of the oscillation
+LONGEST = 25.0  # s: a fall of more than 3 km besides the dive
 SCALE_HEIGHT = 7000.0  # m, over which the air grows e times as dense
 LARGEST_CHANGE = 1.5  # e-folds of density over the record
+BENT = math.radians(12.0)  # angle of attack at which moments and forces have bent by the shares drawn
 LARGEST_DECAY = 1.5  # e-folds of the oscillation that its own damping takes
 
 
 def draw_craft(rng: np.random.Generator) -> Craft:
     """A vehicle, its aerodynamics and its flight."""
+    while True:
+        craft, cycles = _drawn(rng)
+        if cycles >= FEWEST_CYCLES:
+            return craft
+
+
+def _drawn(rng: np.random.Generator) -> tuple[Craft, float]:
+    """Any vehicle, and the cycles of its oscillation."""
 
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -36,13 +47,15 @@ def draw_craft(rng: np.random.Generator) -> Craft:
     altitude = _altitude_of(between(800.0, 60000.0), speed)
     pressure = 0.5 * atmosphere(altitude)[0] * speed**2
     frequency = math.sqrt(pressure * area * diameter * abs(static_slope) / iyy)
-    duration = between(6.0, 20.0) * 2.0 * math.pi / frequency
+    duration = min(between(6.0, 20.0) * 2.0 * math.pi / frequency, LONGEST)
     dive = min(0.5, LARGEST_CHANGE * SCALE_HEIGHT / (speed * duration))
     spin = between(0.2, 3.0) * frequency
     decay = pressure * area * diameter**2 / (4.0 * speed * iyy) * duration
     fastest = max(spin, frequency) + frequency
+    alpha = math.radians(between(1.0, 12.0))
+    bent = (alpha / BENT) ** 2
     offset = diameter * rng.uniform(-0.2, 0.2, 3)
-    return Craft(
+    craft = Craft(
         "drawn",
         Vehicle(mass, iyy * (1.1 - 1.05 * slender**0.5), iyy, diameter, area, tuple(offset.tolist())),
         axial=1.5 - 1.4 * slender,
@@ -53,15 +66,16 @@ def draw_craft(rng: np.random.Generator) -> Craft:
         speed=speed,
         altitude=altitude,
         flight_path=-dive * rng.uniform(0.2, 1.0),
-        alpha=math.radians(between(1.0, 12.0)),
+        alpha=alpha,
         roll_rate=spin,
         duration=duration,
         sample_rate=between(20.0, 80.0) * fastest / (2.0 * math.pi),
         stiffness_drift=rng.uniform(-0.5, 0.5),
-        static_bend=rng.uniform(-0.1, 0.2),
-        normal_bend=rng.uniform(-0.1, 0.2),
-        axial_bend=rng.uniform(-0.05, 0.05),
+        static_bend=bent * rng.uniform(-0.3, 0.6),
+        normal_bend=bent * rng.uniform(-0.3, 0.6),
+        axial_bend=bent * rng.uniform(-0.1, 0.1),
     )
+    return craft, frequency * duration / (2.0 * math.pi)
 
 
 def _altitude_of(pressure: float, speed: float) -> float:
