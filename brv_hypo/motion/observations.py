@@ -34,7 +34,7 @@ class TieModel:
     `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` what
     errors of the record of one standard deviation add to the observation at the same crossflow, and `factors`
     what share they add to its scale, where they do; `sigma` (n,), inf where nothing is seen; `complex_slope`: whether
-    the slope's coefficients are complex.
+    the slope's coefficients are complex; `bends`: whether the last column of its basis is alpha squared.
     """
 
     name: str
@@ -46,6 +46,7 @@ class TieModel:
     factors: Responses[FloatArray] | None
     sigma: FloatArray
     complex_slope: bool
+    bends: bool = False
 
     @property
     def unknowns(self) -> int:
@@ -79,9 +80,13 @@ class TieModel:
         if self.factors is not None:
             columns[:, self.factors.which] -= self.factors.at(rows) * tied[rows, np.newaxis]
 
+    def bent(self, xi: ComplexArray) -> TieModel:
+        """The same model with one coefficient more, of the slope's bend with the square of this crossflow (n,)."""
+        return replace(self, slope_basis=np.column_stack([self.slope_basis, np.abs(effective(xi)) ** 2]), bends=True)
+
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
-        """The same model with a slope of `count` coefficients in time."""
-        return replace(self, slope_basis=slope_basis(time, count))
+        """The same model with a slope of `count` coefficients in time, and no bend."""
+        return replace(self, slope_basis=slope_basis(time, count), bends=False)
 
 
 def slope_basis(time: FloatArray, count: int) -> FloatArray:

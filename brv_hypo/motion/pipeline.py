@@ -53,6 +53,7 @@ def reconstruct(
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,
         normal_force_terms=wind.normal_force_terms,
+        normal_force_bend=wind.normal_force_bend,
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,
         effects=_estimates(wind.effects),

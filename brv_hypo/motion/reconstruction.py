@@ -64,8 +64,9 @@ class Reconstruction(Pictured, Histories):
     """Wind-relative motion and moments of one flight.
 
     Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
-    axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force, a course in time of
-    `normal_force_terms` coefficients (0 where it was not found); `gyro_sigma` rad/s and `accel_sigma` m/s^2
+    axes at the first sample; `normal_force_slope` (n,) 1/rad is the normal force's C_N / alpha, a course in time of
+    `normal_force_terms` coefficients (0 where it was not found) and `normal_force_bend` (1/rad^3) times alpha squared;
+    `gyro_sigma` rad/s and `accel_sigma` m/s^2
     are the white-noise levels estimated from the record. `status` is "ok" or "degraded"; `warnings` say what
     limits the result and what would help. `effects` are the errors that the record was allowed to have;
     `corrected` is the flight with what was found of them taken out. `input_errors` are what smoothing left of
@@ -88,6 +89,7 @@ class Reconstruction(Pictured, Histories):
     warnings: tuple[str, ...]
     input_errors: tuple[InputError, ...] = ()
     normal_force_terms: int = 0
+    normal_force_bend: float = 0.0
 
     __repr__ = Histories.__repr__
 

@@ -44,7 +44,8 @@ SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and si
 class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
-    `static`, `bend`: None where they are still to be chosen. `taken`: the errors (SI) without which each record is linearised.
+    `static`, `bend`: None where they are still to be chosen. `taken`: the errors (SI) without which each record is
+    linearised.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]

@@ -16,21 +16,24 @@ from brv_hypo.motion.inertial import InertialRecord
 class ForceModel:
     """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
 
-    The reconstruction's slope, with a parabola in time for what it errs by.
+    The reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for what they
+    err by, and a bend of its own.
     """
 
     slope: FloatArray
+    bend: float = 0.0
 
     def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
-        """Columns (n, 3) at the crossflow xi (n,)."""
-        return self._normal(record, xi)[:, np.newaxis] * self._parabola
+        """Columns (n, 4) at the crossflow xi (n,)."""
+        flow = -record.force_scale * effective(xi)
+        square = np.abs(effective(xi)) ** 2
+        return np.column_stack(
+            [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
+        )
 
     def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
-        """The force (n,) m/s^2 with these coefficients (3,) at the crossflow xi (n,)."""
-        return np.asarray(self._normal(record, xi) * (self._parabola @ values))
-
-    def _normal(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
-        return np.asarray(-record.force_scale * self.slope * effective(xi))
+        """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
+        return np.asarray(self.columns(record, xi) @ values)
 
     @cached_property
     def _parabola(self) -> FloatArray:

@@ -69,7 +69,7 @@ _PULL = 0.05  # m/s^2
 class LinearisedFlight:
     """A reconstructed flight with the model that explains it, ready to be perturbed.
 
-    `columns` and `values` are the moment model; `force` and `force_values` (3,) the normal force's; `force_seen` (n,)
+    `columns` and `values` are the moment model; `force` and `force_values` (4,) the normal force's; `force_seen` (n,)
     where the transverse force was measured and is no spike.
     """
 

@@ -78,7 +78,8 @@ def crossflow_rate(motion: Motion, xi: ComplexArray) -> ComplexArray:
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
     """How many sines stand for the random walk.
 
-    What they leave of it is less than alpha's own uncertainty, and faster than what the motion answers to. The variance beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
+    What they leave of it is less than alpha's own uncertainty, and faster than what the motion answers to. The variance
+    beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
     wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
@@ -88,9 +89,8 @@ def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
 
 def _cycles(motion: Motion) -> float:
     """Cycles of the crossflow over the record, in axes that do not roll."""
-    turned = crossflow(motion.alpha, motion.windward_meridian) * np.exp(
-        1j * cumulative_trapezoid(motion.p, motion.time, initial=0.0)
-    )
+    roll = np.asarray(cumulative_trapezoid(motion.p, motion.time, initial=0), dtype=float)
+    turned = crossflow(motion.alpha, motion.windward_meridian) * np.exp(1j * roll)
     rate = np.gradient(turned, motion.time)
     frequency = np.linalg.norm(rate) / max(float(np.linalg.norm(turned - turned.mean())), 1e-300)
     return float(frequency * (motion.time[-1] - motion.time[0]) / (2.0 * np.pi))

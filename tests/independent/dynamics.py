@@ -216,7 +216,8 @@ class Body:
 
         return Running(
             time, alpha, meridian, alpha_rate, meridian_rate,
-            speed / sound_speed(temperature), p * reduced, reduced, lambda angle: slope * angle * self.craft.bent(self.craft.static_bend, angle), past,
+            speed / sound_speed(temperature), p * reduced, reduced,
+            lambda angle: slope * angle * self.craft.bent(self.craft.static_bend, angle), past,
         )  # fmt: skip
 
     def _crossflow(self, then: float, time: float, here: complex, rate: complex) -> complex:

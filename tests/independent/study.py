@@ -4,9 +4,9 @@ By hand: python -m tests.independent.study --seed 1000 --flights 120 --jobs 2
 
 Flight k has seed SEED + k; none and the five mechanisms take turns (`--unlisted N`: every N-th flight has a mechanism
 that is not in the list); vehicle and amplitude (log-uniform, 0.3 % to 100 % of nominal) are drawn from the seed.
-`--drawn` flies a vehicle with bent aerodynamics that is drawn as well, in place of one of four. `--grade mixed` draws the
-grade too, `--coloured` the correlation of neighbouring samples of the
-inertial unit's noise, which then is as likely white as coloured.
+`--drawn` flies a vehicle with bent aerodynamics that is drawn as well, in place of one of four. `--grade mixed` draws
+the grade too, `--coloured` the correlation of neighbouring samples of the inertial unit's noise, which then is as
+likely white as coloured.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def fly(
 ) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where none came of it.
 
-    `per_cycle`: body-fixed moments are fitted in Chrusciel's variant, anew in each cycle of the meridian. `drawn`: so is
-    the vehicle.
+    `per_cycle`: body-fixed moments are fitted in Chrusciel's variant, anew in each cycle of the meridian. `drawn`:
+    the vehicle is drawn too.
     """
     names = ("none", *NAMES)
     truth = names[number % len(names)]

@@ -144,6 +144,7 @@ def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None, terms: int)
         fit = replace(problem.solve((tie.with_slope_count(problem.record.time, terms),), near), response=None)
     else:
         fit = _choose_slope(problem, (), tie, near)
+    fit = _bent(problem, fit)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
@@ -172,10 +173,11 @@ def _choose_slope(
     """
     first = (*others, tie.with_slope_count(problem.record.time, 1))
     fit = problem.solve(first, near) if near else problem.solve_from_scratch(first)
-    best = fit = replace(fit, response=None)
+    best = fit = _bent(problem, replace(fit, response=None))
     worse = 0
     for count in _SLOPE_COUNTS[1:]:
-        ties = (*others, tie.with_slope_count(problem.record.time, count))
+        wanted = tie.with_slope_count(problem.record.time, count)
+        ties = (*others, wanted.bent(fit.crossflow) if best.ties[-1].bends else wanted)
         fit = replace(problem.solve(ties, fit.near), response=None)
         if fit.score < best.score:
             best, worse = fit, 0
@@ -184,6 +186,15 @@ def _choose_slope(
         if worse == 2:
             break
     return best
+
+
+def _bent(problem: TiedWalk, fit: TiedFit) -> TiedFit:
+    """The fit with a force that bends with alpha, where the same criterion has it so."""
+    tie = fit.ties[-1]
+    if tie.bends or tie.complex_slope:
+        return fit
+    found = replace(problem.solve((*fit.ties[:-1], tie.bent(fit.crossflow)), fit.near), response=None)
+    return found if found.score < fit.score else fit
 
 
 def _misfit(residual: ComplexArray, sigma: FloatArray) -> float:
@@ -228,11 +239,12 @@ def _relative_error(fit: TiedFit, measured: BoolArray) -> float:
 
 def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> WindHistory:
     radial, tangential = fit.sigmas()
-    slope, terms = np.full(fit.crossflow.size, np.nan), 0
+    slope, terms, bend = np.full(fit.crossflow.size, np.nan), 0, 0.0
     accel_sigma = problem.record.accel_sigma
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            slope, terms = tie.slope(coefficients).real, int(tie.slope_basis.shape[1])
+            bend = float(coefficients[tie.slope_basis.shape[1] - 1]) if tie.bends else 0.0
+            slope, terms = tie.slope(coefficients).real, int(tie.slope_basis.shape[1]) - tie.bends
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
         record=problem.record,
@@ -243,6 +255,7 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
         effects=fit.effects,
         normal_force_slope=slope,
         normal_force_terms=terms,
+        normal_force_bend=bend,
         accel_sigma=accel_sigma,
         warnings=warnings,
     )
