@@ -218,8 +218,7 @@ class TiedWalk:
         rows = []
         for tie, values, at in zip(ties, coefficients, ends, strict=False):
             own = tie.columns(xi)
-            stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
-            slope = tie.scale * tie.slope(values) * stretched * turn
+            slope = tie.gain(xi, values) * turn
             gain = slope / self.speed
             columns = _TieColumns(tie, gain, drift, tie.tied(xi, values), own, int(at), int(ends[-1]))
             rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
