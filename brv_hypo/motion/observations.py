@@ -24,6 +24,8 @@ from brv_hypo.motion.inertial import InertialRecord
 
 # Samples at the ends of a segment that tie nothing: what a late clock makes of them lies outside the record.
 _END = 4
+# The most by which an observation is stretched where it hardly changes along the crossflow: it says little there.
+_MOST_STRETCH = 4.0
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,20 @@ class TieModel:
         return np.asarray(self.scale * slope * effective(xi))
 
     def gain(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
-        """Derivative of that by the crossflow (n,): of a bend, along the crossflow and across it, the mean."""
-        slope = self.slope(coefficients) + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        """Derivative of that by the crossflow, across it (n,); along it too, once it is seen through `stretch`."""
+        slope = self.slope(coefficients) + self.bend(coefficients) * np.abs(effective(xi)) ** 2
         stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
         return np.asarray(self.scale * slope * stretched)
+
+    def stretch(self, xi: ComplexArray, coefficients: FloatArray) -> Stretch | None:
+        """What makes the gain along the crossflow, where the model bends, that across it; None where it does not."""
+        if not self.bends:
+            return None
+        across = self.slope(coefficients).real + self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        factor = across / np.where(along == 0.0, 1e-300, along)
+        turn = xi / np.maximum(np.abs(xi), 1e-12)
+        return Stretch(np.where(factor > 0.0, np.minimum(factor, _MOST_STRETCH), _MOST_STRETCH), turn**2)
 
     def add_effects(self, columns: ComplexArray, rows: slice, tied: ComplexArray) -> None:
         """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
@@ -98,6 +110,32 @@ class TieModel:
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
         """The same model with a slope of `count` coefficients in time."""
         return replace(self, slope_basis=slope_basis(time, count))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Observations (n,) stretched by `factor` along the crossflow, whose direction squared is `turn`."""
+
+    factor: FloatArray
+    turn: ComplexArray
+
+    def of(self, values: ComplexArray, rows: slice = slice(None)) -> ComplexArray:
+        """Values (rows, ...) stretched."""
+        return self._by(self.factor[rows], values, rows)
+
+    def back(self, values: ComplexArray) -> ComplexArray:
+        """Values (n,) as they were before."""
+        return self._by(1.0 / self.factor, values, slice(None))
+
+    @property
+    def noise(self) -> FloatArray:
+        """What the noise of both parts is, on the average, over what it was (n,)."""
+        return np.sqrt(0.5 * (1.0 + self.factor**2))
+
+    def _by(self, factor: FloatArray, values: ComplexArray, rows: slice) -> ComplexArray:
+        shape = (-1, *(1,) * (values.ndim - 1))
+        same, turned = (0.5 * (factor + 1.0)).reshape(shape), (0.5 * (factor - 1.0) * self.turn[rows]).reshape(shape)
+        return np.asarray(same * values + turned * np.conj(values))
 
 
 def slope_basis(time: FloatArray, count: int) -> FloatArray:
