@@ -16,8 +16,11 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.identification.model import Shapes, point
 from brv_hypo.identification.problem import Problem
 from brv_hypo.identification.result import Identification
+from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Delayed
 from brv_hypo.likelihood.interpolation import Interpolator
+from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.motion.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -66,20 +69,57 @@ def _of_segment(found: Identification, problem: Problem, segment: int) -> list[C
         for scale in (1.0, 1.0 - step, 1.0 + step)
     )
     courses = np.array([column.course(time) for column in found.columns])
-    planes = here.in_plane * courses
-    slopes = (high.in_plane - low.in_plane) * courses / (high.motion.alpha - low.motion.alpha)
+    names, sizes = _bends(problem, flight)
+    planes = np.vstack([here.in_plane * courses, *_bent(problem, here.motion)])
+    risen = np.vstack([(high.in_plane - low.in_plane) * courses, *_bent(problem, high.motion, low.motion)])
+    slopes = risen / (high.motion.alpha - low.motion.alpha)
+    whole = np.append(found.values, [size * theta[name] for name, size in zip(names, sizes, strict=True)])
+    both = _with_bends(found, names, sizes)
     rows = {
         "C_N'": planes.real,
         "C_Z'": planes.imag,
         "C_N' by alpha": slopes.real,
         "C_Z' by alpha": slopes.imag,
     }
-    out = [_history(name, flight, time, f, found.values, found.covariance) for name, f in rows.items()]
+    out = [_history(name, flight, time, f, whole, both) for name, f in rows.items()]
     index = [found.fit.names.index(name) for name in problem.model.force_names]
     force = np.asarray(legvander(problem.model.scaled(time), len(index) - 1).T, dtype=float)
     values = np.array([theta[name] for name in problem.model.force_names])
     covariance = found.fit.covariance[np.ix_(index, index)]
     return [*out, _history("C_Nalpha_force", flight, time, force, values, covariance)]
+
+
+def _bends(problem: Problem, flight: int) -> tuple[list[str], list[float]]:
+    """Parameters that are the bend of the static moment, in units of their sizes (1/rad^3), and these."""
+    own = [value for value, number in problem.tolerated if number == flight and value.name.startswith(StaticBend.name)]
+    return [of_flight(value.name, flight) for value in own], [value.size for value in own]
+
+
+def _bent(problem: Problem, motion: Motion, less: Motion | None = None) -> list[FloatArray]:
+    """Moments in plane (n,) of each term of the bend per unit of its coefficient, less those at another motion."""
+    bend = problem.frame.mechanisms.get(StaticBend.name)
+    if bend is None:
+        return []
+    here = [term.in_plane for term in bend.terms(motion, {})]
+    if less is None:
+        return here
+    return [one - term.in_plane for one, term in zip(here, bend.terms(less, {}), strict=True)]
+
+
+def _with_bends(found: Identification, names: list[str], sizes: list[float]) -> FloatArray:
+    """Covariance of the coefficients and, after them, of the bend's."""
+    assert found.fit is not None
+    count = found.values.size
+    out = np.zeros((count + len(names), count + len(names)))
+    out[:count, :count] = found.covariance
+    known = {name: k for k, name in enumerate(found.fit.names)}
+    terms = [known.get(estimate.name, -1) for estimate in found.terms]
+    for j, (name, size) in enumerate(zip(names, sizes, strict=True)):
+        own = found.fit.covariance[known[name]]
+        out[count + j, :count] = out[:count, count + j] = [size * own[k] if k >= 0 else 0.0 for k in terms]
+        for i, (other, scale) in enumerate(zip(names, sizes, strict=True)):
+            out[count + j, count + i] = size * scale * own[known[other]]
+    return out
 
 
 def _planes(

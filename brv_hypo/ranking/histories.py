@@ -60,13 +60,14 @@ def in_plane_parts(fit: HypothesisFit) -> tuple[FloatArray, FloatArray]:
     """C_N' at no angle of attack, as if it were linear in it, and its slope by alpha (1/rad): (rows,) each."""
     low, high = (_scaled(fit, scale) for scale in (1.0 - _STEP, 1.0 + _STEP))
     rise = _alpha(high) - _alpha(low)
-    slope = (((_planes(fit, high) - _planes(fit, low)) @ fit.values) / rise).real
-    whole = (_planes(fit, fit.frame) @ fit.values).real
+    _, values, _ = fit.moment
+    slope = (((_planes(fit, high) - _planes(fit, low)) @ values) / rise).real
+    whole = (_planes(fit, fit.frame) @ values).real
     return np.asarray(whole - slope * _alpha(fit.frame)), np.asarray(slope)
 
 
 def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
-    planes = _planes(fit, fit.frame)
+    planes, (_, values, covariance) = _planes(fit, fit.frame), fit.moment
     low, high = (_scaled(fit, scale) for scale in (1.0 - _STEP, 1.0 + _STEP))
     rise = _alpha(high) - _alpha(low)
     slopes = (_planes(fit, high) - _planes(fit, low)) / rise[:, None]
@@ -81,7 +82,7 @@ def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
         shown = drawn(b - a)
         for name, whole in rows.items():
             f = whole[a:b][shown]
-            variance = np.einsum("nj,jk,nk->n", f, fit.covariance, f)
+            variance = np.einsum("nj,jk,nk->n", f, covariance, f)
             found.append(
                 CoefficientSeries(
                     mechanism=fit.name,
@@ -89,7 +90,7 @@ def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
                     flight=segment.flight,
                     name=name,
                     time_s=tuple(segment.time[shown].tolist()),
-                    value=tuple((f @ fit.values).tolist()),
+                    value=tuple((f @ values).tolist()),
                     std_error=tuple(np.sqrt(np.maximum(variance, 0.0)).tolist()),
                 )
             )
@@ -108,7 +109,7 @@ def _scaled(fit: HypothesisFit, scale: float) -> RateFrame:
 def _planes(fit: HypothesisFit, frame: RateFrame) -> ComplexArray:
     """C_N' + i C_Z' (rows, columns) per unit of each coefficient."""
     meridian = np.concatenate([frame.motions[s.flight].windward_meridian[s.rows] for s in frame.segments])
-    return plane_from_body(frame.moments(fit.columns), meridian[:, None])
+    return plane_from_body(frame.moments(fit.moment[0]), meridian[:, None])
 
 
 def _alpha(frame: RateFrame) -> FloatArray:

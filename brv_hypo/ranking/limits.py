@@ -58,7 +58,8 @@ def limits(
     The moment of which it is a share is the leader's: what was measured holds errors of instruments and axes.
     """
     leader = likeliest(fits)
-    moment = _rms(leader.frame.moments(leader.columns) @ leader.values)
+    columns, values, _ = leader.moment
+    moment = _rms(leader.frame.moments(columns) @ values)
     variance = max(min(fit.rss for fit in fits) / problem.samples, 1.0) / problem.efficiency
     known: dict[str, float] = {}
     for group in mechanisms.values():

@@ -313,7 +313,8 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
     """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
     frame = problem.frame
     measured = np.concatenate([frame.reconstructions[s.flight].moments.body[s.rows] for s in frame.segments])
-    predicted = {fit.name: fit.frame.moments(fit.columns) @ fit.values for fit in fits}
+    wholes = ((fit, *fit.moment[:2]) for fit in fits)
+    predicted = {fit.name: fit.frame.moments(columns) @ values for fit, columns, values in wholes}
     found = []
     for index, motion in enumerate(frame.motions):
         pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]

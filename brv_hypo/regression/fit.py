@@ -11,6 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of
 from brv_hypo.regression.problem import Problem
@@ -39,12 +40,25 @@ SIZES_TRIED = 3  # terms; the 400 above are in twice the log-likelihood
 
 
 @dataclass(frozen=True)
+class DesignMoment:
+    """What belongs to the moment of the vehicle's shape and has a prior: columns and values.
+
+    `covariance` is that of the fit's coefficients and then of these.
+    """
+
+    columns: tuple[Column, ...]
+    values: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
 class HypothesisFit:
     """A fitted hypothesis in the whitened frame.
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
-    `joint_covariance`, of values and then those, is empty until `with_errors`. `bound_cost` is the fall of 2 ln L where
+    `joint_covariance`, of values and then those, is empty until `with_errors`; `design` is what the design of the
+    vehicle has beside them within priors, found there too. `bound_cost` is the fall of 2 ln L where
     coefficients are held within their mechanism's bounds. `grid` is what the search began from.
     """
 
@@ -63,6 +77,15 @@ class HypothesisFit:
     ended_early: bool = False
     bound_cost: float = 0.0
     grid: GridFactors | None = field(default=None, repr=False, compare=False)
+    design: DesignMoment | None = None
+
+    @property
+    def moment(self) -> tuple[tuple[Column, ...], FloatArray, FloatArray]:
+        """Columns, coefficients (k,) and their covariance (k, k) of the whole moment of the vehicle's shape."""
+        if self.design is None:
+            return self.columns, self.values, self.covariance
+        values = np.append(self.values, self.design.values)
+        return (*self.columns, *self.design.columns), values, self.design.covariance
 
     @property
     def covariance(self) -> FloatArray:
@@ -187,7 +210,26 @@ def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
         slopes = prediction_slopes(fit.nonlinear, fit.columns, fit.values, fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
+    of_design = _design_moment(problem, fit)
+    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance, design=of_design)
+
+
+def _design_moment(problem: Problem, fit: HypothesisFit) -> DesignMoment | None:
+    """The tolerated moments that all flights share; None where there is none."""
+    items = problem.rows.nuisances.items
+    shared = [k for k, item in enumerate(items) if item.flight is None]
+    if not shared:
+        return None
+    always = TimeFunction("constant")
+    columns = tuple(Column(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
+    _, others = problem.solution(fit.frame, fit.columns)
+    sizes = np.array([items[k].size for k in shared])
+    count = len(fit.columns)
+    design = problem.whole_design(fit.frame, fit.columns)
+    which = [*range(count), *(design.shape[1] - len(items) + k for k in shared)]
+    whole = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
+    scale = np.append(np.ones(count), sizes)
+    return DesignMoment(columns, sizes * others[shared], scale[:, None] * whole[np.ix_(which, which)] * scale)
 
 
 def settled(
