@@ -9,6 +9,7 @@ import numpy as np
 from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.model.columns import Column
 from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.likelihood import MOST_ITERATIONS
 from brv_hypo.ranking.result import MaximumLikelihood

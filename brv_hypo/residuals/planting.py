@@ -17,7 +17,7 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import given_column
-from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
+from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import Baseline, TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
@@ -117,7 +117,7 @@ def _clean_look(config: SimulationConfig, seed: int, baseline: Baseline) -> Look
     model = start_model((flight,), (), baseline)
     seen = see((flight,), model, settings)
     model = replace(model, columns=starting_columns(model, seen.frame))
-    model = scheduled(model, seen) if has_schedule(model) else model
+    model = with_priors(model, seen)
     return look(seen, model, seen.values(seen.fitted, model.columns), (), record_effects(), settings)
 
 
