@@ -73,7 +73,7 @@ def _linearised(
         del fit  # large, like the responses: only the last are kept
     else:
         near = Near(like.start, like.crossflow)
-        slope = np.asarray(-record.force_scale * like.normal_force_slope)
+        slope = np.asarray(-record.force_scale * like.normal_force_ratio)
         force = np.where(np.isfinite(slope), slope * effective(near.crossflow), record.transverse_force)
     responses = telling(effect_responses(record, near.crossflow, force, perturbations))
     known = np.zeros(len(responses.effects))
@@ -243,8 +243,8 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
     accel_sigma = problem.record.accel_sigma
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            bend = float(coefficients[tie.slope_basis.shape[1] - 1]) if tie.bends else 0.0
-            slope, terms = tie.slope(coefficients).real, int(tie.slope_basis.shape[1]) - tie.bends
+            terms = int(tie.slope_basis.shape[1]) - tie.bends
+            slope, bend = tie.slope_basis[:, :terms] @ coefficients[:terms], float(np.sum(coefficients[terms:]))
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
         record=problem.record,
