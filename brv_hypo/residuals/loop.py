@@ -36,7 +36,14 @@ from brv_hypo.residuals.choice import Choice, Tried, choose, follows
 from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
-from brv_hypo.residuals.fitted_model import State, first_state, refitted, settled_state, state_of, with_candidate
+from brv_hypo.residuals.fitted_model import (
+    State,
+    first_state,
+    refitted,
+    settled_state,
+    state_of,
+    with_candidate,
+)
 from brv_hypo.residuals.likelihood import maximum_likelihood
 from brv_hypo.residuals.linearisation import Model, Seen, see
 from brv_hypo.residuals.restore import restored

@@ -96,8 +96,8 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
     """The model that the data hold, for these flights.
 
     What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
-    to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are estimated anew, within
-    their priors.
+    to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are
+    estimated anew, within their priors.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
     content = of_as_many(content, len(flights))

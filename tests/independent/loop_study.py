@@ -64,7 +64,7 @@ class Outcome:
 
 
 def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
-    """Draw, trace and note one flight, its vehicle `drawn` or one of four; the reason in words where none came of it."""
+    """Draw, trace and note one flight, its vehicle `drawn` or one of four; in words why none came of it."""
     vehicle = {"vehicle": draw_craft(np.random.default_rng([seed, _VEHICLE]))} if drawn else {}
     try:
         if JOINED in truth:
