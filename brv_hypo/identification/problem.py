@@ -22,7 +22,7 @@ from brv_hypo.identification.structure import Structure, input_course, of_flight
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
-from brv_hypo.model.static_bend import BENT
+from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.wind import gravity_magnitude
 from brv_hypo.regression.frame import RateFrame
