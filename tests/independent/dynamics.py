@@ -24,6 +24,7 @@ RELATIVE_TOLERANCE = 1e-9
 # Of position (m), velocity (m/s), quaternion, rates (rad/s).
 ABSOLUTE_TOLERANCE = np.repeat([1e-5, 1e-7, 1e-10, 1e-9], [3, 3, 4, 3])
 LEAST_STEP_FOR_DELAY = 8e-3  # s: a shorter delay is looked up within the step, by a cubic
+MOST_STEPS = 20_000  # of the integration
 PAD = 0.05  # s flown before and after the record
 
 Flow = tuple[float, float, complex, complex]
@@ -269,7 +270,9 @@ class Body:
         self._set_anchor(time, state)
         while solver.status == "running":
             message = solver.step()
-            if solver.status == "failed":
+            if len(self.history.ends) > MOST_STEPS:
+                message = f"more than {MOST_STEPS} steps: the motion runs away"
+            if solver.status == "failed" or message:
                 raise RuntimeError(f"the flight of {self.craft.name} ends at {solver.t:.4f} s: {message}")
             self.history.add(solver.t, solver.dense_output())
             self._set_anchor(solver.t, solver.y)
