@@ -17,7 +17,9 @@ from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import Column
 from brv_hypo.model.slope_schedule import RELATIVE, SlopeSchedule
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.constants import WAVERING_SPEED
 from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.frame import RateFrame
@@ -31,7 +33,8 @@ _SMALLEST_SPAN = 0.01  # share of its greatest value; narrower, the polynomial i
 _INDEPENDENT = 0.1
 _SMOOTH_DEGREE = 3  # degree in Mach number of that smooth function
 # What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit.
-TOLERATED = (TableIncrements.name, SlopeSchedule.name)
+_OF_SCHEDULES = (TableIncrements.name, SlopeSchedule.name)
+TOLERATED = (*_OF_SCHEDULES, StaticBend.name)
 
 
 def start_model(
@@ -69,7 +72,52 @@ def has_schedule(model: Model) -> bool:
     """Whether the static moment follows Mach number, by itself or by a table."""
     static = model.mechanisms.get(StaticMoment.name)
     own = isinstance(static, StaticMoment) and static.by == "mach"
-    return own or bool(model.mechanisms.keys() & {*TOLERATED, TableSlope.name})
+    return own or bool(model.mechanisms.keys() & {*_OF_SCHEDULES, TableSlope.name})
+
+
+def with_priors(model: Model, seen: Seen) -> Model:
+    """The model with what its static moment may be more: a bend, and a schedule where it follows Mach number."""
+    model = _bent(model, seen)
+    return scheduled(model, seen) if has_schedule(model) else model
+
+
+def _bent(model: Model, seen: Seen) -> Model:
+    """The model with the bend that a body with its slope may have.
+
+    A table that says how the slope goes with the angle of attack says by how much it may err in that as well; and what
+    has the bend as a column already knows no prior of it.
+    """
+    table = model.mechanisms.get(TableSlope.name)
+    slope = _slope(model, seen)
+    known = isinstance(table, TableSlope) and len(table.table.alpha) > 1
+    if known or slope is None or any(is_bend(m, seen.frame.motions[0]) for m in model.mechanisms.values()):
+        return model
+    bend = StaticBend(slope=slope)
+    return replace(model, mechanisms={**model.mechanisms, bend.name: bend})
+
+
+def without_bend(model: Model) -> Model:
+    """The model whose static moment is in proportion to the angle of attack, but for what its columns say."""
+    return replace(model, mechanisms={n: m for n, m in model.mechanisms.items() if n != StaticBend.name})
+
+
+def is_bend(mechanism: Mechanism, motion: Motion) -> bool:
+    """Whether a mechanism claims the very moment that the baseline's bend is, under whatever name."""
+    if mechanism.time_variation != ("constant",) or mechanism.parameters():
+        return False
+    terms, (own,) = mechanism.terms(motion, {}), StaticBend(slope=1.0).terms(motion, {})
+    return len(terms) == 1 and all(
+        np.allclose(getattr(terms[0], part), getattr(own, part), atol=0.0) for part in ("in_plane", "out_of_plane")
+    )
+
+
+def _slope(model: Model, seen: Seen) -> float | None:
+    """The static slope (1/rad) of the columns, or of the table that stands in its place, on the whole record."""
+    table = model.mechanisms.get(TableSlope.name)
+    if isinstance(table, TableSlope):
+        return float(np.mean(table.table.slope))
+    values = seen.values(seen.whole, model.columns)
+    return next((float(v) for c, v in zip(model.columns, values, strict=True) if c.term == "C_Nalpha"), None)
 
 
 def scheduled(model: Model, seen: Seen) -> Model:
@@ -77,9 +125,8 @@ def scheduled(model: Model, seen: Seen) -> Model:
     mach = _span([flight.mach for flight in seen.flights])
     if mach is None:
         return model
-    values = seen.values(seen.whole, model.columns)
-    slopes = [float(v) for c, v in zip(model.columns, values, strict=True) if c.term == "C_Nalpha"]
-    schedule = SlopeSchedule(low=mach[0], high=mach[1], size=RELATIVE * abs(slopes[0])) if slopes else None
+    slope = None if TableSlope.name in model.mechanisms else _slope(model, seen)
+    schedule = None if slope is None else SlopeSchedule(low=mach[0], high=mach[1], size=RELATIVE * abs(slope))
     if schedule is None or not schedule.sizes.size:
         return model
     return replace(model, mechanisms={**model.mechanisms, schedule.name: schedule})

@@ -48,7 +48,8 @@ def _course(state: State) -> SlopeCourse | None:
     if not isinstance(schedule, SlopeSchedule):
         return None
     _, others = state.problem.solution(state.seen.frame, state.model.columns)
-    found = schedule.course(tuple(increments(state.problem, others).values()))
+    more = increments(state.problem, others).items()
+    found = schedule.course(tuple(value for column, value in more if column.mechanism == schedule.name))
     motion = state.seen.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
     slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_Nalpha")

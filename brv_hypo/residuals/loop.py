@@ -18,20 +18,36 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.model.columns import Column
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
+from brv_hypo.residuals.baseline import (
+    has_schedule,
+    is_bend,
+    scheduled,
+    start_model,
+    starting_columns,
+    with_priors,
+    without_bend,
+)
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose, follows
 from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
-from brv_hypo.residuals.fitted_model import State, refitted, settled_state, state_of, with_candidate
+from brv_hypo.residuals.fitted_model import (
+    State,
+    first_state,
+    refitted,
+    settled_state,
+    state_of,
+    with_candidate,
+)
 from brv_hypo.residuals.likelihood import maximum_likelihood
 from brv_hypo.residuals.linearisation import Model, Seen, see
 from brv_hypo.residuals.restore import restored
-from brv_hypo.residuals.result import Step, Stop, Trace
+from brv_hypo.residuals.result import Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary
 from brv_hypo.residuals.unneeded import unneeded, without
@@ -152,8 +168,7 @@ class _Course:
         model = start_model(self.flights, held, self.config.baseline, self.config.aero)
         seen = see(self.flights, model, self.config)
         model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
-        if self.config.aero is None and has_schedule(model):
-            model = scheduled(model, seen)
+        model = with_priors(model, seen)
         chosen = tuple(m for m in held if m.time_variation != ("constant",) or m.parameters())
         declared = tuple(m for m in held if m not in chosen)
         model = replace(model, columns=(*model.columns, *_declared(declared, seen)))
@@ -168,7 +183,9 @@ class _Course:
         What was added `before` and is not needed beside it is taken out.
         """
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
-        untried = [m for m in usable if _may_join(m, state.model, len(self.flights))]
+        motion = state.seen.frame.motions[0]
+        bends = [m for m in usable if StaticBend.name in state.model.mechanisms and is_bend(m, motion)]
+        untried = [m for m in usable if m not in bends and _may_join(m, state.model, len(self.flights))]
         effects = [e for e in self.effects if not _held_everywhere(e.name, state.model, len(self.flights))]
         here = look(
             state.seen,
@@ -185,6 +202,28 @@ class _Course:
             more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), _GENERIC)
             described = self._choice(here, state, more, choice.tried)
             choice = described if described.taken else choice
+        if choice.taken is None and bends and (named := self._naming_the_bend(number, state, bends)) is not None:
+            return named
+        return self._turn(number, residual, here, state, choice, before)
+
+    def _naming_the_bend(self, number: int, state: State, bends: Sequence[Mechanism]) -> Turn | None:
+        """The step that gives the bend of the static moment its name; None where it may as well be none.
+
+        Every effect is tried beside the bend that bodies have. That this one has any is asked once nothing else is
+        added, of a model without it.
+        """
+        model = without_bend(state.model)
+        bare = first_state(model, state.seen, self.config)
+        here = look(bare.seen, model, bare.values, bends, (), self.config.model_copy(update={"discover": False}))
+        bare = state_of(model, bare.seen, here.problem)
+        residual = find(here, bare.left)
+        choice = self._choice(here, bare, None, white=residual.white)
+        return self._turn(number, residual, here, bare, choice, ()) if choice.taken else None
+
+    def _turn(
+        self, number: int, residual: Residual, here: Look, state: State, choice: Choice, before: Sequence[str]
+    ) -> Turn:
+        """The step of a choice, and the model with what was chosen."""
         step = step_of(number, residual, here, state, choice, self.config)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:

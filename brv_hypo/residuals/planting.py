@@ -17,7 +17,7 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import given_column
-from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
+from brv_hypo.residuals.baseline import is_bend, start_model, starting_columns, with_priors, without_bend
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import Baseline, TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
@@ -90,7 +90,7 @@ def planted(case: Case) -> tuple[SimulationConfig, tuple[Size, ...]]:
     clean = SimulationConfig.model_validate(data)
     if not case.effects:
         return clean, ()
-    here = _clean_look(clean, case.seed + 10_000, case.baseline)
+    here = _clean_look(clean, case)
     sizes = []
     for effect in case.effects:
         times = float(np.exp(draw.uniform(*np.log(_TIMES))))
@@ -110,14 +110,19 @@ def another_flight(config: SimulationConfig, seed: int) -> SimulationConfig:
     return config.model_copy(update={"start": start.model_copy(update=changed)})
 
 
-def _clean_look(config: SimulationConfig, seed: int, baseline: Baseline) -> Look:
-    """The regression of the same flight with nothing planted: it tells how well a coefficient can be known."""
-    flight = simulate(config, seed=seed).flight
-    settings = TraceConfig(discover=False, baseline=baseline)
-    model = start_model((flight,), (), baseline)
+def _clean_look(config: SimulationConfig, case: Case) -> Look:
+    """The regression of the same flight with nothing planted: it tells how well a coefficient can be known.
+
+    Where a bend of the static moment is planted, it is asked for as the loop asks: of a model without one.
+    """
+    flight = simulate(config, seed=case.seed + 10_000).flight
+    settings = TraceConfig(discover=False, baseline=case.baseline)
+    model = start_model((flight,), (), case.baseline)
     seen = see((flight,), model, settings)
     model = replace(model, columns=starting_columns(model, seen.frame))
-    model = scheduled(model, seen) if has_schedule(model) else model
+    model = with_priors(model, seen)
+    if any(is_bend(find(effect), seen.frame.motions[0]) for effect in case.effects if effect in AERODYNAMIC):
+        model = without_bend(model)
     return look(seen, model, seen.values(seen.fitted, model.columns), (), record_effects(), settings)
 
 

@@ -22,6 +22,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion.motion import Motion
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.problem import increments
@@ -30,7 +31,7 @@ from brv_hypo.residuals.problem import increments
 _STEPS = 2
 # Largest angle of attack, of the largest that was flown: beyond, nothing is known of the vehicle's aerodynamics.
 _LARGEST = 1.5
-_STATIC = (StaticMoment.name, SlopeSchedule.name)
+_STATIC = (StaticMoment.name, StaticBend.name, SlopeSchedule.name)
 _LEAST_ANGLE = 1e-9  # rad; the meridian has no rate at none
 
 

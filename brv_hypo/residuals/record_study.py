@@ -24,10 +24,12 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.columns import Column
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem, given_column
+from brv_hypo.residuals.baseline import is_bend
 from brv_hypo.residuals.candidates import LARGEST
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
@@ -86,10 +88,11 @@ def planted(
     if item.parameters():
         raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
     motion = base.state.seen.reconstructions[0].motion
+    asked = _unbent(base) if is_bend(item, motion) else base
     names = [term.name for term in item.terms(motion, {})]
     direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
     begin = None if item.time_variation == ("constant",) else onset
-    values = times * _limit(base.here, effect, names, direction, begin) * direction
+    values = times * _limit(asked.here, effect, names, direction, begin) * direction
     try:
         flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
     except UnanswerableError:
@@ -97,7 +100,13 @@ def planted(
         flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
     told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
     told += "" if begin is None else f" from {begin:.0f} s"
-    return flight, f"{told}, {_times_there(base, flight, item, values, begin):.1f} limits on the motion that it makes"
+    return flight, f"{told}, {_times_there(asked, flight, item, values, begin):.1f} limits on the motion that it makes"
+
+
+def _unbent(base: Ground) -> Ground:
+    """The record with a model whose static moment does not bend: of that the loop asks whether it does."""
+    columns = tuple(column for column in base.model.columns if column.mechanism != StaticBend.name)
+    return standing_on(base.flight, base.model.model_copy(update={"columns": columns, "bend": None}))
 
 
 def _times_there(

@@ -19,6 +19,7 @@ from brv_hypo.model.aero_table import TableSlope
 from brv_hypo.model.baseline import StaticMoment
 from brv_hypo.model.columns import Column, delays_among
 from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.residuals.baseline import TOLERATED, start_model
 from brv_hypo.residuals.linearisation import Applied, Model
@@ -45,12 +46,13 @@ def saved(model: Model, found: Found | None = None) -> SavedModel:
     """The model as data, with what is known of it where it was fitted."""
     static = model.mechanisms.get(StaticMoment.name)
     table = model.mechanisms.get(TableSlope.name)
-    schedule = model.mechanisms.get(SlopeSchedule.name)
+    schedule, bend = (model.mechanisms.get(each.name) for each in (SlopeSchedule, StaticBend))
     content = SavedModel(
         columns=tuple(_saved_column(column) for column in model.columns),
         static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
         table=table.table if isinstance(table, TableSlope) else None,
         schedule=schedule if isinstance(schedule, SlopeSchedule) else None,
+        bend=bend if isinstance(bend, StaticBend) else None,
         record=tuple(
             SavedRecordError(
                 effect=a.effect.name,
@@ -94,17 +96,15 @@ def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = F
     """The model that the data hold, for these flights.
 
     What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
-    to a table, and a schedule's terms, are columns where the model is `frozen`; else they are estimated anew, within
-    their priors.
+    to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are
+    estimated anew, within their priors.
     Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
     """
     content = of_as_many(content, len(flights))
     files: Mapping[str, Mechanism] = {file.name: mechanism_of(file) for file in content.files}
     baseline = dict(start_model(flights, (), aero=content.table).mechanisms)
-    if content.static is not None:
-        baseline[content.static.name] = content.static
-    if content.schedule is not None:
-        baseline[content.schedule.name] = content.schedule
+    own_baseline = (content.static, content.schedule, content.bend)
+    baseline.update({mechanism.name: mechanism for mechanism in own_baseline if mechanism is not None})
     names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in baseline)
     own = [files[name] if name in files else find(name) for name in names]
     applied = tuple(_applied(error, flights[error.flight]) for error in content.record)

@@ -12,6 +12,7 @@ from brv_hypo.mechanisms.filed import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticMoment
 from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.static_bend import StaticBend
 
 
 class _Saved(BaseModel):
@@ -80,9 +81,10 @@ class SavedModel(_Saved):
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
     baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
-    stands in its place, `schedule` the prior of its slope's change with Mach number. `found_on` names the flights,
-    `times` (s) are their starts and stops; `error` is what it left there; `flown` the ends of what they ran through, by
-    quantity (`mach`, `alpha` in rad): beyond, the model is known to nobody.
+    stands in its place, `schedule` the prior of its slope's change with Mach number, `bend` that of its bend with the
+    angle of attack. `found_on` names the flights, `times` (s) are their starts and stops; `error` is what it left
+    there; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is known
+    to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -93,6 +95,7 @@ class SavedModel(_Saved):
     static: StaticMoment | None = None
     table: AeroTable | None = None
     schedule: SlopeSchedule | None = None
+    bend: StaticBend | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
     error: ModelError | None = None
     found_on: tuple[str, ...] = ()

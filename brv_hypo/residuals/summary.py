@@ -14,6 +14,7 @@ from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import BASELINE, Column
 from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
@@ -43,7 +44,7 @@ from brv_hypo.residuals.result import (
 )
 
 _FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
-_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, SlopeSchedule.name, SlopeCourse.name)
+_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, SlopeCourse.name)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """How often `trace` names what is there, and what is not: findings and hints on independent flights.
 
-By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--pairs]
+By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--pairs] [--drawn]
 
 Flight k has seed SEED + k; with nothing planted and with one effect in turn, which the planted flights take one after
 another; with --pairs, two listed effects at once on every flight, each in a region of its own. What is planted is 3 to
@@ -13,11 +13,13 @@ import argparse
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from brv_hypo.residuals import Trace, TraceConfig, trace
+from tests.independent.drawn_vehicles import draw_craft
 from tests.independent.flights import Made, draw_flight, make_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import DETECTED, judge
@@ -28,6 +30,8 @@ TIMES = (3.0, 10.0)
 STEPS = 4
 # Of a pair the second is drawn under a seed of its own, so many further.
 SECOND = 500_000
+# Streams of the size that is planted, and of a vehicle that is drawn.
+_SIZE, _VEHICLE = 11, 12
 JOINED = "+"
 
 
@@ -59,10 +63,14 @@ class Outcome:
     seconds: float
 
 
-def fly(seed: int, truth: str) -> Outcome | str:
-    """Draw, trace and note one flight; the reason in words where none came of it."""
+def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
+    """Draw, trace and note one flight, its vehicle `drawn` or one of four; in words why none came of it."""
+    vehicle = {"vehicle": draw_craft(np.random.default_rng([seed, _VEHICLE]))} if drawn else {}
     try:
-        made, times = planted_pair(seed, *truth.split(JOINED)) if JOINED in truth else planted(seed, truth)
+        if JOINED in truth:
+            made, times = planted_pair(seed, *truth.split(JOINED), **vehicle)
+        else:
+            made, times = planted(seed, truth, **vehicle)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
@@ -70,26 +78,26 @@ def fly(seed: int, truth: str) -> Outcome | str:
     return Outcome(seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
 
 
-def planted(seed: int, truth: str) -> tuple[Made, tuple[float, ...]]:
+def planted(seed: int, truth: str, **vehicle: Any) -> tuple[Made, tuple[float, ...]]:
     """The flight with its effect at 3 to 10 times the detection limit, and how many times it is."""
     if truth == "none":
-        return draw_flight(seed, truth="none"), ()
-    amplitude, times = _sized(draw_flight(seed, truth=truth, amplitude=1.0))
-    return draw_flight(seed, truth=truth, amplitude=amplitude), (times,)
+        return draw_flight(seed, truth="none", **vehicle), ()
+    amplitude, times = _sized(draw_flight(seed, truth=truth, amplitude=1.0, **vehicle))
+    return draw_flight(seed, truth=truth, amplitude=amplitude, **vehicle), (times,)
 
 
-def planted_pair(seed: int, truth: str, other: str) -> tuple[Made, tuple[float, float]]:
+def planted_pair(seed: int, truth: str, other: str, **vehicle: Any) -> tuple[Made, tuple[float, float]]:
     """The same with two effects, each at 3 to 10 times the limit that it has alone."""
-    amplitude, times = _sized(first := draw_flight(seed, truth=truth, amplitude=1.0))
-    craft, start, further = first.vehicle, first.true.start, seed + SECOND
+    amplitude, times = _sized(first := draw_flight(seed, truth=truth, amplitude=1.0, **vehicle))
+    craft, start, further = first.true.craft, first.true.start, seed + SECOND
     second_amplitude, second_times = _sized(make_flight(craft, other, seed=further, start=start))
     second = make_flight(craft, other, second_amplitude, further, start=start).true.planted
-    return draw_flight(seed, truth=truth, amplitude=amplitude, beside=second), (times, second_times)
+    return draw_flight(seed, truth=truth, amplitude=amplitude, beside=second, **vehicle), (times, second_times)
 
 
 def _sized(nominal: Made) -> tuple[float, float]:
     """The share of the nominal amplitude at which to plant an effect, and how many detection limits that is."""
-    wanted = float(np.exp(np.random.default_rng([nominal.seed, 11]).uniform(*np.log(TIMES))))
+    wanted = float(np.exp(np.random.default_rng([nominal.seed, _SIZE]).uniform(*np.log(TIMES))))
     limit = judge(nominal, ()).limit_amplitude
     amplitude = min(wanted * limit, 1.0)
     return amplitude, amplitude / limit
@@ -214,9 +222,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--truths", default=None, metavar="NAME,...", help="what to plant in turn; none for nothing")
     parser.add_argument("--pairs", action="store_true", help="plant two listed effects at once")
+    parser.add_argument("--drawn", action="store_true", help="a vehicle drawn for every flight")
     given = parser.parse_args(arguments)
     truths = given.truths.split(",") if given.truths else _pairs_in_turn() if given.pairs else _in_turn()
-    runs = (delayed(fly)(given.seed + k, truths[k % len(truths)]) for k in range(given.flights))
+    runs = (delayed(fly)(given.seed + k, truths[k % len(truths)], given.drawn) for k in range(given.flights))
     outcomes: list[Outcome] = []
     for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
         print(found if isinstance(found, str) else line(found), flush=True)

@@ -16,7 +16,7 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.linear import lengths
-from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns
+from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import settled_state
 from brv_hypo.residuals.linearisation import see
@@ -30,7 +30,7 @@ def f_ratios_in_record(made: Made) -> tuple[float, ...]:
     model = start_model(flights, (), config.baseline)
     first = see(flights, model, config)
     model = replace(model, columns=starting_columns(model, first.frame))
-    model = scheduled(model, first) if has_schedule(model) else model
+    model = with_priors(model, first)
     names = [term.name for term in known.terms(first.reconstructions[0].motion, {})]
     own = tuple(Column(known.name, name, (), TimeFunction("constant"), "1") for name in names)
     mechanisms = {**model.mechanisms, known.name: known}
