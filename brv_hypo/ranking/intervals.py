@@ -43,7 +43,8 @@ def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
     """Net values of a fit's selected columns, interval by interval; ramps at the middle of theirs."""
     if not fit.selected:
         return ()
-    begin, end = float(fit.frame.time.min()), float(fit.frame.time.max())
+    time = fit.frame.course_time
+    begin, end = float(time.min()), float(time.max())
     inner = {float(edge) for c in fit.selected for edge in (c.course.start, c.course.stop)}
     edges = [begin, *sorted(edge for edge in inner if begin < edge < end), end]
     return tuple(_interval(fit, first, last) for first, last in itertools.pairwise(edges))

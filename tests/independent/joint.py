@@ -33,6 +33,8 @@ OTHERWISE = {
 }
 # Seeds of the second flights.
 SECOND = 500_000
+# How often a second flight is flown with what is planted: its drag moves the times of the Mach numbers.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,12 @@ def fly_pair(vehicle: str, truth: str, seed: int, amplitude: float = 1.0, grade:
     first = make_flight(craft, truth, amplitude, seed, grade)
     faster, higher = OTHERWISE[vehicle]
     other = replace(at_speed(craft, faster), altitude=craft.altitude + higher)
-    plain = make_flight(other, seed=seed + SECOND, grade=grade).true
-    start, stop = (time_at(plain.mach, plain.time, mach) for mach in machs(first))
-    planted = replace(first.true.planted, start=start, stop=stop)
-    return first, make_flight(other, seed=seed + SECOND, grade=grade, planted=planted)
+    second = make_flight(other, seed=seed + SECOND, grade=grade)
+    for _ in range(_ROUNDS):
+        start, stop = (time_at(second, mach) for mach in machs(first))
+        planted = replace(first.true.planted, start=start, stop=stop)
+        second = make_flight(other, seed=seed + SECOND, grade=grade, planted=planted)
+    return first, second
 
 
 def machs(made: Made) -> tuple[float, float]:
@@ -71,6 +75,6 @@ def machs(made: Made) -> tuple[float, float]:
     return float(start), float(stop)
 
 
-def time_at(mach: np.ndarray, time: np.ndarray, wanted: float) -> float:
-    """When a falling Mach number is `wanted`, s."""
-    return float(np.interp(-wanted, -mach, time))
+def time_at(made: Made, mach: float) -> float:
+    """When the flight's falling Mach number is so much, s."""
+    return float(np.interp(-mach, -made.true.mach, made.true.time))
