@@ -48,6 +48,8 @@ from brv_hypo.motion.motion import Motion
 
 GRAVITY = ("gravity x", "gravity y", "gravity z")
 """m/s^2 in body axes of the first sample."""
+FORCE_BEND = "C_Nalpha3_force"
+"""1/rad^3: what the normal-force slope gains with the square of alpha."""
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
 _REMEMBERED = 6
@@ -256,6 +258,7 @@ class VehicleModel:
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
         scale = scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta))
         slope = legval(self.scaled(at.time), [theta[name] for name in self.force_names])
+        slope = slope + theta[FORCE_BEND] * angle_of_attack(xi) ** 2
         return np.asarray(-scale * slope * alpha_over_sine(xi) * xi)
 
     def scaled(self, time: FloatArray) -> FloatArray:
@@ -278,7 +281,7 @@ class VehicleModel:
         """Parameters that change the rates of alpha and of the meridian at given states."""
         gravity = (theta[of_flight(name, context.flight)] for name in GRAVITY)
         errors = (np.asarray(_error(name, context, theta)).tobytes() for name in RATE_ERRORS)
-        return (*(theta[n] for n in self.force_names), *gravity, *errors)
+        return (*(theta[name] for name in (*self.force_names, FORCE_BEND)), *gravity, *errors)
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
         theta = {**theta, **_without_noise(context.flight)}

@@ -13,7 +13,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.model import GRAVITY, RATE_ERRORS, VehicleModel
+from brv_hypo.identification.model import FORCE_BEND, GRAVITY, RATE_ERRORS, VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
 from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
@@ -22,6 +22,7 @@ from brv_hypo.identification.structure import Structure, input_course, of_flight
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
+from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.wind import gravity_magnitude
 from brv_hypo.regression.frame import RateFrame
@@ -108,9 +109,10 @@ class Problem:
         What changes rates of which a mechanism's columns are functions is not.
         """
         courses = {course.name for record in self.records for course in record.segment.courses}
-        affine = {*self.structure.names, *self.model.force_names, *courses, *self._of_flights(GRAVITY)}
+        forces = {*self.model.force_names, FORCE_BEND}
+        affine = {*self.structure.names, *forces, *courses, *self._of_flights(GRAVITY)}
         if self.model.moments.uses_rates:
-            affine -= {*self.model.force_names, *self._of_flights((*GRAVITY, *RATE_ERRORS))}
+            affine -= {*forces, *self._of_flights((*GRAVITY, *RATE_ERRORS))}
         return frozenset(affine)
 
     def _of_flights(self, names: Sequence[str]) -> set[str]:
@@ -179,10 +181,12 @@ def build_problem(
     )
     theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
     theta |= {mover.name: mover.value for mover in structure.movers}
-    theta |= dict(zip(forces, _force_start(frame, span, config.force_degree).tolist(), strict=True))
+    start, bend = _force_start(frame, span, config.force_degree)
+    theta |= {**dict(zip(forces, start.tolist(), strict=True)), FORCE_BEND: bend}
     nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
     theta |= {name: start for name, (start, _, _) in nuisances.items()}
     priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
+    priors[FORCE_BEND] = (0.0, abs(float(start[0])) / BENT**2)
     tolerated = dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated)
     weights = [of_flight(value.name, flight) for value, flight in tolerated]
     return Problem(
@@ -217,13 +221,17 @@ def _nuisances(
     return found
 
 
-def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> FloatArray:
-    """Legendre coefficients of the reconstructed normal-force slope, 1/rad; a rough 1 where it is unknown."""
+def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> tuple[FloatArray, float]:
+    """Legendre coefficients of the reconstructed normal-force slope, 1/rad, and its bend, 1/rad^3.
+
+    A rough 1 and no bend where they are unknown.
+    """
     time = np.concatenate([r.flight.time for r in frame.reconstructions])
     slope = np.concatenate([r.normal_force_slope for r in frame.reconstructions])
+    bend = float(np.mean([r.normal_force_bend for r in frame.reconstructions]))
     known = np.isfinite(slope)
     if not known.any():
-        return np.asarray(np.eye(degree + 1)[0])
+        return np.asarray(np.eye(degree + 1)[0]), bend
     scaled = (2.0 * time[known] - span[0] - span[1]) / (span[1] - span[0])
     found = np.polynomial.legendre.legfit(scaled, slope[known], degree)
-    return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0))
+    return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)), bend

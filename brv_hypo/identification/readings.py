@@ -64,7 +64,7 @@ def _force(
     vehicle = reconstruction.flight.vehicle
     pressure, p = smooth.pressure[rows], smooth.roll_rate[rows]
     xi = crossflow(motion.alpha, motion.windward_meridian)[rows]
-    slope = np.nan_to_num(reconstruction.normal_force_slope[rows])
+    slope = np.nan_to_num(reconstruction.normal_force_ratio[rows])
     force = -pressure * (vehicle.reference_area / vehicle.mass) * slope * alpha_over_sine(xi) * xi
     omega_rate = pressure * vehicle.moment_scale * moments - 1j * (1.0 - vehicle.inertia_ratio) * p * omega
     return np.asarray(force + lever_force(vehicle.accelerometer_position, omega, omega_rate, p, rolling[rows]))

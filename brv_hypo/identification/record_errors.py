@@ -25,6 +25,7 @@ from brv_hypo.mechanisms import Mechanism
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import theta_grid
+from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -268,7 +269,8 @@ def _of_moments(
     """Moments that have a tolerance, as they turn the vehicle on the fitted motion."""
     motion = frame.motions[number]
     acceleration = flight.dynamic_pressure * flight.vehicle.moment_scale
-    for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight):
+    own = [mechanism for name, mechanism in frame.mechanisms.items() if name == StaticBend.name]
+    for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight, own):
         if mechanism.name in modelled:
             continue
         terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
@@ -279,7 +281,9 @@ def _of_moments(
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
 
 
-def tolerated_mechanisms(flight: Flight) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
-    """The carried mechanisms whose moments the flight's tolerances allow, with 1 sigma of each coefficient."""
-    found = ((item, item.tolerance(flight)) for item in carried_mechanisms(flight))
+def tolerated_mechanisms(
+    flight: Flight, own: Sequence[Mechanism] = ()
+) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
+    """The mechanisms whose moments have a tolerance, with 1 sigma of each coefficient: the carried ones and `own`."""
+    found = ((item, item.tolerance(flight)) for item in (*carried_mechanisms(flight), *own))
     return tuple((item, sizes) for item, sizes in found if sizes is not None)

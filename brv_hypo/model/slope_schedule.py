@@ -15,7 +15,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.model.static_bend import BENT
+from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.motion import Motion
 
 # Standard deviation of the slope's change along Mach numbers, over its mean, and the ratio of Mach numbers, as a

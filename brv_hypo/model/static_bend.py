@@ -8,10 +8,8 @@ import numpy as np
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.motion import Motion
-
-# Angle of attack (rad) at which the bend may be as large as the slope (1 sigma): about ten degrees.
-BENT = 0.2
 
 
 class StaticBend(Mechanism):

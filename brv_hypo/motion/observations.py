@@ -6,8 +6,8 @@ in its unknowns, given the crossflow xi:
     force    f_y + i f_z = -(q_inf S / m) C_N(t) (alpha / sin alpha) xi
     moment   C_m + i C_n = -i C_m_alpha(t) (alpha / sin alpha) xi + C_mq omega d / 2V + trim
 
-each with what the errors of the record add to it. The moment's slope is complex, so that an out-of-plane
-moment does not turn the wind.
+the force, where it bends, with C_N(t) + C_N3 alpha^2 for its slope; each with what the errors of the record add to it.
+The moment's slope is complex, so that an out-of-plane moment does not turn the wind.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from brv_hypo.motion.inertial import InertialRecord
 
 # Samples at the ends of a segment that tie nothing: what a late clock makes of them lies outside the record.
 _END = 4
+# The most by which an observation is stretched where it hardly changes along the crossflow: it says little there.
+_MOST_STRETCH = 4.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class TieModel:
     `slope_basis` (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` what
     errors of the record of one standard deviation add to the observation at the same crossflow, and `factors`
     what share they add to its scale, where they do; `sigma` (n,), inf where nothing is seen; `complex_slope`: whether
-    the slope's coefficients are complex; `bends`: whether the last column of its basis is alpha squared.
+    the slope's coefficients are complex; `bends`: whether a real slope has a bend with the square of alpha, whose
+    coefficient stands after those in time.
     """
 
     name: str
@@ -51,25 +54,49 @@ class TieModel:
     @property
     def unknowns(self) -> int:
         """How many real coefficients the model has."""
-        return int(self.slope_basis.shape[1]) * (2 if self.complex_slope else 1) + int(self.nuisance.shape[1])
+        slopes = int(self.slope_basis.shape[1]) * (2 if self.complex_slope else 1)
+        return slopes + self.bends + int(self.nuisance.shape[1])
 
     def slope(self, coefficients: FloatArray) -> ComplexArray:
-        """Slope (n,) of the first coefficients."""
+        """Slope (n,) at alpha = 0, of the first coefficients."""
         k = self.slope_basis.shape[1]
         real = self.slope_basis @ coefficients[:k]
         if not self.complex_slope:
             return real.astype(complex)
         return np.asarray(real + 1j * (self.slope_basis @ coefficients[k : 2 * k]))
 
+    def bend(self, coefficients: FloatArray) -> float:
+        """What the slope gains with the square of alpha, 1/rad^2 of its units."""
+        return float(coefficients[self.slope_basis.shape[1]]) if self.bends else 0.0
+
     def columns(self, xi: ComplexArray) -> ComplexArray:
         """Derivative of the observation with respect to the coefficients, (n, unknowns)."""
         slopes = (self.scale * effective(xi))[:, None] * self.slope_basis
         parts = [slopes, 1j * slopes] if self.complex_slope else [slopes]
+        if self.bends:
+            parts.append((self.scale * effective(xi) * np.abs(effective(xi)) ** 2)[:, None])
         return np.concatenate([*parts, self.nuisance], axis=1)
 
     def tied(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
         """What the model makes of the crossflow alone (n,)."""
-        return np.asarray(self.scale * self.slope(coefficients) * effective(xi))
+        slope = self.slope(coefficients) + self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        return np.asarray(self.scale * slope * effective(xi))
+
+    def gain(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
+        """Derivative of that by the crossflow, across it (n,); along it too, once it is seen through `stretch`."""
+        slope = self.slope(coefficients) + self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
+        return np.asarray(self.scale * slope * stretched)
+
+    def stretch(self, xi: ComplexArray, coefficients: FloatArray) -> Stretch | None:
+        """What makes the gain along the crossflow, where the model bends, that across it; None where it does not."""
+        if not self.bends:
+            return None
+        across = self.slope(coefficients).real + self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        factor = across / np.where(along == 0.0, 1e-300, along)
+        turn = xi / np.maximum(np.abs(xi), 1e-12)
+        return Stretch(np.where(factor > 0.0, np.minimum(factor, _MOST_STRETCH), _MOST_STRETCH), turn**2)
 
     def add_effects(self, columns: ComplexArray, rows: slice, tied: ComplexArray) -> None:
         """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
@@ -80,13 +107,35 @@ class TieModel:
         if self.factors is not None:
             columns[:, self.factors.which] -= self.factors.at(rows) * tied[rows, np.newaxis]
 
-    def bent(self, xi: ComplexArray) -> TieModel:
-        """The same model with one coefficient more, of the slope's bend with the square of this crossflow (n,)."""
-        return replace(self, slope_basis=np.column_stack([self.slope_basis, np.abs(effective(xi)) ** 2]), bends=True)
-
     def with_slope_count(self, time: FloatArray, count: int) -> TieModel:
-        """The same model with a slope of `count` coefficients in time, and no bend."""
-        return replace(self, slope_basis=slope_basis(time, count), bends=False)
+        """The same model with a slope of `count` coefficients in time."""
+        return replace(self, slope_basis=slope_basis(time, count))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Observations (n,) stretched by `factor` along the crossflow, whose direction squared is `turn`."""
+
+    factor: FloatArray
+    turn: ComplexArray
+
+    def of(self, values: ComplexArray, rows: slice = slice(None)) -> ComplexArray:
+        """Values (rows, ...) stretched."""
+        return self._by(self.factor[rows], values, rows)
+
+    def back(self, values: ComplexArray) -> ComplexArray:
+        """Values (n,) as they were before."""
+        return self._by(1.0 / self.factor, values, slice(None))
+
+    @property
+    def noise(self) -> FloatArray:
+        """What the noise of both parts is, on the average, over what it was (n,)."""
+        return np.sqrt(0.5 * (1.0 + self.factor**2))
+
+    def _by(self, factor: FloatArray, values: ComplexArray, rows: slice) -> ComplexArray:
+        shape = (-1, *(1,) * (values.ndim - 1))
+        same, turned = (0.5 * (factor + 1.0)).reshape(shape), (0.5 * (factor - 1.0) * self.turn[rows]).reshape(shape)
+        return np.asarray(same * values + turned * np.conj(values))
 
 
 def slope_basis(time: FloatArray, count: int) -> FloatArray:

@@ -64,9 +64,9 @@ class Reconstruction(Pictured, Histories):
     """Wind-relative motion and moments of one flight.
 
     Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
-    axes at the first sample; `normal_force_slope` (n,) 1/rad is the normal force's C_N / alpha, a course in time of
-    `normal_force_terms` coefficients (0 where it was not found) and `normal_force_bend` (1/rad^3) times alpha squared;
-    `gyro_sigma` rad/s and `accel_sigma` m/s^2
+    axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force at alpha = 0, a course in
+    time of `normal_force_terms` coefficients (0 where it was not found), to which `normal_force_bend` (1/rad^3) adds
+    with the square of alpha; `gyro_sigma` rad/s and `accel_sigma` m/s^2
     are the white-noise levels estimated from the record. `status` is "ok" or "degraded"; `warnings` say what
     limits the result and what would help. `effects` are the errors that the record was allowed to have;
     `corrected` is the flight with what was found of them taken out. `input_errors` are what smoothing left of
@@ -92,6 +92,11 @@ class Reconstruction(Pictured, Histories):
     normal_force_bend: float = 0.0
 
     __repr__ = Histories.__repr__
+
+    @property
+    def normal_force_ratio(self) -> FloatArray:
+        """The normal force's C_N / alpha (n,), 1/rad, at the motion as it is."""
+        return np.asarray(self.normal_force_slope + self.normal_force_bend * self.motion.alpha**2)
 
     def headline(self) -> str:
         """The flight, the method, and how well the motion is known."""

@@ -13,7 +13,7 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.frames import crossflow, effective
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import whole
@@ -175,9 +175,7 @@ def linearised(
 ) -> LinearisedFlight:
     """A flight with its moment model and the normal force that fits it, spikes left out."""
     motion = reconstruction.motion
-    bend = reconstruction.normal_force_bend
-    square = np.abs(effective(reconstruction.crossflow)) ** 2
-    force = ForceModel(normal_force_slope(reconstruction) - bend * square, bend)
+    force = ForceModel(normal_force_slope(reconstruction), reconstruction.normal_force_bend)
     found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
     seen = record.measured
     for _ in range(2):

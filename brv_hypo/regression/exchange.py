@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.fit import HypothesisFit, likeliest, plainer, renewed, settled
+from brv_hypo.regression.fit import HypothesisFit, likeliest, plainer, renewed, scanned_finely, settled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import in_place_of
 
@@ -19,7 +19,8 @@ _EXCHANGES = 2
 def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The likeliest fit that a sequence of exchanges leads to; the fit itself where none gains.
 
-    Bounds of coefficients are left aside, as they are in the search. Two knots that came to one place become one.
+    Bounds of coefficients are left aside, as they are in the search. Two knots that came to one place become one; the
+    others may still stand where the grid has them, which a finer scan mends.
     """
     fit = renewed(problem, fit)
     for _ in range(_EXCHANGES if problem.refine else 0):
@@ -30,7 +31,7 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
         ]
         if not tried or likeliest(tried).information >= fit.information:
             break
-        fit = plainer(problem, likeliest(tried))
+        fit = scanned_finely(problem, plainer(problem, likeliest(tried)))
     return fit
 
 

@@ -60,7 +60,7 @@ def with_moment(
 
 def _normal_force(flight: Flight, state: State) -> FloatArray:
     """The transverse specific force (n,) per unit of chi, m/s^2."""
-    slope = state.seen.reconstructions[0].normal_force_slope
+    slope = state.seen.reconstructions[0].normal_force_ratio
     known = np.where(np.isfinite(slope), slope, 0.0)
     return np.asarray(state.seen.records[0].force_scale * known, dtype=float)
 

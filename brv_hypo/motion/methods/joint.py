@@ -73,7 +73,7 @@ def _linearised(
         del fit  # large, like the responses: only the last are kept
     else:
         near = Near(like.start, like.crossflow)
-        slope = np.asarray(-record.force_scale * like.normal_force_slope)
+        slope = np.asarray(-record.force_scale * like.normal_force_ratio)
         force = np.where(np.isfinite(slope), slope * effective(near.crossflow), record.transverse_force)
     responses = telling(effect_responses(record, near.crossflow, force, perturbations))
     known = np.zeros(len(responses.effects))
@@ -132,7 +132,7 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
     """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            return np.asarray(tie.scale * tie.slope(coefficients) * effective(fit.crossflow))
+            return tie.tied(fit.crossflow, coefficients)
     return record.transverse_force
 
 
@@ -176,8 +176,7 @@ def _choose_slope(
     best = fit = _bent(problem, replace(fit, response=None))
     worse = 0
     for count in _SLOPE_COUNTS[1:]:
-        wanted = tie.with_slope_count(problem.record.time, count)
-        ties = (*others, wanted.bent(fit.crossflow) if best.ties[-1].bends else wanted)
+        ties = (*others, best.ties[-1].with_slope_count(problem.record.time, count))
         fit = replace(problem.solve(ties, fit.near), response=None)
         if fit.score < best.score:
             best, worse = fit, 0
@@ -193,7 +192,7 @@ def _bent(problem: TiedWalk, fit: TiedFit) -> TiedFit:
     tie = fit.ties[-1]
     if tie.bends or tie.complex_slope:
         return fit
-    found = replace(problem.solve((*fit.ties[:-1], tie.bent(fit.crossflow)), fit.near), response=None)
+    found = replace(problem.solve((*fit.ties[:-1], replace(tie, bends=True)), fit.near), response=None)
     return found if found.score < fit.score else fit
 
 
@@ -243,8 +242,8 @@ def _history(problem: TiedWalk, fit: TiedFit, warnings: tuple[str, ...]) -> Wind
     accel_sigma = problem.record.accel_sigma
     for tie, coefficients in zip(fit.ties, fit.coefficients, strict=True):
         if tie.name == "force":
-            bend = float(coefficients[tie.slope_basis.shape[1] - 1]) if tie.bends else 0.0
-            slope, terms = tie.slope(coefficients).real, int(tie.slope_basis.shape[1]) - tie.bends
+            slope, terms = tie.slope(coefficients).real, int(tie.slope_basis.shape[1])
+            bend = tie.bend(coefficients)
             accel_sigma = float(np.median(tie.sigma[np.isfinite(tie.sigma)]))
     return WindHistory(
         record=problem.record,

@@ -9,12 +9,13 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
+from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.kept_rows import blocks
-from brv_hypo.motion.observations import TieModel
+from brv_hypo.motion.observations import Stretch, TieModel
 from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
@@ -168,7 +169,7 @@ class TiedWalk:
             drift = _Drift(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
             equations = self._linear(ties, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
-            solution = equations.solve(*self._priors(coefficients, start))
+            solution = equations.solve(*self._priors(ties, coefficients, start))
             shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
             step = nominal + turn * shift - xi
             if not np.all(np.isfinite(step)):
@@ -189,7 +190,7 @@ class TiedWalk:
             start=start,
             coefficients=coefficients,
             crossflow=crossflow,
-            residual=equations.residual(len(ties) - 1, solution),
+            residual=_unstretched(equations, solution),
             covariance=solution.covariance,
             effects=self._effects(solution),
             response=_Response(equations, drift, self.speed),
@@ -218,20 +219,28 @@ class TiedWalk:
         rows = []
         for tie, values, at in zip(ties, coefficients, ends, strict=False):
             own = tie.columns(xi)
-            stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
-            slope = tie.scale * tie.slope(values) * stretched * turn
+            slope = tie.gain(xi, values) * turn
             gain = slope / self.speed
-            columns = _TieColumns(tie, gain, drift, tie.tied(xi, values), own, int(at), int(ends[-1]))
-            rows.append(Tie(tie.observed - own @ values + slope * offset, gain, columns, tie.sigma))
+            stretch, residual, sigma = tie.stretch(xi, values), tie.observed - own @ values, tie.sigma
+            if stretch is not None:
+                residual, own, sigma = stretch.of(residual), stretch.of(own), sigma * stretch.noise
+            columns = _TieColumns(tie, gain, drift, tie.tied(xi, values), own, int(at), int(ends[-1]), stretch)
+            rows.append(Tie(residual + slope * offset, gain, columns, sigma))
         return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
 
     def _priors(
-        self, coefficients: Sequence[FloatArray], start: WindStart
+        self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], start: WindStart
     ) -> tuple[FloatArray, FloatArray]:
         """Mean and information of the globals, those of gravity and of the ties counted from the nominal."""
         mean = -np.concatenate([start.gravity, self.known, *coefficients])
         information = np.zeros(mean.size)
         information[:_GRAVITY], information[_GRAVITY : self.shared] = self.gravity_information, 1.0
+        at = self.shared
+        for tie, values in zip(ties, coefficients, strict=True):
+            if tie.bends:
+                slope = float(np.mean(np.abs(tie.slope(values))))
+                information[at + tie.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
+            at += tie.unknowns
         return mean, information
 
     def _turn(self, axes: _Axes) -> ComplexArray:
@@ -284,7 +293,8 @@ class _Drift:
 class _TieColumns:
     """Columns (n, size) of one tie: those of gravity and errors, and from `first` on the tie's `own` (n, unknowns).
 
-    `gain` (n,) is what the tie sees of the velocity; `tied` (n,) what it makes of the crossflow.
+    `gain` (n,) is what the tie sees of the velocity, through `stretch` where it has one; `tied` (n,) what it makes of
+    the crossflow.
     """
 
     tie: TieModel
@@ -294,13 +304,16 @@ class _TieColumns:
     own: ComplexArray
     first: int
     size: int
+    stretch: Stretch | None
 
     def __getitem__(self, rows: slice) -> ComplexArray:
         own, drift = self.own[rows], self.drift[rows]
         out = np.zeros((own.shape[0], self.size), dtype=complex)
         shared = drift.shape[1]
-        np.multiply(self.gain[rows, np.newaxis], drift, out=out[:, :shared])
         self.tie.add_effects(out[:, _GRAVITY:shared], rows, self.tied)
+        if self.stretch is not None:
+            out[:, _GRAVITY:shared] = self.stretch.of(out[:, _GRAVITY:shared], rows)
+        out[:, :shared] += self.gain[rows, np.newaxis] * drift
         out[:, self.first : self.first + own.shape[1]] = own
         return out
 
@@ -318,6 +331,14 @@ class _Response:
         out[:, : drift.shape[1]] += drift
         out /= self.speed[rows, np.newaxis]
         return out
+
+
+def _unstretched(equations: WalkEquations, solution: WalkSolution) -> ComplexArray:
+    """What is left of the last tie (n,), as it was observed."""
+    last = len(equations.ties) - 1
+    left, columns = equations.residual(last, solution), equations.ties[last].columns
+    stretch = columns.stretch if isinstance(columns, _TieColumns) else None
+    return left if stretch is None else stretch.back(left)
 
 
 def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:

@@ -32,9 +32,9 @@ class WindHistory:
 
     `record` is what it was found in: the flight's, less what was found of its errors. `radial_sigma` along
     the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at the first sample;
-    `normal_force_slope` (n,) 1/rad of `normal_force_terms` in time and of `normal_force_bend` (1/rad^3) times alpha
-    squared, NaN where the method does not find it; `accel_sigma` m/s^2 as the fit left it; `effects` what the record
-    says of its own errors.
+    `normal_force_slope` (n,) 1/rad of `normal_force_terms`, NaN where the method does not find it, to which
+    `normal_force_bend` (1/rad^3) adds with the square of alpha; `accel_sigma` m/s^2 as the fit left it; `effects` what
+    the record says of its own errors.
     """
 
     record: InertialRecord
