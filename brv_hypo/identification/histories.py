@@ -65,7 +65,8 @@ def _of_segment(found: Identification, problem: Problem, segment: int) -> list[C
         )
         for scale in (1.0, 1.0 - step, 1.0 + step)
     )
-    courses = np.array([column.course(time) for column in found.columns])
+    told = record.context.course_time(time)
+    courses = np.array([column.course(told) for column in found.columns])
     planes = here.in_plane * courses
     slopes = (high.in_plane - low.in_plane) * courses / (high.motion.alpha - low.motion.alpha)
     rows = {
@@ -76,7 +77,7 @@ def _of_segment(found: Identification, problem: Problem, segment: int) -> list[C
     }
     out = [_history(name, flight, time, f, found.values, found.covariance) for name, f in rows.items()]
     index = [found.fit.names.index(name) for name in problem.model.force_names]
-    force = np.asarray(legvander(problem.model.scaled(time), len(index) - 1).T, dtype=float)
+    force = np.asarray(legvander(problem.model.scaled(told), len(index) - 1).T, dtype=float)
     values = np.array([theta[name] for name in problem.model.force_names])
     covariance = found.fit.covariance[np.ix_(index, index)]
     return [*out, _history("C_Nalpha_force", flight, time, force, values, covariance)]

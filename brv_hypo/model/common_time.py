@@ -38,9 +38,10 @@ class OwnTime:
         """Common time (s) at the flight's own time (s), any shape; beyond the record that of its end."""
         return np.asarray(np.interp(time, self.time, self.common), dtype=float)
 
-    def own_at(self, common: FloatArray) -> FloatArray:
-        """The flight's own time (s) at a common time (s), any shape; before it began, its begin; after, its end."""
-        return np.asarray(np.interp(common, self.common, self.time), dtype=float)
+    def own_at(self, common: float) -> float:
+        """The flight's own time at a common time, s; beyond the record as many seconds from its end."""
+        inside = min(max(common, float(self.common[0])), float(self.common[-1]))
+        return float(np.interp(inside, self.common, self.time)) + common - inside
 
     def pace_at(self, time: FloatArray) -> FloatArray:
         """Common time that goes by in one of the flight's own, at its own time (s), any shape."""
