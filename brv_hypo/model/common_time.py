@@ -1,7 +1,7 @@
-"""The time that several flights of one design share: each flight's own time of a Mach number, told on the first's clock.
+"""The time that several flights of one design share: that of the first flight at the same Mach number.
 
-What a boundary layer or a wake does begins at flight conditions, which two flights meet at different times. Common time
-is the first flight's own time at the same Mach number; knots and courses are told in it.
+What a boundary layer or a wake does begins at flight conditions, which two flights meet at different times. Knots and
+courses are told in the common time, and every flight has its own times for them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SLOWEST = 0.02
 
 @dataclass(frozen=True)
 class OwnTime:
-    """One flight's samples: its own `time` (n,) s, the `common` time then (n,) s, both rising, and its smooth `mach`."""
+    """A flight's samples: its own `time` and the `common` time (n,) s, both rising, and its smooth `mach` (n,)."""
 
     time: FloatArray
     common: FloatArray
@@ -64,12 +64,6 @@ class CommonTime:
         ends = [float(own.mach[k]) for own in self.flights for k in (0, -1)]
         return min(ends), max(ends)
 
-    @property
-    def sign(self) -> float:
-        """1 where Mach number rises, -1 where it falls."""
-        mach = self.flights[0].mach
-        return float(np.sign(mach[-1] - mach[0]))
-
     def mach(self, common: float) -> float:
         """The Mach number of a common time, s."""
         own = next((own for own in self.flights if own.flies(common)), None)
@@ -79,6 +73,10 @@ class CommonTime:
         first = self.flights[0]
         end = 0 if common < first.common[0] else -1
         return float(first.mach[end] + (common - first.common[end]) / _mean_pace(first.time, first.mach))
+
+    def in_words(self, common: float) -> str:
+        """A common time by its Mach number, to a thousandth of all those flown."""
+        return f"Mach {self.mach(common):.{decimals(self.mach_span)}f}"
 
     def apart(self) -> tuple[int, ...]:
         """Flights that share no Mach number with any other."""
@@ -90,19 +88,32 @@ class CommonTime:
         )
 
 
-def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | None:
+def decimals(values: Sequence[float]) -> int:
+    """Decimals that tell values apart to a thousandth of the range that they span."""
+    span = max(values) - min(values) if values else 0.0
+    return max(0, 2 - int(np.floor(np.log10(span)))) if span > 0.0 else 2
+
+
+def at(common: CommonTime | None, time: float) -> str:
+    """A time (s) that courses are told in, in words: by Mach number where flights share it."""
+    return f"{time:.2f} s" if common is None else common.in_words(time)
+
+
+def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | str:
     """The common time of flights, each told by its time (n,) s and measured Mach number (n,).
 
-    None where it does not tell time: where a flight has no Mach number, or one that neither only falls nor only rises
-    (see `STRAYING`), or where it falls on one flight and rises on another.
+    In words why not, where Mach number does not tell time: where a flight has none, or one that neither only falls nor
+    only rises (see `STRAYING`), or where it falls on one flight and rises on another.
     """
     smooth = []
-    for time, mach in records:
-        if mach is None or not np.all(np.isfinite(mach)) or (found := running(time, mach)) is None:
-            return None
+    for number, (time, mach) in enumerate(records, start=1):
+        if mach is None or not np.all(np.isfinite(mach)):
+            return f"flight {number} has no Mach number. Add mach, or altitude, to its record"
+        if (found := running(time, mach)) is None:
+            return f"that of flight {number} neither only falls nor only rises. Cut the flights to where it does"
         smooth.append(found)
     if len({float(np.sign(mach[-1] - mach[0])) for mach in smooth}) > 1:
-        return None
+        return "it falls on some flights and rises on others. Compare those of either kind alone"
     time, first = records[0][0], smooth[0]
     own = [OwnTime(time, time, first)]
     own += [

@@ -46,8 +46,8 @@ SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and si
 class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
-    `common` is the time that flights share, if they do. `static`, `bend`: None where they are still to be chosen. `taken`: the errors (SI) without which each record is
-    linearised.
+    `common` is the time that flights share, if they do. `static`, `bend`: None where they are still to be chosen.
+    `taken`: the errors (SI) without which each record is linearised.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
@@ -188,7 +188,23 @@ def _problem(
 
 
 def shared_time(reconstructions: Sequence[Reconstruction]) -> CommonTime | None:
-    """The time that several flights share by their Mach numbers; None for one flight, and where these do not tell it."""
+    """The time that flights share by their Mach numbers; None for one flight, and where these do not tell it."""
+    found = _by_mach(reconstructions)
+    return found if isinstance(found, CommonTime) else None
+
+
+def sharing_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """Why several flights do not share terms by Mach number, or which of them shares none; empty for one flight."""
+    found = _by_mach(reconstructions)
+    if isinstance(found, str):
+        return (f"terms begin and end at the same time on every flight, not at the same Mach number: {found}",)
+    return tuple(
+        f"flight {number + 1} flies at no Mach number of another: what begins or ends there, it tells alone"
+        for number in (() if found is None else found.apart())
+    )
+
+
+def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | None:
     if len(reconstructions) < 2:
         return None
     return common_time([(rec.flight.time, rec.flight.mach) for rec in reconstructions])

@@ -52,8 +52,8 @@ class _Shapes:
 class RateFrame:
     """Reconstructed flights as one linear problem; rows run over the samples of all segments.
 
-    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `common` is the
-    time that the flights share, in which courses are told; None where they are told in each flight's own.
+    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `common` is
+    the time that the flights share, in which courses are told; None where they are told in each flight's own.
     """
 
     reconstructions: tuple[Reconstruction, ...]

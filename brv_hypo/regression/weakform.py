@@ -117,7 +117,7 @@ class WeakSegment:
     def own_times(self, told: FloatArray) -> FloatArray:
         """The segment's own times (k,) of times that courses are told in (k,); beyond it that of its end."""
         if self.common_time is None:
-            return np.minimum(np.maximum(told, self.time[0]), self.time[-1])
+            return np.asarray(np.minimum(np.maximum(told, self.time[0]), self.time[-1]), dtype=float)
         return np.asarray(np.interp(told, self.common_time, self.time), dtype=float)
 
     @cached_property

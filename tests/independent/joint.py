@@ -1,4 +1,4 @@
-"""Two flights of one design that cross the same Mach numbers at other times: is what begins and ends at a Mach number found?
+"""Two flights of one design, at the same Mach numbers at other times: is what begins and ends at one named, and placed?
 
 By hand: python -m tests.independent.joint --seed 1000 --pairs 10 --jobs 2
 
@@ -8,17 +8,11 @@ flight enters lower and at another speed, and the mechanism begins and ends ther
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
 
-from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig
 from tests.independent.flights import Made, make_flight
-from tests.independent.mechanisms import LISTED
 from tests.independent.sisters import at_speed
 from tests.independent.vehicles import CRAFTS
 
