@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -70,6 +71,15 @@ class StaticMoment(Mechanism):
             course = _within(motion.velocity, *self.speeds)
             found.append(Term("C_Nalpha drift V", motion.alpha * course, nothing, "1/rad"))
         return tuple(found)
+
+    def mean_slope(self, motion: Motion, values: Mapping[str, float]) -> float:
+        """Mean over a motion of the slope (1/rad) that all its terms make together; `values` by term's name.
+
+        Single ones may be anything where polynomials and speed say nearly the same.
+        """
+        at_one = replace(motion, alpha=np.ones_like(motion.alpha))
+        slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_Nalpha"))
+        return float(np.mean(np.sum(list(slopes), axis=0)))
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
         scaled = _within(along, self.start, self.stop)

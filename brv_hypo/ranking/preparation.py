@@ -122,8 +122,8 @@ def _static_of(problem: Problem) -> StaticMoment:
 def _bend_of(problem: Problem) -> StaticBend:
     """The bend that a body with this slope may have."""
     values, _ = problem.solution(problem.frame, problem.baseline)
-    slope = next(v for c, v in zip(problem.baseline, values, strict=True) if c.term == "C_Nalpha")
-    return StaticBend(slope=float(slope))
+    by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
+    return StaticBend(slope=_static_of(problem).mean_slope(problem.frame.motions[0], by_term))
 
 
 def cleaned(

@@ -231,6 +231,7 @@ STUDIES = (
     "near_zero.py",
     "test_near_zero.py",
     "test_verdicts.py",
+    "test_bent_aerodynamics.py",
 )
 
 

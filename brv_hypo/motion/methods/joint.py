@@ -27,6 +27,7 @@ from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.reconstruction import Reconstruction
 
+_ROUGH_SLOPE = 3  # coefficients of it before it is chosen: a parabola
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of the slope's course that are tried
 _OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
 # The force alone is enough where alpha is then known to this share of its rms.
@@ -55,7 +56,7 @@ def joint(
     problem, near = TiedWalk(record, config, no_responses(record), np.zeros(0)), None
     if perturbations:
         problem, near = _linearised(record, config, perturbations, like)
-    fit, warnings = _fitted(problem, config, near, 0 if like is None else like.normal_force_terms)
+    fit, warnings = _fitted(problem, config, near, like)
     return _history(problem, fit, warnings)
 
 
@@ -94,10 +95,14 @@ def _linearised(
 
 
 def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: Near | None) -> TiedFit:
-    """A fit with constant slopes, of the force alone where it says enough."""
+    """A fit with simple slopes, of the force alone where it says enough.
+
+    What a force does that these do not would be asked of the record's errors, far beyond their tolerances.
+    """
     record, responses = problem.record, problem.responses
     solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
-    force, moment = force_tie(record, responses), moment_tie(record, responses)
+    force = replace(force_tie(record, responses).with_slope_count(record.time, _ROUGH_SLOPE), bends=True)
+    moment = moment_tie(record, responses)
     moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
     if config.ties == "moment":
         return solve((moment,))
@@ -107,14 +112,14 @@ def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: Near | Non
 
 
 def _fitted(
-    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, terms: int
+    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, like: Reconstruction | None
 ) -> tuple[TiedFit, tuple[str, ...]]:
     """The fit with the ties that are wanted, or needed, and what is to be said of them."""
     record, responses = problem.record, problem.responses
     moment = moment_tie(record, responses)
     if config.ties == "moment":
         return _with_moment(problem, (), moment), ()
-    fit = _with_force(problem, force_tie(record, responses), near, terms)
+    fit = _with_force(problem, force_tie(record, responses), near, like)
     alone = _relative_error(fit, record.measured)
     too_little = config.ties == "auto" and alone > _ENOUGH
     if config.ties == "both" or too_little:
@@ -136,15 +141,16 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
     return record.transverse_force
 
 
-def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None, terms: int) -> TiedFit:
-    """Fit by the normal force: slope chosen by evidence unless it has so many terms, spikes left out, noise raised to
-    left over.
+def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None, like: Reconstruction | None) -> TiedFit:
+    """Fit by the normal force: slope chosen by evidence unless it has the terms of another, spikes left out, noise
+    raised to left over.
     """
-    if near is not None and terms:
-        fit = replace(problem.solve((tie.with_slope_count(problem.record.time, terms),), near), response=None)
+    if near is not None and like is not None and like.normal_force_terms:
+        known = tie.with_slope_count(problem.record.time, like.normal_force_terms)
+        ties = (replace(known, bends=like.normal_force_bend != 0.0),)
+        fit = replace(problem.solve(ties, near), response=None)
     else:
         fit = _choose_slope(problem, (), tie, near)
-    fit = _bent(problem, fit)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
@@ -167,32 +173,31 @@ def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel)
 def _choose_slope(
     problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel, near: Near | None
 ) -> TiedFit:
-    """The slope's course in time, by the Bayesian information criterion (Schwarz, Ann. Stat. 6:461, 1978).
+    """The slope's course in time, and whether it bends, by the Bayesian information criterion.
 
-    How well the crossflow is known is not told of it.
+    (Schwarz, Ann. Stat. 6:461, 1978.) How well the crossflow is known is not told of it. Fits begin with the bend: what
+    is left of one that lacks it is asked of the record's errors, from where no step leads back.
     """
-    first = (*others, tie.with_slope_count(problem.record.time, 1))
-    fit = problem.solve(first, near) if near else problem.solve_from_scratch(first)
-    best = fit = _bent(problem, replace(fit, response=None))
-    worse = 0
+    time, bends = problem.record.time, not tie.complex_slope
+    first = (*others, replace(tie.with_slope_count(time, 1), bends=bends))
+    best = problem.solve(first, near) if near else problem.solve_from_scratch(first)
+    best, worse = replace(best, response=None), 0
     for count in _SLOPE_COUNTS[1:]:
-        ties = (*others, best.ties[-1].with_slope_count(problem.record.time, count))
-        fit = replace(problem.solve(ties, fit.near), response=None)
+        ties = (*others, best.ties[-1].with_slope_count(time, count))
+        fit = replace(problem.solve(ties, best.near), response=None)
         if fit.score < best.score:
             best, worse = fit, 0
         else:
             worse += 1
         if worse == 2:
             break
-    return best
+    return _straight(problem, best) if bends else best
 
 
-def _bent(problem: TiedWalk, fit: TiedFit) -> TiedFit:
-    """The fit with a force that bends with alpha, where the same criterion has it so."""
-    tie = fit.ties[-1]
-    if tie.bends or tie.complex_slope:
-        return fit
-    found = replace(problem.solve((*fit.ties[:-1], replace(tie, bends=True)), fit.near), response=None)
+def _straight(problem: TiedWalk, fit: TiedFit) -> TiedFit:
+    """The fit with a force in proportion to alpha, where the same criterion has it so."""
+    ties = (*fit.ties[:-1], replace(fit.ties[-1], bends=False))
+    found = replace(problem.solve(ties, fit.near), response=None)
     return found if found.score < fit.score else fit
 
 
