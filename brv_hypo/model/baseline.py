@@ -65,10 +65,10 @@ class StaticMoment(Mechanism):
                 course = polynomials[order]
                 found.append(Term(name, term.in_plane * course, nothing, term.units))
         if self.reynolds is not None:
-            course = _within(np.log10(motion.reynolds), *self.reynolds)
+            course = scaled(np.log10(motion.reynolds), *self.reynolds)
             found.append(Term("C_Nalpha drift Re", motion.alpha * course, nothing, "1/rad"))
         if self.speeds is not None:
-            course = _within(motion.velocity, *self.speeds)
+            course = scaled(motion.velocity, *self.speeds)
             found.append(Term("C_Nalpha drift V", motion.alpha * course, nothing, "1/rad"))
         return tuple(found)
 
@@ -82,8 +82,7 @@ class StaticMoment(Mechanism):
         return float(np.mean(np.sum(list(slopes), axis=0)))
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
-        scaled = _within(along, self.start, self.stop)
-        return _legendre(scaled, max(self.offset_degree, self.slope_degree))
+        return _legendre(scaled(along, self.start, self.stop), max(self.offset_degree, self.slope_degree))
 
 
 def _legendre(place: FloatArray, degree: int) -> list[FloatArray]:
@@ -112,7 +111,7 @@ def wavering_speeds(
     return float(speeds.min()), float(speeds.max())
 
 
-def _within(values: FloatArray, low: float, high: float) -> FloatArray:
+def scaled(values: FloatArray, low: float, high: float) -> FloatArray:
     """Values from -1 at `low` to 1 at `high`, and no farther."""
     return np.clip((2.0 * values - low - high) / (high - low), -1.0, 1.0)
 

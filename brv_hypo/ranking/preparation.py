@@ -123,7 +123,9 @@ def _bend_of(problem: Problem) -> StaticBend:
     """The bend that a body with this slope may have."""
     values, _ = problem.solution(problem.frame, problem.baseline)
     by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
-    return StaticBend(slope=_static_of(problem).mean_slope(problem.frame.motions[0], by_term))
+    static = _static_of(problem)
+    slope = static.mean_slope(problem.frame.motions[0], by_term)
+    return StaticBend(slope=slope, drift=(static.by, static.start, static.stop))
 
 
 def cleaned(
