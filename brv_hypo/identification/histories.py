@@ -68,7 +68,8 @@ def _of_segment(found: Identification, problem: Problem, segment: int) -> list[C
         )
         for scale in (1.0, 1.0 - step, 1.0 + step)
     )
-    courses = np.array([column.course(time) for column in found.columns])
+    told = record.context.course_time(time)
+    courses = np.array([column.course(told) for column in found.columns])
     names, sizes = _bends(problem, flight)
     planes = np.vstack([here.in_plane * courses, *_bent(problem, here.motion)])
     risen = np.vstack([(high.in_plane - low.in_plane) * courses, *_bent(problem, high.motion, low.motion)])
@@ -83,7 +84,7 @@ def _of_segment(found: Identification, problem: Problem, segment: int) -> list[C
     }
     out = [_history(name, flight, time, f, whole, both) for name, f in rows.items()]
     index = [found.fit.names.index(name) for name in problem.model.force_names]
-    force = np.asarray(legvander(problem.model.scaled(time), len(index) - 1).T, dtype=float)
+    force = np.asarray(legvander(problem.model.scaled(told), len(index) - 1).T, dtype=float)
     values = np.array([theta[name] for name in problem.model.force_names])
     covariance = found.fit.covariance[np.ix_(index, index)]
     return [*out, _history("C_Nalpha_force", flight, time, force, values, covariance)]

@@ -9,12 +9,30 @@ time of the knot.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.time_variation import TimeFunction
 
 _ROUNDING = 1e-9
+
+
+def placed(
+    course: TimeFunction, time: FloatArray, half: FloatArray, own: OwnTime | None
+) -> tuple[TimeFunction, FloatArray, FloatArray]:
+    """A course, times and intervals that go together, where courses are told in a time that flights share.
+
+    What jumps does so at the flight's own time; what ramps does so with the common one, whose pace about a knot is
+    taken as constant.
+    """
+    if own is None:
+        return course, time, half
+    if course.kind == "ramp":
+        return course, own.common_at(time), half * own.pace_at(time)
+    return replace(course, start=own.own_at(course.start), stop=own.own_at(course.stop)), time, half
 
 
 def on_grid(course: TimeFunction, time: FloatArray, half: FloatArray) -> FloatArray:

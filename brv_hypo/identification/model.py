@@ -23,7 +23,7 @@ import numpy as np
 from numpy.polynomial.legendre import legval
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.identification.knots import averaged, kink, on_grid
+from brv_hypo.identification.knots import averaged, kink, on_grid, placed
 from brv_hypo.identification.moments import MomentModel, Values
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
 from brv_hypo.identification.readings import alpha_over_sine, lever_force
@@ -42,6 +42,7 @@ from brv_hypo.identification.record_errors import (
 from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Delayed
 from brv_hypo.model.columns import Column
+from brv_hypo.model.common_time import OwnTime
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion
@@ -104,6 +105,7 @@ class Shapes:
     motion: Motion
     past: tuple[Motion, ...]
     here: Point
+    own: OwnTime | None = None
 
     @cached_property
     def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
@@ -114,10 +116,11 @@ class Shapes:
         on_grid_too, knotted = self.acceleration.copy(), [j for j, c in enumerate(self.columns) if has_knot(c)]
         lacking = np.empty((len(knotted), time.size), dtype=complex)
         for k, j in enumerate(knotted):
-            row, course, shape = SLOPES + 4 * k, self.columns[j].course, self.acceleration[j]
-            first, second = kink(course, time, half)
+            row, shape = SLOPES + 4 * k, self.acceleration[j]
+            here = placed(self.columns[j].course, time, half, self.own)
+            first, second = kink(*here)
             slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
-            on_grid_too[j] = on_grid(course, time, half) * shape - first * slope + second * curvature
+            on_grid_too[j] = on_grid(*here) * shape - first * slope + second * curvature
             lacking[k] = first * shape - 2.0 * second * slope
         return on_grid_too, knotted, lacking
 
@@ -127,7 +130,8 @@ class Shapes:
             out = self.acceleration.copy()
             for own, column in zip(out, self.columns, strict=True):
                 if has_knot(column):
-                    own *= averaged(column.course, self.here.time, block)
+                    course, time, _ = placed(column.course, self.here.time, self.here.input("half"), self.own)
+                    own *= averaged(course, time, block)
             self._averaged[block] = out
         return self._averaged[block]
 
@@ -211,10 +215,10 @@ class VehicleModel:
     def _evaluated(
         self, here: Point, context: Context, now: Motion, past: Mapping[float, Motion], theta: Values
     ) -> Shapes:
-        columns, planes = self.moments.planes(now, past, theta, here.input("half"))
+        columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
         scale = here.input("pressure") * context.vehicle.moment_scale
         turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        return Shapes(columns, planes * turn, planes, now, tuple(past.values()), here)
+        return Shapes(columns, planes * turn, planes, now, tuple(past.values()), here, context.own)
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
         """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
@@ -257,12 +261,12 @@ class VehicleModel:
         vehicle = context.vehicle
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
         scale = scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta))
-        slope = legval(self.scaled(at.time), [theta[name] for name in self.force_names])
+        slope = legval(self.scaled(context.course_time(at.time)), [theta[name] for name in self.force_names])
         slope = slope + theta[FORCE_BEND] * angle_of_attack(xi) ** 2
         return np.asarray(-scale * slope * alpha_over_sine(xi) * xi)
 
     def scaled(self, time: FloatArray) -> FloatArray:
-        """Time from -1 to 1 over the span."""
+        """Times that courses are told in from -1 to 1 over the span."""
         return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
 
     def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:

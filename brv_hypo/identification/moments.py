@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.identification.knots import on_grid
+from brv_hypo.identification.knots import on_grid, placed
 from brv_hypo.identification.structure import Structure
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.columns import Column, Theta
+from brv_hypo.model.common_time import OwnTime
 from brv_hypo.motion.motion import Motion
 
 Values = Mapping[str, float]
@@ -66,16 +67,16 @@ class MomentModel:
         return (*movers, *(name for name, _ in self._wind_fixed(self.structure.columns)))
 
     def planes(
-        self, now: Motion, past: Mapping[float, Motion], theta: Values, half: FloatArray
+        self, now: Motion, past: Mapping[float, Motion], theta: Values, half: FloatArray, own: OwnTime | None = None
     ) -> tuple[tuple[Column, ...], ComplexArray]:
         """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
         columns = self.structure.at(theta)
         known: Known = {}
         earlier = {
-            delay: self._with_in_plane_moment(motion, theta, columns, half, {})
+            delay: self._with_in_plane_moment(motion, theta, columns, half, own, {})
             for delay, motion in past.items()
         }
-        motion = self._with_in_plane_moment(now, theta, columns, half, known)
+        motion = self._with_in_plane_moment(now, theta, columns, half, own, known)
         if earlier:
             motion = replace(motion, history=Past(earlier))
         terms = self._terms(columns, motion, known)
@@ -86,14 +87,21 @@ class MomentModel:
         return [(name, column) for name, column in named if self.mechanisms[column.mechanism].wind_fixed]
 
     def _with_in_plane_moment(
-        self, motion: Motion, theta: Values, columns: Sequence[Column], half: FloatArray, known: Known
+        self,
+        motion: Motion,
+        theta: Values,
+        columns: Sequence[Column],
+        half: FloatArray,
+        own: OwnTime | None,
+        known: Known,
     ) -> Motion:
         """C_mw of Eq. 5.1 from the wind-fixed columns; their terms go into `known`."""
-        own = self._wind_fixed(columns)
-        terms = self._terms([column for _, column in own], motion, known)
+        fixed = self._wind_fixed(columns)
+        terms = self._terms([column for _, column in fixed], motion, known)
         moment = np.zeros_like(motion.alpha)
-        for (name, column), term in zip(own, terms, strict=True):
-            weight = 1.0 if column.course.kind == "constant" else on_grid(column.course, motion.time, half)
+        for (name, column), term in zip(fixed, terms, strict=True):
+            here = placed(column.course, motion.time, half, own)
+            weight = 1.0 if column.course.kind == "constant" else on_grid(*here)
             moment = moment + theta[name] * weight * term.in_plane
         return replace(motion, in_plane_moment=moment)
 

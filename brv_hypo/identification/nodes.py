@@ -23,6 +23,7 @@ from brv_hypo.identification.record_errors import RecordErrors, Tolerated, recor
 from brv_hypo.identification.structure import input_course
 from brv_hypo.likelihood import Segment
 from brv_hypo.model.columns import Column
+from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inputs import SmoothInputs
@@ -60,7 +61,7 @@ rad/s^4."""
 @dataclass(frozen=True)
 class Context:
     """What is constant over a segment: its flight, vehicle, first instant (s), meridian rate there (rad/s), a
-    block's length (s).
+    block's length (s); how its time goes with the common one, where flights share it.
     """
 
     flight: int
@@ -68,6 +69,11 @@ class Context:
     start: float
     meridian_rate: float
     block: float
+    own: OwnTime | None = None
+
+    def course_time(self, time: FloatArray) -> FloatArray:
+        """The times that courses are told in at the flight's own times (n,), s."""
+        return time if self.own is None else self.own.common_at(time)
 
 
 @dataclass(frozen=True)
@@ -150,7 +156,7 @@ def node_records(
                 local,
                 inputs[part.flight],
                 len(found),
-                knots_of(columns),
+                knots_of(columns, frame.own_time(part.flight)),
                 Meridian(derolled_crossflow(frame, part), delays),
             )
         )
@@ -193,6 +199,7 @@ def _node_record(
         float(nodes[0]),
         float(motion.windward_meridian_rate[samples][middle[0]]),
         flight.step * local.shape[1],
+        frame.own_time(part.flight),
     )
     mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
     outputs = np.full((4, nodes.size), np.nan)

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.model.columns import Column
+from brv_hypo.model.common_time import OwnTime
 from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.splines import running_integral
 from brv_hypo.regression.frame import RateFrame
@@ -33,22 +34,24 @@ def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, 
     The largest difference between the two angular rates may be `tolerance` times the gyros' white noise,
     stretches left out that have nodes in between. The number is odd, so that a sample stands in the middle.
     """
-    moments, knots = frame.moments(columns) @ values, knots_of(columns)
+    moments = frame.moments(columns) @ values
     meridians = [Meridian(derolled_crossflow(frame, part), delays_of(columns)) for part in frame.segments]
     longest = max(segment.time.size for segment in frame.segments)
     size = 1
     for trial in range(3, min(LARGEST_BLOCK, longest // FEWEST_NODES) + 1, 2):
         for part, (a, b), meridian in zip(frame.segments, frame.pieces, meridians, strict=True):
             allowed = tolerance * frame.reconstructions[part.flight].gyro_sigma
+            knots = knots_of(columns, frame.own_time(part.flight))
             if _quadrature_error(part, moments[a:b], trial, knots, meridian) > allowed:
                 return size
         size = trial
     return size
 
 
-def knots_of(columns: Sequence[Column]) -> list[float]:
-    """Times (s) at which a column has a jump or a kink."""
-    return sorted({edge for c in columns for edge in (c.course.start, c.course.stop) if np.isfinite(edge)})
+def knots_of(columns: Sequence[Column], own: OwnTime | None) -> list[float]:
+    """Times (s) at which a column has a jump or a kink, on a flight whose own time goes so with the common one."""
+    edges = {edge for c in columns for edge in (c.course.start, c.course.stop) if np.isfinite(edge)}
+    return sorted(edges if own is None else {own.own_at(edge) for edge in edges})
 
 
 def delays_of(columns: Sequence[Column]) -> tuple[float, ...]:

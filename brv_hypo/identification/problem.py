@@ -169,7 +169,7 @@ def build_problem(
             f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
             "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
-    time = frame.time
+    time = frame.course_time
     span = (float(time.min()), float(time.max()))
     structure = structure_of(columns, frame.mechanisms, *span, config.refine)
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
@@ -226,7 +226,7 @@ def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> tu
 
     A rough 1 and no bend where they are unknown.
     """
-    time = np.concatenate([r.flight.time for r in frame.reconstructions])
+    time = np.concatenate([r.motion.course_time for r in frame.reconstructions])
     slope = np.concatenate([r.normal_force_slope for r in frame.reconstructions])
     bend = float(np.mean([r.normal_force_bend for r in frame.reconstructions]))
     known = np.isfinite(slope)

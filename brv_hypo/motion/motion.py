@@ -27,6 +27,7 @@ class Motion:
     velocity m/s; dynamic_pressure Pa; mach, reynolds (NaN where the record cannot tell);
     in_plane_moment: the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1; reference_length m.
     roll_acceleration rad/s^2, None where it is not known: at a running state, and in the past.
+    common_time s, of flights that share their Mach numbers; None where each has its own time, and in the past.
     """
 
     time: FloatArray
@@ -45,6 +46,7 @@ class Motion:
     reference_length: float
     history: Callable[[float], Motion] | None = None
     roll_acceleration: FloatArray | None = None
+    common_time: FloatArray | None = None
 
     def __repr__(self) -> str:
         """Short: the arrays are long."""
@@ -67,6 +69,11 @@ class Motion:
     def region(self, start: float, stop: float) -> FloatArray:
         """1 where start <= time < stop (s), else 0, on the motion's shape."""
         return ((self.time >= start) & (self.time < stop)).astype(float)
+
+    @property
+    def course_time(self) -> FloatArray:
+        """The time that courses of coefficients are told in, s: the common time where there is one."""
+        return self.time if self.common_time is None else self.common_time
 
     @property
     def rate_factor(self) -> FloatArray:

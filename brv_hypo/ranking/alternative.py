@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
+from brv_hypo.model.common_time import at
 from brv_hypo.ranking.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
 from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
@@ -71,7 +72,7 @@ def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:
 def _described(fit: HypothesisFit) -> str:
     shapes = " and ".join(dict.fromkeys(_shape(column) for column in fit.selected))
     starts = [column.course.start for column in fit.selected if column.course.kind != "constant"]
-    since = f" from {min(starts):.2f} s" if starts else ""
+    since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"
 
 

@@ -29,6 +29,7 @@ from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
+from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import stability
@@ -83,6 +84,7 @@ def _compare(
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
+    warnings = (*warnings, *sharing_warnings(reconstructions))
     say("linearising what the record may err by")
     fitted = searched(reconstructions, config, answered, say)
     problem, fits = fitted.problem, fitted.fits

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
+from brv_hypo.model.common_time import at
 from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
@@ -65,18 +65,18 @@ def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tup
                     StepwiseDifference(
                         mechanism=fit.name,
                         size=size,
-                        best=tuple(_placed(column, fit.mechanisms) for column in best[1]),
-                        stepwise=tuple(_placed(column, fit.mechanisms) for column in met[0][1]),
+                        best=tuple(_placed(column, fit) for column in best[1]),
+                        stepwise=tuple(_placed(column, fit) for column in met[0][1]),
                         rss_ratio=met[0][0] / best[0],
                     )
                 )
     return tuple(found)
 
 
-def _placed(column: Column, mechanisms: Sequence[Mechanism]) -> str:
+def _placed(column: Column, fit: HypothesisFit) -> str:
     """What a column is, from when on, at which delay or other parameter."""
-    since = "" if column.course.kind == "constant" else f" at {column.course.start:.2f} s"
-    own = next(mechanism for mechanism in mechanisms if mechanism.name == column.mechanism)
+    since = "" if column.course.kind == "constant" else f" at {at(fit.frame.common, column.course.start)}"
+    own = next(mechanism for mechanism in fit.mechanisms if mechanism.name == column.mechanism)
     units = {each.name: "" if each.units == "1" else f" {each.units}" for each in own.parameters()}
     theta = ", ".join(f"{name} {value:.3g}{units[name]}" for name, value in column.theta)
     return f"{column.label}{since}" + (f" ({theta})" if theta else "")

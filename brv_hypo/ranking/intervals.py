@@ -11,6 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.columns import Column, Theta
+from brv_hypo.model.common_time import CommonTime, at
 from brv_hypo.ranking.constants import SECOND_ORDER_VALUES
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.search import SAME_THETA
@@ -31,7 +32,10 @@ class NetValue:
 
 @dataclass(frozen=True)
 class Interval:
-    """A stretch between two knots (s) with the net values there, and what mechanisms derive from them."""
+    """A stretch between two knots with the net values there, and what mechanisms derive from them.
+
+    `start`, `stop` s, in the time that courses are told in.
+    """
 
     start: float
     stop: float
@@ -43,7 +47,8 @@ def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
     """Net values of a fit's selected columns, interval by interval; ramps at the middle of theirs."""
     if not fit.selected:
         return ()
-    begin, end = float(fit.frame.time.min()), float(fit.frame.time.max())
+    time = fit.frame.course_time
+    begin, end = float(time.min()), float(time.max())
     inner = {float(edge) for c in fit.selected for edge in (c.course.start, c.course.stop)}
     edges = [begin, *sorted(edge for edge in inner if begin < edge < end), end]
     return tuple(_interval(fit, first, last) for first, last in itertools.pairwise(edges))
@@ -134,12 +139,19 @@ def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     for interval, net in every:
         low, high = bounds[net.mechanism].get(net.term, (-np.inf, np.inf))
         alike = [o.value for _, o in every if (o.mechanism, o.term) == (net.mechanism, net.term)]
-        found.append(_excess(interval, net, low, high, float(np.max(np.abs(np.clip(alike, low, high))))))
+        largest = float(np.max(np.abs(np.clip(alike, low, high))))
+        found.append(_excess(net, low, high, largest, _between(fit.frame.common, interval)))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None
 
 
-def _excess(interval: Interval, net: NetValue, low: float, high: float, largest: float) -> Excess:
+def _between(common: CommonTime | None, interval: Interval) -> str:
+    """The ends of an interval in words."""
+    begin = f"{interval.start:.2f}" if common is None else at(common, interval.start)
+    return f"from {begin} to {at(common, interval.stop)}"
+
+
+def _excess(net: NetValue, low: float, high: float, largest: float, where: str) -> Excess:
     """`largest`: the largest possible value of the same term over all intervals: its errors of second order are felt in
     the others.
     """
@@ -147,8 +159,7 @@ def _excess(interval: Interval, net: NetValue, low: float, high: float, largest:
     error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
     return Excess(
         float(beyond / max(error, 1e-300)),
-        f"{net.term} = {net.value:.3g} from {interval.start:.2f} to {interval.stop:.2f} s, "
-        f"where {low:g} to {high:g} is possible",
+        f"{net.term} = {net.value:.3g} {where}, where {low:g} to {high:g} is possible",
     )
 
 

@@ -135,7 +135,7 @@ def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
 def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: float) -> list[_Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
     frame = reduced.frame
-    edges = np.linspace(frame.time.min(), frame.time.max(), _EDGES)
+    edges = np.linspace(frame.course_time.min(), frame.course_time.max(), _EDGES)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Column(mechanism.name, name, theta, TimeFunction("jump", float(start), float(stop)), units)

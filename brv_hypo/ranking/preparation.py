@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
 from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import default_knots
+from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion import ReconstructionConfig
@@ -44,11 +46,12 @@ SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and si
 class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
-    `static`, `bend`: None where they are still to be chosen. `taken`: the errors (SI) without which each record is
-    linearised.
+    `common` is the time that flights share, if they do. `static`, `bend`: None where they are still to be chosen.
+    `taken`: the errors (SI) without which each record is linearised.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
+    common: CommonTime | None = None
     static: StaticMoment | None = None
     bend: StaticBend | None = None
     taken: tuple[Errors, ...] = ()
@@ -72,7 +75,9 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
-    settings = Settings(tuple(ReconstructionConfig(method=config.method) for _ in reconstructions))
+    settings = Settings(
+        tuple(ReconstructionConfig(method=config.method) for _ in reconstructions), shared_time(reconstructions)
+    )
     problem = _problem(reconstructions, settings, config)
     settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
     found = errors_found(problem)
@@ -161,10 +166,10 @@ def _problem(
     """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
     points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, strict=True)]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
-    static = settings.static or _static(smooth, config)
+    static = settings.static or _static(smooth, config, settings.common)
     bend = () if settings.bend is None else (settings.bend,)
-    frame = build_frame(smooth, [static, PitchDamping(), *bend])
-    span = frame.time
+    frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
+    span = frame.course_time
     knots = (
         default_knots(float(span.min()), float(span.max()), config.knot_count)
         if config.knots is None
@@ -184,15 +189,54 @@ def _problem(
     )
 
 
-def _static(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> StaticMoment:
+def shared_time(reconstructions: Sequence[Reconstruction]) -> CommonTime | None:
+    """The time that flights share by their Mach numbers; None for one flight, and where these do not tell it."""
+    found = _by_mach(reconstructions)
+    return found if isinstance(found, CommonTime) else None
+
+
+def sharing_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """Why several flights do not share terms by Mach number, or which of them shares none; empty for one flight."""
+    found = _by_mach(reconstructions)
+    if isinstance(found, str):
+        return (f"terms begin and end at the same time on every flight, not at the same Mach number: {found}",)
+    return tuple(
+        f"flight {number + 1} flies at no Mach number of another: what begins or ends there, it tells alone"
+        for number in (() if found is None else found.apart())
+    )
+
+
+def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | None:
+    if len(reconstructions) < 2:
+        return None
+    return common_time([(rec.flight.time, rec.flight.mach) for rec in reconstructions])
+
+
+def _static(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None
+) -> StaticMoment:
+    """The static moment with its drift: in time, or, where flights share their Mach numbers, with those."""
     times = [rec.flight.time for rec in reconstructions]
+    span = (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if common is None else common.mach_span
     slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
     return StaticMoment(
-        start=min(float(t[0]) for t in times),
-        stop=max(float(t[-1]) for t in times),
+        start=span[0],
+        stop=span[1],
         offset_degree=1 if config.offset_degree is None else config.offset_degree,
         slope_degree=slope,
-        speeds=wavering_speeds(
-            [(rec.flight.time, rec.motion.velocity) for rec in reconstructions], slope, WAVERING_SPEED
-        ),
+        by="time" if common is None else "mach",
+        speeds=wavering_speeds(_alongs(reconstructions, common), slope, WAVERING_SPEED),
     )
+
+
+def _alongs(
+    reconstructions: Sequence[Reconstruction], common: CommonTime | None
+) -> list[tuple[FloatArray, FloatArray]]:
+    """What the drift of C_Nalpha is of, and the speed (m/s), of each curve that it has to follow.
+
+    Flights have one curve together where they share it: at one Mach number the air is warmer on one than on another.
+    """
+    if common is None:
+        return [(rec.flight.time, rec.motion.velocity) for rec in reconstructions]
+    mach = np.concatenate([own.mach for own in common.flights])
+    return [(mach, np.concatenate([rec.motion.velocity for rec in reconstructions]))]

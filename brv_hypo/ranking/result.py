@@ -37,8 +37,23 @@ class DerivedEstimate(NullIsNaN):
     region_s: Interval | None = None
 
 
+class Knot(NullIsNaN):
+    """A time at which a coefficient of several flights begins, changes or ends.
+
+    `time_s` is told in the time of the first flight; `flights_s` are all flights' own times at the same `mach` number,
+    None for a flight that does not come by it.
+    """
+
+    time_s: float
+    mach: float
+    flights_s: tuple[float | None, ...]
+
+
 class MaximumLikelihood(NullIsNaN):
-    """The likelihood fit of one hypothesis; `derived` holds delays and knots, `instrument` the instrument errors."""
+    """The likelihood fit of one hypothesis; `derived` holds delays and knots, `instrument` the instrument errors.
+
+    `knots`: as those of `RankedHypothesis`.
+    """
 
     status: str
     iterations: int
@@ -46,12 +61,13 @@ class MaximumLikelihood(NullIsNaN):
     terms: tuple[TermEstimate, ...] = ()
     derived: tuple[DerivedEstimate, ...] = ()
     instrument: tuple[TermEstimate, ...] = ()
+    knots: tuple[Knot, ...] = ()
     seconds: float = 0.0
     message: str = ""
 
 
 class NetInterval(NullIsNaN):
-    """The net values of a hypothesis between two of its knots (s)."""
+    """The net values of a hypothesis between two of its knots (s, of the first flight)."""
 
     start_s: float
     stop_s: float
@@ -65,6 +81,7 @@ class RankedHypothesis(NullIsNaN):
     against the largest model compared, `prediction_error` the mean square error of the moment coefficients
     on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
     `log_likelihood` are at the effective sample size. `criteria`: the seven of 3.3.2 and the usual others.
+    `knots` are the ends of the regions of `terms` by Mach number, where flights share them by it; empty elsewhere.
     """
 
     rank: int
@@ -81,6 +98,7 @@ class RankedHypothesis(NullIsNaN):
     terms: tuple[TermEstimate, ...]
     intervals: tuple[NetInterval, ...] = ()
     derived: tuple[DerivedEstimate, ...] = ()
+    knots: tuple[Knot, ...] = ()
     criteria: dict[str, float] = Field(default_factory=dict)
     status: Literal["ok", "term limit"] = "ok"
     notes: tuple[str, ...] = ()

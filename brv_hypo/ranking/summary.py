@@ -22,6 +22,7 @@ from brv_hypo.ranking.result import (
     Comparison,
     DerivedEstimate,
     FlightSummary,
+    Knot,
     MaximumLikelihood,
     NetInterval,
     RankedHypothesis,
@@ -155,14 +156,13 @@ def _ranked(
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
         intervals=_intervals(fit),
         derived=_derived(fit),
+        knots=_knots(fit),
         criteria=asdict(criteria),
         status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
     )
 
 
 def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ...]:
-    end = float(fit.frame.time.max())
-    begin = float(fit.frame.time.min())
     found = []
     for j in indices:
         column, value = fit.columns[j], float(fit.values[j])
@@ -176,13 +176,35 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
                 std_error=sigma,
                 f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
                 units=column.units,
-                region_s=None
-                if column.course.kind == "constant"
-                else (max(column.course.start, begin), min(column.course.stop, end)),
+                region_s=_region(fit, column),
                 delay_s=column.delay,
             )
         )
     return tuple(found)
+
+
+def _region(fit: HypothesisFit, column: Column) -> tuple[float, float] | None:
+    """Where the column acts, in the time that courses are told in (s); None where it does everywhere."""
+    if column.course.kind == "constant":
+        return None
+    time = fit.frame.course_time
+    return max(column.course.start, float(time.min())), min(column.course.stop, float(time.max()))
+
+
+def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
+    """The ends of its columns' regions by Mach number, in time order; none where flights have their own times."""
+    common = fit.frame.common
+    if common is None:
+        return ()
+    edges = {edge for column in fit.selected for edge in _region(fit, column) or ()}
+    return tuple(
+        Knot(
+            time_s=edge,
+            mach=common.mach(edge),
+            flights_s=tuple(own.own_at(edge) if own.flies(edge) else None for own in common.flights),
+        )
+        for edge in sorted(edges)
+    )
 
 
 def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
@@ -242,7 +264,8 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
         nonlinear=(),
         joint_covariance=identification.covariance,
     )
-    return likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
+    block = likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
+    return block.model_copy(update={"knots": _knots(refined)})
 
 
 def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> MaximumLikelihood:
@@ -284,7 +307,7 @@ def _channel(fit: HypothesisFit, column: Column) -> str:
 
 def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     found = []
-    end = float(fit.frame.time.max())
+    end = float(fit.frame.course_time.max())
     for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
         found.append(
             DerivedEstimate(

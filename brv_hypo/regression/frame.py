@@ -18,6 +18,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.mechanisms.isolation import checked_terms, read_only
 from brv_hypo.model.columns import Column, Theta
+from brv_hypo.model.common_time import CommonTime, OwnTime
 from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.history import with_in_plane_moment
 from brv_hypo.motion.motion import Motion
@@ -51,13 +52,15 @@ class _Shapes:
 class RateFrame:
     """Reconstructed flights as one linear problem; rows run over the samples of all segments.
 
-    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time.
+    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `common` is
+    the time that the flights share, in which courses are told; None where they are told in each flight's own.
     """
 
     reconstructions: tuple[Reconstruction, ...]
     motions: tuple[Motion, ...]
     segments: tuple[WeakSegment, ...]
     mechanisms: Mapping[str, Mechanism]
+    common: CommonTime | None = None
 
     @cached_property
     def _evaluated(self) -> OrderedDict[_Key, _Shapes]:
@@ -97,6 +100,15 @@ class RateFrame:
         return np.concatenate([segment.time for segment in self.segments])
 
     @property
+    def course_time(self) -> FloatArray:
+        """The time that courses are told in, of each row (rows,), s."""
+        return np.concatenate([segment.course_time for segment in self.segments])
+
+    def own_time(self, flight: int) -> OwnTime | None:
+        """How one flight's time goes with the common one; None where there is none."""
+        return None if self.common is None else self.common.flights[flight]
+
+    @property
     def flight_of_row(self) -> FloatArray:
         """Index of the flight of each row (rows,)."""
         return np.concatenate([np.full(segment.time.size, segment.flight) for segment in self.segments])
@@ -117,7 +129,7 @@ class RateFrame:
             for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
                 body = (shapes.plane[segment.flight] * self._turns[segment.flight])[segment.rows]
                 for j, k in zip(members, which, strict=True):
-                    out[a:b, j] = body[:, k] * columns[j].course(segment.time)
+                    out[a:b, j] = body[:, k] * columns[j].course(segment.course_time)
         return self._where_they_act(out, columns)
 
     def _where_they_act(self, rows: ComplexArray, columns: Sequence[Column]) -> ComplexArray:
@@ -167,7 +179,7 @@ class RateFrame:
                 if key not in known:
                     terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                     known[key] = {term.name: term for term in terms}
-                moment = moment + value * known[key][column.term].in_plane * column.course(motion.time)
+                moment = moment + value * known[key][column.term].in_plane * column.course(motion.course_time)
             motions.append(with_in_plane_moment(motion, moment))
         out = replace(self, motions=tuple(motions))
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
@@ -246,15 +258,29 @@ def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[
     yield some
 
 
-def build_frame(reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism]) -> RateFrame:
+def build_frame(
+    reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
+) -> RateFrame:
     """The frame of these flights; flights without a usable segment contribute nothing."""
-    segments = [s for i, rec in enumerate(reconstructions) for s in weak_segments(rec.flight, i)]
+    if common is not None:
+        reconstructions = [_on_common_time(*each) for each in zip(reconstructions, common.flights, strict=True)]
+    segments = [
+        segment
+        for number, rec in enumerate(reconstructions)
+        for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time)
+    ]
     return RateFrame(
         tuple(reconstructions),
         tuple(rec.motion for rec in reconstructions),
         tuple(segments),
         {mechanism.name: mechanism for mechanism in mechanisms},
+        common,
     )
+
+
+def _on_common_time(reconstruction: Reconstruction, own: OwnTime) -> Reconstruction:
+    motion = reconstruction.motion
+    return replace(reconstruction, motion=replace(motion, common_time=own.common_at(motion.time)))
 
 
 def whiten(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> FloatArray:

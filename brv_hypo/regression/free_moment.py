@@ -98,7 +98,7 @@ class FreeMoment(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One shape times each spline."""
         name = self.shapes[int(theta[_SHAPE])]
-        splines = self._splines(motion.time)
+        splines = self._splines(motion.course_time)
         return tuple(
             Term(f"{name} {part} {k}", values.real * spline, values.imag * spline)
             for part, values in enumerate(shape_of(name, motion))
@@ -116,7 +116,7 @@ def free_moment(
     problem: Problem, shapes: tuple[str, ...] = ORDINARY
 ) -> tuple[RateFrame, tuple[Column, ...]]:
     """The problem's frame with a free moment of these shapes, and that moment's columns."""
-    time, motion = problem.frame.time, problem.frame.motions[0]
+    time, motion = problem.frame.course_time, problem.frame.motions[0]
     parts = {name: len(shape_of(name, motion)) for name in SHAPES}
     rows = problem.frame.observed.size * 2
     count = int(np.clip(rows / (_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY)), 4, _SPLINES))

@@ -276,7 +276,7 @@ class LinearisedFlight:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term = found[key][column.term]
-            weight = value * column.course(motion.time)
+            weight = value * column.course(motion.course_time)
             if column.mechanism not in self._always:
                 weight = weight * kept
             inside += weight * term.in_plane

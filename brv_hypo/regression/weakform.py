@@ -53,10 +53,11 @@ class Antiderivative:
 
 @dataclass(frozen=True)
 class Integrals:
-    """Antiderivatives of columns g (m, columns) and of (t - origin) g over one segment."""
+    """Antiderivatives of columns g (m, columns) and of (s - origin) g over one segment; `since` is s - origin (m,)."""
 
     grid: SplineGrid
     integrand: ComplexArray
+    since: FloatArray
 
     @cached_property
     def plain(self) -> Antiderivative:
@@ -65,13 +66,13 @@ class Integrals:
 
     @cached_property
     def first(self) -> Antiderivative:
-        """Of (t - origin) g, which ramps need."""
-        return Antiderivative(self.grid, (self.grid.time - self.grid.time[0])[:, np.newaxis] * self.integrand)
+        """Of (s - origin) g, which ramps need."""
+        return Antiderivative(self.grid, self.since[:, np.newaxis] * self.integrand)
 
 
 @dataclass(frozen=True)
 class _Courses:
-    """Courses in time as arrays (k,); start and stop are also given as `begin` and `end` inside a segment."""
+    """Courses as arrays (k,); start and stop are also given as `begin` and `end` inside a segment, in its own time."""
 
     ramp: BoolArray
     start: FloatArray
@@ -80,11 +81,11 @@ class _Courses:
     end: FloatArray
 
     @classmethod
-    def told(cls, courses: Sequence[TimeFunction], first: float, last: float) -> _Courses:
-        """These courses over a segment from `first` to `last` s."""
+    def told(cls, courses: Sequence[TimeFunction], segment: WeakSegment) -> _Courses:
+        """These courses over a segment."""
         start, stop = np.array([(course.start, course.stop) for course in courses]).T
         ramp = np.array([course.kind == "ramp" for course in courses])
-        begin, end = (np.minimum(np.maximum(times, first), last) for times in (start, stop))
+        begin, end = (segment.own_times(times) for times in (start, stop))
         return cls(ramp, start, stop, begin, end)
 
     def of(self, chosen: IntArray) -> _Courses:
@@ -96,13 +97,28 @@ class _Courses:
 
 @dataclass(frozen=True)
 class WeakSegment:
-    """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,)."""
+    """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,).
+
+    `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own.
+    """
 
     time: FloatArray
     observed: ComplexArray
     factor: ComplexArray
     flight: int
     rows: slice
+    common_time: FloatArray | None = None
+
+    @property
+    def course_time(self) -> FloatArray:
+        """The time that courses are told in (m,), s."""
+        return self.time if self.common_time is None else self.common_time
+
+    def own_times(self, told: FloatArray) -> FloatArray:
+        """The segment's own times (k,) of times that courses are told in (k,); beyond it that of its end."""
+        if self.common_time is None:
+            return np.asarray(np.minimum(np.maximum(told, self.time[0]), self.time[-1]), dtype=float)
+        return np.asarray(np.interp(told, self.common_time, self.time), dtype=float)
 
     @cached_property
     def _grid(self) -> SplineGrid:
@@ -114,16 +130,16 @@ class WeakSegment:
 
     def integrate_weighted(self, integrands: ComplexArray) -> Integrals:
         """Antiderivatives for columns (m, columns) that hold the segment's factor already."""
-        return Integrals(self._grid, integrands)
+        return Integrals(self._grid, integrands, self.course_time - self.course_time[0])
 
     def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
-        told = _Courses.told(courses, self.time[0], self.time[-1])
+        told = _Courses.told(courses, self)
         out = self._between(integrals.plain, which, told)
         ramps = np.flatnonzero(told.ramp)
         if ramps.size:
             told, which = told.of(ramps), which[ramps]
-            out[:, ramps] *= self.time[0] - told.start
+            out[:, ramps] *= self.course_time[0] - told.start
             out[:, ramps] += self._between(integrals.first, which, told)
             self._hold(out, ramps, integrals.plain, which, told)
         return out
@@ -151,17 +167,29 @@ class WeakSegment:
         """Add to the ramps among the columns what their last values bring after they have ended."""
         last = np.full(ramps.size, self.time[-1])
         if np.any(told.end < last):
-            held = np.minimum(told.stop, last) - told.start
+            held = np.minimum(told.stop, self.course_time[-1]) - told.start
             out[:, ramps] += held * self._between(integral, which, _Courses(told.ramp, last, last, told.end, last))
 
 
-def weak_segments(flight: Flight, index: int, shortest: int = 8) -> tuple[WeakSegment, ...]:
-    """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates."""
+def weak_segments(
+    flight: Flight, index: int, shortest: int = 8, common_time: FloatArray | None = None
+) -> tuple[WeakSegment, ...]:
+    """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates.
+
+    `common_time` (n,) s: see `WeakSegment`.
+    """
     derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
     observed = (flight.q + 1j * flight.r) * derotation
     return tuple(
-        WeakSegment(flight.time[a:b], observed[a:b], factor[a:b], index, slice(a, b))
+        WeakSegment(
+            flight.time[a:b],
+            observed[a:b],
+            factor[a:b],
+            index,
+            slice(a, b),
+            None if common_time is None else common_time[a:b],
+        )
         for a, b in flight.segments
         if b - a >= shortest
     )

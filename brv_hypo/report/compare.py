@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from brv_hypo.ranking.result import Comparison, MaximumLikelihood, RankedHypothesis, TermEstimate
+from brv_hypo.ranking.result import Comparison, Knot, MaximumLikelihood, RankedHypothesis, TermEstimate
 from brv_hypo.report import rows
 from brv_hypo.report.blocks import Block, Document, Picture, Shown, Table, Texts
 from brv_hypo.report.comparison_charts import comparison_charts
@@ -41,7 +41,8 @@ def comparison_document(comparison: Comparison) -> Document:
 
 def _of_hypothesis(hypothesis: RankedHypothesis) -> list[Block]:
     """Terms, derived quantities and likelihood fit of one hypothesis."""
-    blocks: list[Block] = [_terms(hypothesis.mechanism, hypothesis.terms)]
+    blocks: list[Block] = [_terms(hypothesis.mechanism, hypothesis.terms, hypothesis.knots)]
+    blocks.append(Texts(rows.knot_texts(hypothesis.knots), shown="verbose"))
     blocks.append(Texts(rows.derived_texts(hypothesis.derived), shown="verbose"))
     if hypothesis.ml is not None:
         blocks += likelihood_blocks(rows.likelihood_heading(hypothesis.mechanism, hypothesis.ml), hypothesis.ml)
@@ -54,16 +55,16 @@ def likelihood_blocks(heading: str, fit: MaximumLikelihood) -> list[Block]:
     errors = Table(
         rows.ERROR_HEADINGS, rows.error_rows(fit.instrument), f"{heading}: errors of the record", shown="verbose"
     )
-    return [_terms(heading, fit.terms), Texts(derived, shown="verbose"), errors]
+    return [_terms(heading, fit.terms, fit.knots), Texts(derived, shown="verbose"), errors]
 
 
-def _terms(heading: str, terms: Sequence[TermEstimate]) -> Table:
-    return term_table(heading, terms, "verbose")
+def _terms(heading: str, terms: Sequence[TermEstimate], knots: Sequence[Knot] = ()) -> Table:
+    return term_table(heading, terms, "verbose", knots)
 
 
-def term_table(heading: str, terms: Sequence[TermEstimate], shown: Shown) -> Table:
+def term_table(heading: str, terms: Sequence[TermEstimate], shown: Shown, knots: Sequence[Knot] = ()) -> Table:
     """One row for each coefficient with its sigma, F, unit, region and delay, where any has one."""
-    headings, lines = rows.shown_columns(rows.TERM_HEADINGS, rows.term_rows(terms))
+    headings, lines = rows.shown_columns(rows.TERM_HEADINGS, rows.term_rows(terms, knots))
     return Table(headings, lines, heading, shown=shown)
 
 

@@ -7,7 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import IntArray
-from brv_hypo.ranking.result import CoefficientSeries, Comparison, Series, SizeSeries
+from brv_hypo.ranking.result import (
+    CoefficientSeries,
+    Comparison,
+    FlightSummary,
+    RankedHypothesis,
+    Series,
+    SizeSeries,
+)
 from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
 from brv_hypo.report.motion_charts import (
     MILLI,
@@ -102,13 +109,23 @@ def _sizes(comparison: Comparison) -> Chart:
     )
 
 
+def _own_knots(leader: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
+    """Times inside the record of one flight at which the leader's coefficients begin, change or end."""
+    if leader is None:
+        return []
+    if not leader.knots:
+        return knots_of(leader.terms, flight.start_s, flight.stop_s)
+    own = [knot.flights_s[index] for knot in leader.knots]
+    return [time for time in own if time is not None and flight.start_s < time < flight.stop_s]
+
+
 def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart]:
     flight = comparison.flights[index]
     several = len(comparison.flights) > 1
     leader = next((row for row in comparison.ranking if row.mechanism != "none"), None)
     setting = Setting(
         (flight.start_s, flight.stop_s),
-        knots_of(leader.terms if leader else (), flight.start_s, flight.stop_s),
+        _own_knots(leader, index, flight),
         masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
         f": {flight.title or flight.path}" if several else "",

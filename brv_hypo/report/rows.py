@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from brv_hypo.model.common_time import decimals
 from brv_hypo.ranking.result import (
     CoefficientSeries,
     Comparison,
     DerivedEstimate,
+    Knot,
     MaximumLikelihood,
     TermEstimate,
 )
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
 RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
-TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "delay, s")
+TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "Mach", "delay, s")
 ERROR_HEADINGS = ("term", "unit", "value", "sigma", "F")
 _PLANES = {"in-plane": "in", "out-of-plane": "out"}
 _DIFFERENCES = ("aic", "bic")
@@ -49,8 +51,10 @@ def standing_rows(comparison: Comparison) -> list[int]:
     return [i for i, row in enumerate(comparison.ranking) if row.mechanism in comparison.verdict.equivalent]
 
 
-def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
-    """One row for each coefficient."""
+def term_rows(terms: Iterable[TermEstimate], knots: Sequence[Knot] = ()) -> list[tuple[str, ...]]:
+    """One row for each coefficient; `knots` tell the ends of its region by Mach number."""
+    machs = {knot.time_s: knot.mach for knot in knots}
+    digits = decimals(list(machs.values()))
     return [
         (
             term.name,
@@ -60,9 +64,29 @@ def term_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
             number(term.std_error, 2),
             f_ratio(term.f_ratio),
             interval(term.region_s),
+            _machs(term, machs, digits),
             number(term.delay_s),
         )
         for term in terms
+    ]
+
+
+def _machs(term: TermEstimate, machs: Mapping[float, float], digits: int) -> str:
+    if term.region_s is None or any(end not in machs for end in term.region_s):
+        return NOT_A_NUMBER
+    return "–".join(f"{machs[end]:.{digits}f}" for end in term.region_s)
+
+
+def knot_texts(knots: Sequence[Knot]) -> list[str]:
+    """One line for each knot of several flights: its Mach number, and every flight's own time of it."""
+    digits = decimals([knot.mach for knot in knots])
+    return [
+        f"Mach {knot.mach:.{digits}f}: "
+        + ", ".join(
+            f"flight {k} {'does not come by it' if own is None else f'at {own:.2f} s'}"
+            for k, own in enumerate(knot.flights_s, start=1)
+        )
+        for knot in knots
     ]
 
 
@@ -136,6 +160,8 @@ def flight_texts(comparison: Comparison) -> list[str]:
         f"{interval((flight.start_s, flight.stop_s))} s, {flight.sample_rate_hz:.4g} Hz"
         for flight in comparison.flights
     ]
+    if any(row.knots for row in comparison.ranking):
+        lines.append("terms begin and end at the same Mach numbers on every flight; times are those of the first")
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
         return lines

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from brv_hypo.identification.knots import averaged, kink, on_grid
+from brv_hypo.identification.knots import averaged, kink, on_grid, placed
+from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.time_variation import TimeFunction
 
 STEP = 0.05
@@ -78,3 +79,27 @@ def test_the_averaged_course_is_the_mean_over_the_block(knot):
     fine = np.linspace(-width / 2, width / 2, 4001)
     expected = [np.mean(course(t + fine)) for t in time]
     np.testing.assert_allclose(averaged(course, time, width), expected, atol=1e-3)
+
+
+OWN = OwnTime(np.linspace(0.0, 2.0, 401), np.linspace(0.0, 2.0, 401) ** 1.5 + 3.0, np.linspace(9.0, 8.0, 401))
+
+
+@pytest.mark.parametrize("kind", ["jump", "ramp"])
+def test_courses_in_common_time_are_placed_where_the_flight_comes_by_them(kind: str) -> None:
+    """Simpson's rule has their integrals: of a ramp but for the bend of common time about its knot."""
+    course = TimeFunction(kind, 3.5, 4.5)  # type: ignore[arg-type]
+    nodes = np.linspace(0.0, 2.0, 41)
+    halfway, half = 0.5 * (nodes[1:] + nodes[:-1]), np.full(40, 0.025)
+    ends = on_grid(*placed(course, nodes, np.zeros(41), OWN))
+    middle = on_grid(*placed(course, halfway, half, OWN))
+    simpson = np.sum(0.05 / 6.0 * (ends[:-1] + 4.0 * middle + ends[1:]))
+    fine = np.linspace(0.0, 2.0, 400_001)
+    exact = np.mean(course(OWN.common_at(fine))) * 2.0
+    assert simpson == pytest.approx(exact, abs=2e-4)
+    at_start, *_ = placed(TimeFunction("jump", 3.5), nodes, half, OWN)
+    assert at_start.start == pytest.approx(0.5 ** (2.0 / 3.0), abs=1e-4)
+
+
+def test_a_course_in_a_flights_own_time_stays_as_it_is() -> None:
+    course, time, half = TimeFunction("jump", 1.0), np.linspace(0.0, 2.0, 5), np.zeros(5)
+    assert placed(course, time, half, None) == (course, time, half)

@@ -134,13 +134,14 @@ def make_flight(
     values: Mapping[str, Any] | None = None,
     start: Start | None = None,
     beside: Planted | None = None,
+    planted: Planted | None = None,
 ) -> Made:
     """Fly and record one case.
 
     `amplitude` times the nominal amplitude that the seed draws (SHARE of the moment's rms); `factor` times the
     grade's tolerances, a number or a mapping by key; `errors` sets actual errors by key, SI (a number fills the
-    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn; `beside` acts as well. The same
-    seed gives the same start, errors and noise whatever is planted.
+    vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn; `beside` acts as well; `planted`
+    in place of all that would be drawn. The same seed gives the same start, errors and noise whatever is planted.
     """
     if truth not in TRUTHS:
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join(TRUTHS)}")
@@ -150,14 +151,16 @@ def make_flight(
     drawn = draw_errors(grade, factor, stream(seed, "errors"), errors)
     noise = noise.louder(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate
-    nominal, share = _nominal(craft, start, truth, time, stream(seed, "mechanism"), region, values)
-    planted = replace(nominal, amplitude=amplitude * nominal.amplitude, beside=beside)
+    share = 0.0
+    if planted is None:
+        nominal, share = _nominal(craft, start, truth, time, stream(seed, "mechanism"), region, values)
+        planted = replace(nominal, amplitude=amplitude * nominal.amplitude, beside=beside)
     body = flown(craft, start, drawn, planted, max(PAD, 1.5 * abs(drawn.time_skew)))
     true = _truth(body, time, drawn, noise, share)
     flight = _record(
         true, body.history, grade, stream(seed, "noise"), f"independent {craft.name}, seed {seed}"
     )
-    return Made(flight, truth, amplitude, craft.name, seed, grade, true)
+    return Made(flight, planted.name, amplitude, craft.name, seed, grade, true)
 
 
 def draw_flight(seed: int, **options: Any) -> Made:

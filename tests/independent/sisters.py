@@ -74,11 +74,14 @@ def sister(craft: Craft, seed: int) -> Craft:
     heavier, stouter = 1.0 + MASS * rng.standard_normal(2)
     vehicle = craft.vehicle
     own = replace(vehicle, mass=heavier * vehicle.mass, ixx=stouter * vehicle.ixx, iyy=stouter * vehicle.iyy)
-    # The slope's change with speed is the design's: at another speed of the same schedule.
-    faster = 1.0 + SPEED * float(rng.standard_normal())
+    return replace(at_speed(craft, 1.0 + SPEED * float(rng.standard_normal())), vehicle=own)
+
+
+def at_speed(craft: Craft, faster: float) -> Craft:
+    """The same vehicle at so many times its speed; the slope's change with speed is the design's."""
     slope = craft.static_slope * (1.0 + craft.stiffness_drift * (faster - 1.0))
     drift = craft.stiffness_drift * faster * craft.static_slope / slope
-    return replace(craft, vehicle=own, speed=faster * craft.speed, static_slope=slope, stiffness_drift=drift)
+    return replace(craft, speed=faster * craft.speed, static_slope=slope, stiffness_drift=drift)
 
 
 def report(outcomes: Sequence[Outcome]) -> Iterable[str]:

@@ -1,0 +1,177 @@
+"""The time that several flights of one design share: that of the first flight at the same Mach number.
+
+What a boundary layer or a wake does begins at flight conditions, which two flights meet at different times. Knots and
+courses are told in the common time, and every flight has its own times for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.optimize import nnls
+
+from brv_hypo.arrays import FloatArray
+
+# Splines by which a Mach number falls (or rises) over a record: as many as the record needs, by BIC.
+_SPLINES = (4, 6, 8, 12, 16)
+# Means of neighbouring samples that are fitted, and that are asked whether they follow.
+_MEANS, _ASKED = 400, 40
+# Share of its range by which those may stray (rms) from what only falls or only rises, if Mach number is to tell time:
+# a fifth of what lies between two of the usual seven knots.
+STRAYING = 0.025
+# Slowest pace of a Mach number, over its mean pace: where it stands still, it does not tell time at all.
+_SLOWEST = 0.02
+
+
+@dataclass(frozen=True)
+class OwnTime:
+    """A flight's samples: its own `time` and the `common` time (n,) s, both rising, and its smooth `mach` (n,)."""
+
+    time: FloatArray
+    common: FloatArray
+    mach: FloatArray
+
+    def common_at(self, time: FloatArray) -> FloatArray:
+        """Common time (s) at the flight's own time (s), any shape; beyond the record that of its end."""
+        return np.asarray(np.interp(time, self.time, self.common), dtype=float)
+
+    def own_at(self, common: float) -> float:
+        """The flight's own time at a common time, s; beyond the record as many seconds from its end."""
+        inside = min(max(common, float(self.common[0])), float(self.common[-1]))
+        return float(np.interp(inside, self.common, self.time)) + common - inside
+
+    def pace_at(self, time: FloatArray) -> FloatArray:
+        """Common time that goes by in one of the flight's own, at its own time (s), any shape."""
+        return np.asarray(np.interp(time, self.time, np.gradient(self.common, self.time)), dtype=float)
+
+    def flies(self, common: float) -> bool:
+        """Whether the flight comes by that common time (s)."""
+        return bool(self.common[0] <= common <= self.common[-1])
+
+
+@dataclass(frozen=True)
+class CommonTime:
+    """The flights' own times, by flight."""
+
+    flights: tuple[OwnTime, ...]
+
+    @property
+    def mach_span(self) -> tuple[float, float]:
+        """The lowest and the highest Mach number of any flight."""
+        ends = [float(own.mach[k]) for own in self.flights for k in (0, -1)]
+        return min(ends), max(ends)
+
+    def mach(self, common: float) -> float:
+        """The Mach number of a common time, s."""
+        own = next((own for own in self.flights if own.flies(common)), None)
+        if own is not None:
+            return float(np.interp(common, own.common, own.mach))
+        # Between flights that share nothing, or beyond all: at the first flight's mean pace.
+        first = self.flights[0]
+        end = 0 if common < first.common[0] else -1
+        return float(first.mach[end] + (common - first.common[end]) / _mean_pace(first.time, first.mach))
+
+    def in_words(self, common: float) -> str:
+        """A common time by its Mach number, to a thousandth of all those flown."""
+        return f"Mach {self.mach(common):.{decimals(self.mach_span)}f}"
+
+    def apart(self) -> tuple[int, ...]:
+        """Flights that share no Mach number with any other."""
+        spans = [(own.common[0], own.common[-1]) for own in self.flights]
+        return tuple(
+            k
+            for k, (a, b) in enumerate(spans)
+            if all(other == k or b <= c or d <= a for other, (c, d) in enumerate(spans))
+        )
+
+
+def decimals(values: Sequence[float]) -> int:
+    """Decimals that tell values apart to a thousandth of the range that they span."""
+    span = max(values) - min(values) if values else 0.0
+    return max(0, 2 - int(np.floor(np.log10(span)))) if span > 0.0 else 2
+
+
+def at(common: CommonTime | None, time: float) -> str:
+    """A time (s) that courses are told in, in words: by Mach number where flights share it."""
+    return f"{time:.2f} s" if common is None else common.in_words(time)
+
+
+def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | str:
+    """The common time of flights, each told by its time (n,) s and measured Mach number (n,).
+
+    In words why not, where Mach number does not tell time: where a flight has none, or one that neither only falls nor
+    only rises (see `STRAYING`), or where it falls on one flight and rises on another.
+    """
+    smooth = []
+    for number, (time, mach) in enumerate(records, start=1):
+        if mach is None or not np.all(np.isfinite(mach)):
+            return f"flight {number} has no Mach number. Add mach, or altitude, to its record"
+        if (found := running(time, mach)) is None:
+            return f"that of flight {number} neither only falls nor only rises. Cut the flights to where it does"
+        smooth.append(found)
+    if len({float(np.sign(mach[-1] - mach[0])) for mach in smooth}) > 1:
+        return "it falls on some flights and rises on others. Compare those of either kind alone"
+    time, first = records[0][0], smooth[0]
+    own = [OwnTime(time, time, first)]
+    own += [
+        OwnTime(others, _time_of(mach, time, first), mach)
+        for (others, _), mach in zip(records[1:], smooth[1:], strict=True)
+    ]
+    return CommonTime(tuple(own))
+
+
+def _time_of(mach: FloatArray, time: FloatArray, first: FloatArray) -> FloatArray:
+    """When the first flight has a Mach number (n,), s; beyond its own at its mean pace."""
+    sign, pace = float(np.sign(first[-1] - first[0])), _mean_pace(time, first)
+    inside = np.interp(sign * mach, sign * first, time)
+    before, after = np.minimum(sign * (mach - first[0]), 0.0), np.maximum(sign * (mach - first[-1]), 0.0)
+    return np.asarray(inside + (before + after) * abs(pace), dtype=float)
+
+
+def _mean_pace(time: FloatArray, mach: FloatArray) -> float:
+    """Seconds in which a Mach number changes by one, of its sign."""
+    return float((time[-1] - time[0]) / (mach[-1] - mach[0]))
+
+
+def running(time: FloatArray, mach: FloatArray) -> FloatArray | None:
+    """A smooth Mach number (n,) that strictly falls or strictly rises; None where the measured one does neither.
+
+    Least squares of monotone splines (Ramsay, Statistical Science 3:425, 1988), as many as their BIC wants.
+    """
+    place = (time - time[0]) / (time[-1] - time[0])
+    means = _means(place, mach, _MEANS)
+    sign = float(np.sign(means[-1, 1] - means[0, 1]))
+    if sign == 0.0:
+        return None
+    fits = [_monotone(means, sign, count) for count in _SPLINES if 2 * count <= len(means)]
+    if not fits:
+        return None
+    _, best = min(fits, key=lambda fit: fit[0])
+    smooth = best(place)
+    stray = _means(place, mach - smooth, _ASKED)[:, 1]
+    return smooth if np.sqrt(np.mean(stray**2)) <= STRAYING * abs(smooth[-1] - smooth[0]) else None
+
+
+def _monotone(means: FloatArray, sign: float, count: int) -> tuple[float, Callable[[FloatArray], FloatArray]]:
+    """BIC and the function of place of the best curve through means (n, 2) whose slope has one sign everywhere."""
+    place, mach = means.T
+    slowest = _SLOWEST * (mach[-1] - mach[0]) / (place[-1] - place[0])
+    knots = np.concatenate([[0.0] * 2, np.linspace(0.0, 1.0, count - 1), [1.0] * 2])
+    rises = BSpline(knots, np.eye(count), 2).antiderivative()
+    design = np.column_stack([np.ones(place.size), sign * rises(place)])
+    weights, left = nnls(design, mach - slowest * place)
+    bic = place.size * np.log(max(left, 1e-300) ** 2 / place.size) + (count + 1) * np.log(place.size)
+
+    def curve(at: FloatArray) -> FloatArray:
+        return np.asarray(weights[0] + slowest * at + sign * (rises(at) @ weights[1:]), dtype=float)
+
+    return float(bic), curve
+
+
+def _means(place: FloatArray, values: FloatArray, most: int) -> FloatArray:
+    """Means of place and value over as many stretches of the samples as there may be at most (stretches, 2)."""
+    parts = np.array_split(np.stack([place, values], axis=1), min(most, place.size))
+    return np.array([part.mean(axis=0) for part in parts])
