@@ -116,8 +116,13 @@ def _slope(model: Model, seen: Seen) -> float | None:
     table = model.mechanisms.get(TableSlope.name)
     if isinstance(table, TableSlope):
         return float(np.mean(table.table.slope))
+    static = model.mechanisms.get(StaticMoment.name)
+    if not isinstance(static, StaticMoment):
+        return None
     values = seen.values(seen.whole, model.columns)
-    return next((float(v) for c, v in zip(model.columns, values, strict=True) if c.term == "C_Nalpha"), None)
+    pairs = zip(model.columns, values, strict=True)
+    by_term = {column.term: float(value) for column, value in pairs if column.mechanism == static.name}
+    return static.mean_slope(seen.frame.motions[0], by_term) if by_term else None
 
 
 def scheduled(model: Model, seen: Seen) -> Model:
