@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline
+from numpy.polynomial import Polynomial
+from scipy.interpolate import BSpline, CubicSpline
 from scipy.optimize import nnls
 
 from brv_hypo.arrays import FloatArray
@@ -19,6 +20,8 @@ from brv_hypo.arrays import FloatArray
 _SPLINES = (4, 6, 8, 12, 16)
 # Means of neighbouring samples that are fitted, and that are asked whether they follow.
 _MEANS, _ASKED = 400, 40
+# Highest degree in its own time of what a flight's common time is tried as, and rounds of its least squares.
+_HIGHEST, _ROUNDS = 5, 4
 # Share of its range by which those may stray (rms) from what only falls or only rises, if Mach number is to tell time:
 # a fifth of what lies between two of the usual seven knots.
 STRAYING = 0.025
@@ -116,11 +119,60 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
         return "it falls on some flights and rises on others. Compare those of either kind alone"
     time, first = records[0][0], smooth[0]
     own = [OwnTime(time, time, first)]
-    own += [
-        OwnTime(others, _time_of(mach, time, first), mach)
-        for (others, _), mach in zip(records[1:], smooth[1:], strict=True)
-    ]
+    for (others, measured), mach in zip(records[1:], smooth[1:], strict=True):
+        raw = _time_of(mach, time, first)
+        means = _means(others, np.asarray(measured), _MEANS)
+        at = means[:, 0]
+        smoother = _smoother(means, np.interp(at, others, raw), np.interp(at, others, mach), time, first)
+        own.append(OwnTime(others, raw if smoother is None else smoother(others), mach))
     return CommonTime(tuple(own))
+
+
+def _smoother(
+    means: FloatArray, raw: FloatArray, own: FloatArray, time: FloatArray, first: FloatArray
+) -> Callable[[FloatArray], FloatArray] | None:
+    """The common time as a polynomial of a flight's own, where its means (n, 2) want no more by BIC; a shift first.
+
+    `raw` (n,) is the common time by Mach number alone and `own` (n,) the flight's smooth one: where Mach number hardly
+    runs it tells time badly, and flights that differ by a shift or by their pace are told apart far better by that.
+    """
+    inside = (raw > time[0]) & (raw < time[-1])
+    at, seen = means[inside].T
+    if at.size <= 2 * _HIGHEST:
+        return None
+    pace = np.gradient(first, time)
+    best, found = _bic(seen - own[inside], _HIGHEST + 2), None
+    for degree in range(_HIGHEST + 1):
+        weight = np.interp(raw[inside], time, pace)
+        powers = Polynomial.fit(at, raw[inside] - at, degree, w=np.abs(weight))
+        for _ in range(_ROUNDS):
+            common = at + powers(at)
+            left = seen - np.interp(common, time, first)
+            powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=np.abs(weight))
+        told = _prolonged(at + powers(at), at)
+        bic = _bic(seen - np.interp(at + powers(at), time, first), degree + 1)
+        if bic < best and np.all(np.diff(at + powers(at)) > 0.0):
+            best, found = bic, told
+    return found
+
+
+def _prolonged(common: FloatArray, at: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """The common times of own times `at` (n,), and straight on beyond them."""
+    line = CubicSpline(at, common, bc_type="natural")
+    slopes = line(at[[0, -1]], 1)
+
+    def told(time: FloatArray) -> FloatArray:
+        within = line(np.clip(time, at[0], at[-1]))
+        before, after = np.minimum(time - at[0], 0.0), np.maximum(time - at[-1], 0.0)
+        return np.asarray(within + before * slopes[0] + after * slopes[1], dtype=float)
+
+    return told
+
+
+def _bic(left: FloatArray, parameters: int) -> float:
+    """Of what is left of means (n,) by so many parameters."""
+    mean = max(float(left @ left), 1e-300) / left.size
+    return float(left.size * np.log(mean) + parameters * np.log(left.size))
 
 
 def _time_of(mach: FloatArray, time: FloatArray, first: FloatArray) -> FloatArray:

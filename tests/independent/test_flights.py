@@ -232,6 +232,8 @@ STUDIES = (
     "test_near_zero.py",
     "test_verdicts.py",
     "test_bent_aerodynamics.py",
+    "joint.py",
+    "test_joint.py",
 )
 
 
