@@ -26,7 +26,8 @@ class Motion:
     time s; alpha, windward_meridian rad (unwrapped over a record); their rates rad/s; p, q, r rad/s;
     velocity m/s; dynamic_pressure Pa; mach, reynolds (NaN where the record cannot tell);
     in_plane_moment: the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1; reference_length m.
-    roll_acceleration rad/s^2, None where it is not known: at a running state, and in the past.
+    roll_acceleration rad/s^2 and axial_share, the axial force's coefficient over its median, are None where they are
+    not known: at a running state, and in the past.
     common_time s, of flights that share their Mach numbers; None where each has its own time, and in the past.
     """
 
@@ -46,6 +47,7 @@ class Motion:
     reference_length: float
     history: Callable[[float], Motion] | None = None
     roll_acceleration: FloatArray | None = None
+    axial_share: FloatArray | None = None
     common_time: FloatArray | None = None
 
     def __repr__(self) -> str:

@@ -14,7 +14,10 @@ from brv_hypo.motion.motion import Motion
 
 
 class Trim(Mechanism):
-    """C_m += C_m0, C_n += C_n0: constant in the body. A c.g. off the axis gives it too."""
+    """C_m += C_m0, C_n += C_n0: constant in the body. A c.g. off the axis gives it too.
+
+    By that the axial force turns the vehicle: the moment follows its coefficient, where the motion tells it.
+    """
 
     name = "trim"
     title = "constant body-fixed moment"
@@ -25,8 +28,9 @@ class Trim(Mechanism):
     terms_enter_together = True
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """Two terms: C_m0 and C_n0."""
-        one, nothing = np.ones_like(motion.alpha), np.zeros_like(motion.alpha)
+        """Two terms: C_m0 and C_n0, at the median of the axial force's coefficient."""
+        one = np.ones_like(motion.alpha) if motion.axial_share is None else motion.axial_share
+        nothing = np.zeros_like(motion.alpha)
         return _body_axes(motion, one, nothing, "C_m0", "1"), _body_axes(motion, nothing, one, "C_n0", "1")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...]:

@@ -66,3 +66,14 @@ def test_a_drawn_vehicle_is_fit_to_be_analysed(seed: int) -> None:
     assert craft.static_slope < 0.0
     assert craft.duration <= LONGEST
     assert craft.duration * craft.sample_rate > 20.0 * FEWEST_CYCLES
+
+
+@pytest.mark.parametrize("bend", [0.0, -0.05])
+def test_the_axial_force_is_found_to_go_with_alpha(bend: float) -> None:
+    """It turns the vehicle about a c.g. off the axis: a moment as large as those that are looked for."""
+    craft = replace(CAPSULE, alpha=np.radians(8.0), axial_bend=bend)
+    made = make_flight(craft, seed=7)
+    share = reconstruct(made.flight).motion.axial_share
+    expected = craft.bent(bend, made.true.alpha)
+    assert share is not None
+    np.testing.assert_allclose(share, expected / np.median(expected), atol=2e-3)
