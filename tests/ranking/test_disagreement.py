@@ -67,9 +67,11 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
         found = method(X, y, max_terms=2)
         return {len(columns): ((rss, [labels[j] for j in columns]),) for rss, columns in found}
 
-    problem, grid = SimpleNamespace(samples=n, efficiency=1.0), SimpleNamespace(best=best)
+    problem = SimpleNamespace(samples=n, efficiency=1.0)
+    grid = SimpleNamespace(best=best)
     null = SimpleNamespace(mechanisms=())
-    fit = SimpleNamespace(name="lag", mechanisms=(find("lag"),), information=0.0, grid=grid)
+    frame = SimpleNamespace(common=None)
+    fit = SimpleNamespace(name="lag", mechanisms=(find("lag"),), information=0.0, grid=grid, frame=frame)
     found = {each.size: each for each in stepwise_differences(problem, [null, fit])}
     assert found[2].best == ("c1 at 1.50 s (delay 0.1 s)", "c2 at 1.50 s (delay 0.1 s)")
     assert "c3 at 1.50 s (delay 0.1 s)" in found[2].stepwise
