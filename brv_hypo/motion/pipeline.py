@@ -94,7 +94,7 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
 def _axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     """The axial force's coefficient over its median (n,): what drifts, and what goes with alpha squared.
 
-    None where the median is no larger than what the fit leaves.
+    None where it changes the force by no more than the fit leaves: errors of the accelerometers go with alpha too.
     """
     seen, scale = record.measured, record.force_scale
     place = np.linspace(-1.0, 1.0, alpha.size)
@@ -104,7 +104,7 @@ def _axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None
     coefficient = shapes @ values
     median = float(np.median(coefficient))
     left = float(np.std((force - columns @ values)[seen]))
-    return coefficient / median if abs(median) * float(np.median(scale)) > left else None
+    return coefficient / median if float(np.std(coefficient) * np.median(scale)) > left else None
 
 
 def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:

@@ -68,9 +68,14 @@ def test_a_drawn_vehicle_is_fit_to_be_analysed(seed: int) -> None:
     assert craft.duration * craft.sample_rate > 20.0 * FEWEST_CYCLES
 
 
-@pytest.mark.parametrize("bend", [0.0, -0.05])
-def test_the_axial_force_is_found_to_go_with_alpha(bend: float) -> None:
+def test_an_axial_force_that_does_not_change_is_constant() -> None:
+    """Errors of the accelerometers go with alpha too."""
+    assert reconstruct(make_flight("biconic", seed=7, grade="industrial").flight).motion.axial_share is None
+
+
+def test_the_axial_force_is_found_to_go_with_alpha() -> None:
     """It turns the vehicle about a c.g. off the axis: a moment as large as those that are looked for."""
+    bend = -0.05
     craft = replace(CAPSULE, alpha=np.radians(8.0), axial_bend=bend)
     made = make_flight(craft, seed=7)
     share = reconstruct(made.flight).motion.axial_share
