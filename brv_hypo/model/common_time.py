@@ -122,8 +122,8 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
     for (others, measured), mach in zip(records[1:], smooth[1:], strict=True):
         raw = _time_of(mach, time, first)
         means = _means(others, np.asarray(measured), _MEANS)
-        at = means[:, 0]
-        smoother = _smoother(means, np.interp(at, others, raw), np.interp(at, others, mach), time, first)
+        of_means = means[:, 0]
+        smoother = _smoother(means, np.interp(of_means, others, raw), np.interp(of_means, others, mach), time, first)
         own.append(OwnTime(others, raw if smoother is None else smoother(others), mach))
     return CommonTime(tuple(own))
 
@@ -141,19 +141,19 @@ def _smoother(
     if at.size <= 2 * _HIGHEST:
         return None
     pace = np.gradient(first, time)
-    best, found = _bic(seen - own[inside], _HIGHEST + 2), None
+    weight = np.abs(np.interp(raw[inside], time, pace))
+    best, found = _bic(_squares(seen - own[inside]), at.size, _HIGHEST + 2), None
     for degree in range(_HIGHEST + 1):
-        weight = np.interp(raw[inside], time, pace)
-        powers = Polynomial.fit(at, raw[inside] - at, degree, w=np.abs(weight))
+        powers = Polynomial.fit(at, raw[inside] - at, degree, w=weight)
         for _ in range(_ROUNDS):
             common = at + powers(at)
             left = seen - np.interp(common, time, first)
-            powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=np.abs(weight))
-        told = _prolonged(at + powers(at), at)
-        bic = _bic(seen - np.interp(at + powers(at), time, first), degree + 1)
-        if bic < best and np.all(np.diff(at + powers(at)) > 0.0):
-            best, found = bic, told
-    return found
+            powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=weight)
+        common = at + powers(at)
+        bic = _bic(_squares(seen - np.interp(common, time, first)), at.size, degree + 1)
+        if bic < best and np.all(np.diff(common) > 0.0):
+            best, found = bic, common
+    return None if found is None else _prolonged(found, at)
 
 
 def _prolonged(common: FloatArray, at: FloatArray) -> Callable[[FloatArray], FloatArray]:
@@ -169,10 +169,13 @@ def _prolonged(common: FloatArray, at: FloatArray) -> Callable[[FloatArray], Flo
     return told
 
 
-def _bic(left: FloatArray, parameters: int) -> float:
-    """Of what is left of means (n,) by so many parameters."""
-    mean = max(float(left @ left), 1e-300) / left.size
-    return float(left.size * np.log(mean) + parameters * np.log(left.size))
+def _squares(left: FloatArray) -> float:
+    return float(left @ left)
+
+
+def _bic(squares: float, size: int, parameters: int) -> float:
+    """Of the sum of squares that so many parameters leave of so many means."""
+    return float(size * np.log(max(squares, 1e-300) / size) + parameters * np.log(size))
 
 
 def _time_of(mach: FloatArray, time: FloatArray, first: FloatArray) -> FloatArray:
@@ -215,12 +218,12 @@ def _monotone(means: FloatArray, sign: float, count: int) -> tuple[float, Callab
     rises = BSpline(knots, np.eye(count), 2).antiderivative()
     design = np.column_stack([np.ones(place.size), sign * rises(place)])
     weights, left = nnls(design, mach - slowest * place)
-    bic = place.size * np.log(max(left, 1e-300) ** 2 / place.size) + (count + 1) * np.log(place.size)
+    bic = _bic(float(left) ** 2, place.size, count + 1)
 
     def curve(at: FloatArray) -> FloatArray:
         return np.asarray(weights[0] + slowest * at + sign * (rises(at) @ weights[1:]), dtype=float)
 
-    return float(bic), curve
+    return bic, curve
 
 
 def _means(place: FloatArray, values: FloatArray, most: int) -> FloatArray:

@@ -69,6 +69,10 @@ class TieModel:
         """What the slope gains with the square of alpha, 1/rad^2 of its units."""
         return float(coefficients[self.slope_basis.shape[1]]) if self.bends else 0.0
 
+    def ratio(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
+        """Slope (n,) at the crossflow as it is, with its bend."""
+        return np.asarray(self.slope(coefficients) + self.bend(coefficients) * np.abs(effective(xi)) ** 2)
+
     def columns(self, xi: ComplexArray) -> ComplexArray:
         """Derivative of the observation with respect to the coefficients, (n, unknowns)."""
         slopes = (self.scale * effective(xi))[:, None] * self.slope_basis
@@ -79,20 +83,18 @@ class TieModel:
 
     def tied(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
         """What the model makes of the crossflow alone (n,)."""
-        slope = self.slope(coefficients) + self.bend(coefficients) * np.abs(effective(xi)) ** 2
-        return np.asarray(self.scale * slope * effective(xi))
+        return np.asarray(self.scale * self.ratio(xi, coefficients) * effective(xi))
 
     def gain(self, xi: ComplexArray, coefficients: FloatArray) -> ComplexArray:
         """Derivative of that by the crossflow, across it (n,); along it too, once it is seen through `stretch`."""
-        slope = self.slope(coefficients) + self.bend(coefficients) * np.abs(effective(xi)) ** 2
         stretched = np.abs(effective(xi)) / np.maximum(np.abs(xi), 1e-12)
-        return np.asarray(self.scale * slope * stretched)
+        return np.asarray(self.scale * self.ratio(xi, coefficients) * stretched)
 
     def stretch(self, xi: ComplexArray, coefficients: FloatArray) -> Stretch | None:
         """What makes the gain along the crossflow, where the model bends, that across it; None where it does not."""
         if not self.bends:
             return None
-        across = self.slope(coefficients).real + self.bend(coefficients) * np.abs(effective(xi)) ** 2
+        across = self.ratio(xi, coefficients).real
         along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
         factor = across / np.where(along == 0.0, 1e-300, along)
         turn = xi / np.maximum(np.abs(xi), 1e-12)
