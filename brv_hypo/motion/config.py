@@ -6,6 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from brv_hypo.motion.noise import ColouredNoise
+
 Method = Literal["joint", "velocity", "rates", "polar"]
 Ties = Literal["auto", "force", "moment", "both"]
 
@@ -29,6 +31,9 @@ class ReconstructionConfig(BaseModel):
     )
     gyro_sigma: float | None = Field(
         default=None, gt=0.0, description="white noise, rad/s; from the record if None"
+    )
+    gyro_walk: ColouredNoise | None = Field(
+        default=None, description="noise, rad/s, that the attitude is integrated with; white, of `gyro_sigma`, if None"
     )
     accel_sigma: float | None = Field(
         default=None, gt=0.0, description="white noise, m/s^2; from the record if None"

@@ -12,7 +12,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import Derivative, differentiate
-from brv_hypo.motion.noise import transverse_noise_level, white_noise_level
+from brv_hypo.motion.noise import ColouredNoise, transverse_noise_level, white_noise_level
 
 FEWEST_SAMPLES = 16  # of the longest segment: the fewest that a record may have (FLIGHT_FORMAT)
 
@@ -26,7 +26,8 @@ class InertialRecord:
     filter's work on (q + i r) exp(i `spin_angle`), `spin_angle` being (1 - Ix/I) of the roll, where spin
     coupling drops out; `force` (n, 3) m/s^2 the specific force at the c.g. in body axes; `measured` where
     the instruments were read, not bridged; `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise;
-    `force_sigma` (n,) m/s^2 that of the transverse force once moved to the c.g.
+    `gyro_walk` rad/s the noise that the attitude is integrated with; `force_sigma` (n,) m/s^2 that of the transverse
+    force once moved to the c.g.
     """
 
     flight: Flight
@@ -39,6 +40,7 @@ class InertialRecord:
     force: FloatArray
     measured: BoolArray
     gyro_sigma: float
+    gyro_walk: ColouredNoise
     accel_sigma: float
     force_sigma: FloatArray
 
@@ -109,6 +111,7 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
         force=force,
         measured=_measured(flight),
         gyro_sigma=gyro_sigma,
+        gyro_walk=config.gyro_walk or ColouredNoise(gyro_sigma),
         accel_sigma=accel_sigma,
         force_sigma=force_sigma,
     )

@@ -41,6 +41,15 @@ def spacing(meridian_rate: FloatArray, roll_rate: FloatArray, step: float, per_c
     return max(1, int(2.0 * np.pi / (fastest * step * per_cycle)))
 
 
+def turning(meridian_rate: FloatArray, roll_rate: FloatArray, step: float) -> float:
+    """Frequency of the fastest motion in axes that do not roll, rad a sample; rates (n,) rad/s, step s.
+
+    What is fixed to the body turns as well.
+    """
+    crossflow = float(np.percentile(np.abs(roll_rate - meridian_rate), 95.0))
+    return max(crossflow, float(np.max(np.abs(roll_rate)))) * step
+
+
 @dataclass(frozen=True)
 class KeptRows:
     """Which of `count` samples are kept (m,), and what makes all of them of these (n, m); None where all are kept."""

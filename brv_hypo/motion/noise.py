@@ -3,11 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.noise import sigma_of_differences
+
+
+@dataclass(frozen=True)
+class ColouredNoise:
+    """A first-order autoregression: sigma of its innovations, in the channel's units, correlation of neighbours."""
+
+    innovation: float
+    colour: float = 0.0
+
+    def times(self, factor: float) -> ColouredNoise:
+        """The noise so many times as loud."""
+        return ColouredNoise(factor * self.innovation, self.colour)
+
+    def sigma_at(self, frequency: FloatArray | float) -> FloatArray:
+        """Sigma of white noise as loud as this is at frequencies in rad a sample."""
+        return np.asarray(self.innovation / np.sqrt(inverse_spectrum(self.colour, frequency)), dtype=float)
+
+
+def inverse_spectrum(colour: FloatArray | float, frequency: FloatArray | float) -> FloatArray:
+    """One over the spectrum of a first-order autoregression of unit innovations, at frequencies in rad a sample."""
+    return np.asarray(1.0 + colour**2 - 2.0 * colour * np.cos(frequency), dtype=float)
 
 
 def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:

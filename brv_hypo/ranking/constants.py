@@ -36,8 +36,8 @@ SECOND_ORDER_VALUES = 5e-3
 # of them may differ before it is done again: 4 left 450 in 2 ln L, 3 left 13, below 1 nothing (industrial instruments).
 MOST_LINEARISATIONS = 4
 SETTLED_ERRORS = 1.0
-# Sigma that the instruments' noise shows at low frequencies, over that of neighbouring samples, from which the motion
-# is reconstructed with it: correlations of neighbouring samples above 0.2.
+# Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
+# motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
 # Fall of 2 ln L that the leader brings from which the problem is linearised about it.
 LINEARISED_AGAIN = 2400.0

@@ -16,6 +16,7 @@ from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.constants import (
@@ -100,13 +101,16 @@ def _as_loud(problem: Problem, settings: Settings) -> Settings:
     records, lasting = problem.records, problem.rows.noise.lasting
     if lasting is None:
         return settings
-    rates = lasting[0] / float(np.median([record.gyro_sigma for record in records]))
-    force = lasting[1] / float(np.median([np.median(record.force_sigma) for record in records]))
+    stated = float(np.median([record.gyro_sigma for record in records]))
+    rates = float(lasting.rates.sigma_at(lasting.motion)) / stated
+    loudness = np.median([np.median(record.force_sigma) for record in records])
+    force = float(lasting.force.sigma_at(lasting.motion) / loudness)
     out = []
     for record, setting in zip(records, settings.reconstruction, strict=True):
-        louder: dict[str, float] = {}
+        louder: dict[str, float | ColouredNoise] = {}
         if rates > COLOURED:
             louder["gyro_sigma"] = rates * record.gyro_sigma
+            louder["gyro_walk"] = lasting.rates.times(record.gyro_sigma / stated)
         if force > COLOURED:
             louder["accel_sigma"] = force * record.accel_sigma
         out.append(setting.model_copy(update=louder))

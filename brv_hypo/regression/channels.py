@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.whitening import NoiseModel, applied
 
@@ -23,17 +24,26 @@ _SHORTEST = 8  # rows; shorter pieces are left out
 
 
 @dataclass(frozen=True)
+class Lasting:
+    """Noise of rates and force as it is beyond the motion, and the motion's frequency, rad a sample."""
+
+    rates: ColouredNoise
+    force: ColouredNoise
+    motion: float
+
+
+@dataclass(frozen=True)
 class Noise:
     """Noise models of the two channels: rates (rad/s) and force (m/s^2).
 
-    `thinning`: whitened rows that are averaged into one, for the columns are slow and the noise is white. `lasting`:
-    sigmas of white noise as loud as either is at low frequencies, None where the noise was not measured.
+    `thinning`: whitened rows that are averaged into one, for the columns are slow and the noise is white. `lasting` is
+    None where the noise was not measured.
     """
 
     rates: NoiseModel
     force: NoiseModel
     thinning: int = 1
-    lasting: tuple[float, float] | None = None
+    lasting: Lasting | None = None
 
 
 @dataclass(frozen=True)

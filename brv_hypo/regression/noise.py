@@ -11,13 +11,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.regression.channels import Noise, Part
+from brv_hypo.motion.kept_rows import turning
+from brv_hypo.regression.channels import Lasting, Noise, Part
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import orthonormal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.regression.whitening import fit_noise, lasting_sigma, taken_by, white
+from brv_hypo.regression.whitening import fit_noise, lasting_noise, taken_by, white
 
 # Largest order of the autoregression of the noise.
 _NOISE_ORDER = 12
@@ -55,12 +56,22 @@ def settled_noise(problem: Problem) -> Noise:
     )
     rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
     force = [piece for piece in force if piece.size]
+    motion = _turning(problem)
     above = _BEYOND * 2.0 * np.pi / (_PER_CYCLE * rows.noise.thinning)
     return Noise(
         fit_noise(rates, _NOISE_ORDER, rates_taken),
         fit_noise(force, _NOISE_ORDER, force_taken),
         rows.noise.thinning,
-        (lasting_sigma(rates, above), lasting_sigma(force, above)),
+        Lasting(lasting_noise(rates, above, motion), lasting_noise(force, above, motion), motion),
+    )
+
+
+def _turning(problem: Problem) -> float:
+    """Frequency of the fastest motion of any flight in axes that do not roll, rad a sample."""
+    motions = [each.motion for each in problem.frame.reconstructions]
+    return max(
+        turning(motion.windward_meridian_rate, motion.p, record.flight.step)
+        for motion, record in zip(motions, problem.records, strict=True)
     )
 
 

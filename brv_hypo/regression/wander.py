@@ -100,20 +100,26 @@ def walk_sines(record: InertialRecord, count: int) -> FloatArray:
     """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
     Loeve).
     """
-    duration = record.time[-1]
-    size = record.gyro_sigma * np.sqrt(duration * record.flight.step)
-    order = np.pi * (np.arange(count) + 0.5)
-    return np.asarray(
-        size * np.sqrt(2.0) / order * np.sin(np.outer(record.time / duration, order)), dtype=float
-    )
+    order, duration = _orders(count), record.time[-1]
+    size = _noise_at(record, order) * np.sqrt(2.0 * duration * record.flight.step)
+    return np.asarray(size / order * np.sin(np.outer(record.time / duration, order)), dtype=float)
 
 
 def walk_noise(record: InertialRecord, count: int) -> FloatArray:
     """The gyros' noise (n, count) rad/s of which the sines of `walk_sines` are the integrals."""
-    duration = record.time[-1]
-    order = np.pi * (np.arange(count) + 0.5)
-    size = record.gyro_sigma * np.sqrt(2.0 * record.flight.step / duration)
+    order, duration = _orders(count), record.time[-1]
+    size = _noise_at(record, order) * np.sqrt(2.0 * record.flight.step / duration)
     return np.asarray(size * np.cos(np.outer(record.time / duration, order)), dtype=float)
+
+
+def _orders(count: int) -> FloatArray:
+    """Frequencies of the sines of a random walk (count,), rad over the record."""
+    return np.asarray(np.pi * (np.arange(count) + 0.5), dtype=float)
+
+
+def _noise_at(record: InertialRecord, order: FloatArray) -> FloatArray:
+    """Sigma of white noise, rad/s, as loud as the gyros' is at each of these frequencies, rad over the record."""
+    return record.gyro_walk.sigma_at(order * record.flight.step / record.time[-1])
 
 
 def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:

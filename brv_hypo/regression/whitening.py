@@ -16,6 +16,7 @@ from scipy import sparse
 from scipy.linalg import solve_toeplitz
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.noise import ColouredNoise, inverse_spectrum
 
 # Stretches of time that the spectrum of the noise is the median of, and their shortest and longest length, samples.
 _STRETCHES = 16
@@ -121,22 +122,30 @@ def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> Floa
     return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
 
 
-def lasting_sigma(residuals: Sequence[ComplexArray], above: float) -> float:
-    """Sigma of white noise as loud as what lasts through the residuals is at low frequencies, were it noise alone.
+def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float) -> ColouredNoise:
+    """The noise of one component of what lasts through the residuals, of the colour that it has beyond the motion.
 
-    Their spectrum, from `above` (rad a sample) to the highest frequency, as that of a first-order autoregression
-    (Whittle 1953), goes on to frequency zero: below, what a fit leaves of the motion is in it. Of the colours that the
-    spectrum allows it is the least.
+    `motion`, the motion's frequency, and `above`, from which there is noise alone, in rad a sample. What a fit leaves
+    of the motion is in the spectrum too, so that there it is taken for that of a first-order autoregression (Whittle
+    1953) whose colour is what all frequencies beyond the motion's show, as far as those `above` alone allow.
     """
     lasting = _lasting_spectrum(residuals)
+    line = 2.0 * np.pi / lasting.size
     frequency = np.abs(2.0 * np.pi * np.fft.fftfreq(lasting.size))
-    noisy = frequency >= min(above + _LEAKS * 2.0 * np.pi / lasting.size, 0.5 * np.pi)
-    shapes = 1.0 + _COLOURS[:, np.newaxis] ** 2 - 2.0 * np.outer(_COLOURS, np.cos(frequency[noisy]))
-    levels = np.mean(lasting[noisy] * shapes, axis=1)
-    values = MEDIAN_EFFICIENCY * np.mean(noisy) * 2.0 * sum(part.size for part in residuals)
-    fall = values * (np.log(levels) - np.mean(np.log(shapes), axis=1))
-    least = int(np.argmax(fall <= np.min(fall) + _ALLOWED_FALL))
-    return float(np.sqrt(0.5 * levels[least]) / (1.0 - _COLOURS[least]))
+    values = MEDIAN_EFFICIENCY * 2.0 * sum(part.size for part in residuals)
+
+    def colours_from(lowest: float) -> tuple[FloatArray, FloatArray]:
+        """Level and -2 ln L of each colour, frequencies from this one."""
+        noisy = frequency >= min(lowest, 0.5 * np.pi)
+        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], frequency[noisy])
+        levels = np.mean(lasting[noisy] * shapes, axis=1)
+        return levels, values * np.mean(noisy) * (np.log(levels) - np.mean(np.log(shapes), axis=1))
+
+    levels, fall = colours_from(above + _LEAKS * line)
+    allowed = np.flatnonzero(fall <= np.min(fall) + _ALLOWED_FALL)
+    shown = int(np.argmin(colours_from(motion + _LEAKS * line)[1]))
+    chosen = int(np.clip(shown, allowed[0], allowed[-1]))
+    return ColouredNoise(float(np.sqrt(0.5 * levels[chosen])), float(_COLOURS[chosen]))
 
 
 def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:

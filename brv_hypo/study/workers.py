@@ -8,13 +8,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Protocol, TypeVar
@@ -42,9 +40,10 @@ def on_this_machine(jobs: int) -> Spread:
     def spread(call: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         from joblib import Parallel, delayed, parallel_config
 
-        with parallel_config(backend="loky", inner_max_num_threads=1):
+        worker = {"initializer": _as_worker_of, "initargs": (os.getpid(),)}
+        with parallel_config(backend="loky", inner_max_num_threads=1, **worker):
             parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-            yield from parallel(delayed(_quietly)(call, item) for item in items)
+            yield from parallel(delayed(call)(item) for item in items)
 
     return spread
 
@@ -70,18 +69,12 @@ def on_cluster(address: str) -> Spread:
     return spread
 
 
-def _quietly(call: Callable[[Item], Result], item: Item) -> Result:
-    """The call in a process that leaves the keyboard to its parent."""
-    if multiprocessing.parent_process() is not None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        _end_with_parent()
-    return call(item)
+def _as_worker_of(parent: int) -> None:
+    """A process that, from its first moment, leaves the keyboard to its parent and ends when that has.
 
-
-@cache
-def _end_with_parent() -> None:
-    """From now on this worker ends when its parent has: one that was killed could tell nobody."""
-    parent = os.getppid()
+    A parent that was killed could tell nobody, and one that was killed early gave nothing to do.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
         while os.getppid() == parent:

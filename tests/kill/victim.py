@@ -61,7 +61,7 @@ def run(
                 time.sleep(_LOOK_SECONDS)
         process.send_signal(signal.SIGKILL)
         code = process.wait()
-        left = _orphans_of(process.pid)
+        left = orphans_of(process.pid)
         stream.seek(0)
         messages = stream.read()
     errors.unlink()
@@ -71,7 +71,7 @@ def run(
     return Ended(code, killed and code == -signal.SIGKILL, messages, time.monotonic() - begun)
 
 
-def _orphans_of(session: int) -> list[str]:
+def orphans_of(session: int) -> list[str]:
     """Commands of the processes that outlive their session's leader by more than they may; these are ended."""
     patience = time.monotonic() + ORPHANS_MAY_TAKE_SECONDS
     while (left := _members_of(session)) and time.monotonic() < patience:

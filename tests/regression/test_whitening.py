@@ -5,12 +5,13 @@ import pytest
 from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray
+from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.regression.frame import whiten
 from brv_hypo.regression.whitening import (
     effective_samples,
     fit_noise,
     lasting_autocovariance,
-    lasting_sigma,
+    lasting_noise,
     white,
 )
 
@@ -96,19 +97,27 @@ def test_pieces_shorter_than_a_stretch_are_used_as_they_are() -> None:
     assert 0.5 < noise.sigma < 1.2
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.5, 0.7])
-def test_level_at_low_frequencies_is_read_above_the_motion(colour: float) -> None:
-    """A motion that is a hundred times as loud as the noise, at frequencies below, does not enter."""
-    rng = np.random.default_rng(7)
-    fresh = rng.standard_normal((4000, 2)) @ np.array([1.0, 1j])
-    noise = lfilter([1.0], [1.0, -colour], fresh)
-    motion = 100.0 * np.exp(0.1j * np.arange(fresh.size))
-    found = lasting_sigma([noise + motion], above=0.3)
-    assert 0.7 <= found * (1.0 - colour) <= 1.1
+@pytest.mark.parametrize("colour", [0.0, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("above", [0.3, 1.0])
+def test_level_at_the_motion_is_read_beyond_it(colour: float, above: float) -> None:
+    """A motion that is a hundred times as loud as the noise does not enter."""
+    ratios = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        fresh = rng.standard_normal((4000, 2)) @ np.array([1.0, 1j])
+        noise = lfilter([1.0], [1.0, -colour], fresh)
+        motion = 100.0 * np.exp(0.1j * np.arange(fresh.size))
+        found = lasting_noise([noise + motion], above, 0.1)
+        ratios.append(found.sigma_at(0.1) / ColouredNoise(1.0, colour).sigma_at(0.1))
+    low, median, high = np.quantile(ratios, [0.1, 0.5, 0.9])
+    assert low > 0.75
+    assert 0.9 < median < 1.15
+    assert high < 1.35
 
 
 def test_white_noise_is_not_given_a_colour() -> None:
-    """The least colour that the spectrum allows: none, however much it scatters."""
+    """None, however much its spectrum scatters."""
     rng = np.random.default_rng(8)
-    found = [lasting_sigma([rng.standard_normal((800, 2)) @ np.array([1.0, 1j])], above=0.5) for _ in range(20)]
+    noise = [rng.standard_normal((800, 2)) @ np.array([1.0, 1j]) for _ in range(20)]
+    found = [lasting_noise([each], 0.5, 0.2).sigma_at(0.2) for each in noise]
     assert np.all(np.abs(np.array(found) - 1.0) < 0.25)
