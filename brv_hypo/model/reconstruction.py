@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight import FlightSource, one_flight
@@ -23,7 +24,8 @@ def reconstruct(
     UnanswerableError where the record is too short, or the vehicle is not in the air.
     """
     record = one_flight(flight)
-    found = reconstruct_with(record, config, perturbations(record), like)
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
+        found = reconstruct_with(record, config, perturbations(record), like)
     sigma = np.hypot(found.moments.sigma, _of_the_vehicle(found))
     return replace(found, moments=replace(found.moments, sigma=sigma))
 

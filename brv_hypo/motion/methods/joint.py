@@ -38,6 +38,8 @@ _ROUGH = 0.01
 # crossflow by more than this share of its standard deviation.
 _LINEARISATIONS = 6
 _MOVED = 0.1  # share of the crossflow's standard deviation
+# Share of what was taken for noise from which a slope that leaves less is chosen again.
+_FAR_LESS = 0.8
 
 
 def joint(
@@ -53,10 +55,10 @@ def joint(
     first: as a factor of the normal force it would be in what the force is explained by.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
-    problem, near = TiedWalk(record, config, no_responses(record), np.zeros(0)), None
+    problem, near, left = TiedWalk(record, config, no_responses(record), np.zeros(0)), None, 1.0
     if perturbations:
-        problem, near = _linearised(record, config, perturbations, like)
-    fit, warnings = _fitted(problem, config, near, like)
+        problem, near, left = _linearised(record, config, perturbations, like)
+    fit, warnings = _fitted(problem, config, near, left, like)
     return _history(problem, fit, warnings)
 
 
@@ -65,8 +67,12 @@ def _linearised(
     config: ReconstructionConfig,
     perturbations: Sequence[Perturbation],
     like: Reconstruction | None,
-) -> tuple[TiedWalk, Near]:
-    """The problem with the record's errors, linearised where they are nearly taken out, and a rough fit."""
+) -> tuple[TiedWalk, Near, float]:
+    """The problem with the record's errors, linearised where they are taken out; a rough fit, and what it leaves.
+
+    The force counts for what the fit before leaves of it: were it believed to its noise from the start, errors of tens
+    of tolerances would be asked of the record, from where no step leads back.
+    """
     flight = record.flight
     if like is None:
         fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
@@ -77,31 +83,35 @@ def _linearised(
         slope = np.asarray(-record.force_scale * like.normal_force_ratio)
         force = np.where(np.isfinite(slope), slope * effective(near.crossflow), record.transverse_force)
     responses = telling(effect_responses(record, near.crossflow, force, perturbations))
-    known = np.zeros(len(responses.effects))
+    known, left = np.zeros(len(responses.effects)), _left(record, force)
     for _ in range(_LINEARISATIONS):
         before, effects = near.crossflow, responses.effects
-        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, near)
+        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, near, left)
         moved, near = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas())), fit.near
         if moved < _MOVED and like is not None:
             break
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
+        left = _left(record, force)
         del fit, responses
         responses = effect_responses(record, near.crossflow, force, effects)
         if moved < _MOVED:
             break
-    return TiedWalk(record, config, responses, known), near
+    return TiedWalk(record, config, responses, known), near, left
 
 
-def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: Near | None) -> TiedFit:
-    """A fit with simple slopes, of the force alone where it says enough.
+def _rough_fit(
+    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, louder: float = 1.0
+) -> TiedFit:
+    """A fit with simple slopes, of the force alone where it says enough; the force's noise so many times as loud.
 
     What a force does that these do not would be asked of the record's errors, far beyond their tolerances.
     """
     record, responses = problem.record, problem.responses
     solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
     force = replace(force_tie(record, responses).with_slope_count(record.time, _ROUGH_SLOPE), bends=True)
+    force = replace(force, sigma=louder * force.sigma)
     moment = moment_tie(record, responses)
     moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
     if config.ties == "moment":
@@ -112,14 +122,14 @@ def _rough_fit(problem: TiedWalk, config: ReconstructionConfig, near: Near | Non
 
 
 def _fitted(
-    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, like: Reconstruction | None
+    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, left: float, like: Reconstruction | None
 ) -> tuple[TiedFit, tuple[str, ...]]:
     """The fit with the ties that are wanted, or needed, and what is to be said of them."""
     record, responses = problem.record, problem.responses
     moment = moment_tie(record, responses)
     if config.ties == "moment":
         return _with_moment(problem, (), moment), ()
-    fit = _with_force(problem, force_tie(record, responses), near, like)
+    fit = _with_force(problem, force_tie(record, responses), near, left, like)
     alone = _relative_error(fit, record.measured)
     too_little = config.ties == "auto" and alone > _ENOUGH
     if config.ties == "both" or too_little:
@@ -141,20 +151,35 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
     return record.transverse_force
 
 
-def _with_force(problem: TiedWalk, tie: TieModel, near: Near | None, like: Reconstruction | None) -> TiedFit:
+def _with_force(
+    problem: TiedWalk, tie: TieModel, near: Near | None, left: float, like: Reconstruction | None
+) -> TiedFit:
     """Fit by the normal force: slope chosen by evidence unless it has the terms of another, spikes left out, noise
-    raised to left over.
+    raised to left over, `left` times itself to begin with.
     """
     if near is not None and like is not None and like.normal_force_terms:
         known = tie.with_slope_count(problem.record.time, like.normal_force_terms)
         ties = (replace(known, bends=like.normal_force_bend != 0.0),)
         fit = replace(problem.solve(ties, near), response=None)
     else:
-        fit = _choose_slope(problem, (), tie, near)
+        fit = _slope_under_noise(problem, tie, near, left)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
     return problem.solve((replace(fit.ties[-1], sigma=sigma),), fit.near)
+
+
+def _slope_under_noise(problem: TiedWalk, tie: TieModel, near: Near | None, left: float) -> TiedFit:
+    """The slope chosen under the noise that it leaves, which may be louder than that of neighbouring samples.
+
+    It is chosen again where it leaves far less than was taken for noise.
+    """
+    while True:
+        fit = _choose_slope(problem, (), replace(tie, sigma=left * tie.sigma), near)
+        less = max(_misfit(fit.residual, tie.sigma), 1.0)
+        if less > _FAR_LESS * left:
+            return fit
+        near, left = fit.near, less
 
 
 def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
@@ -199,6 +224,11 @@ def _straight(problem: TiedWalk, fit: TiedFit) -> TiedFit:
     ties = (*fit.ties[:-1], replace(fit.ties[-1], bends=False))
     found = replace(problem.solve(ties, fit.near), response=None)
     return found if found.score < fit.score else fit
+
+
+def _left(record: InertialRecord, force: ComplexArray) -> float:
+    """What a normal force (n,) leaves of the measured one over its noise, at least 1."""
+    return max(_misfit((record.transverse_force - force)[record.measured], record.force_sigma[record.measured]), 1.0)
 
 
 def _misfit(residual: ComplexArray, sigma: FloatArray) -> float:
