@@ -232,6 +232,7 @@ STUDIES = (
     "test_near_zero.py",
     "test_verdicts.py",
     "test_bent_aerodynamics.py",
+    "test_coloured_noise.py",
     "joint.py",
     "test_joint.py",
 )
