@@ -110,8 +110,8 @@ def _rough_fit(
     """
     record, responses = problem.record, problem.responses
     solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
-    force = replace(force_tie(record, responses).with_slope_count(record.time, _ROUGH_SLOPE), bends=True)
-    force = replace(force, sigma=louder * force.sigma)
+    tie = force_tie(record, responses).with_slope_count(record.time, _ROUGH_SLOPE)
+    force = replace(tie, bends=True, sigma=louder * tie.sigma)
     moment = moment_tie(record, responses)
     moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
     if config.ties == "moment":
