@@ -1,7 +1,8 @@
-"""The time that several flights of one design share: that of the first flight at the same Mach number.
+"""The time that several flights of one design share: that of one of them, the reference, at the same Mach number.
 
 What a boundary layer or a wake does begins at flight conditions, which two flights meet at different times. Knots and
-courses are told in the common time, and every flight has its own times for them.
+courses are told in the common time, and every flight has its own times for them. The reference is the flight that flew
+the widest range of Mach numbers, in whatever order flights are given.
 """
 
 from __future__ import annotations
@@ -57,9 +58,10 @@ class OwnTime:
 
 @dataclass(frozen=True)
 class CommonTime:
-    """The flights' own times, by flight."""
+    """The flights' own times, by flight; common time is that of flight `reference` (from 0)."""
 
     flights: tuple[OwnTime, ...]
+    reference: int
 
     @property
     def mach_span(self) -> tuple[float, float]:
@@ -72,10 +74,11 @@ class CommonTime:
         own = next((own for own in self.flights if own.flies(common)), None)
         if own is not None:
             return float(np.interp(common, own.common, own.mach))
-        # Between flights that share nothing, or beyond all: at the first flight's mean pace.
-        first = self.flights[0]
-        end = 0 if common < first.common[0] else -1
-        return float(first.mach[end] + (common - first.common[end]) / _mean_pace(first.time, first.mach))
+        # Between flights that share nothing, or beyond all: at the reference flight's mean pace.
+        reference = self.flights[self.reference]
+        end = 0 if common < reference.common[0] else -1
+        beyond = common - reference.common[end]
+        return float(reference.mach[end] + beyond / _mean_pace(reference.time, reference.mach))
 
     def in_words(self, common: float) -> str:
         """A common time by its Mach number, to a thousandth of all those flown."""
@@ -117,19 +120,28 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
         smooth.append(found)
     if len({float(np.sign(mach[-1] - mach[0])) for mach in smooth}) > 1:
         return "it falls on some flights and rises on others. Compare those of either kind alone"
-    time, first = records[0][0], smooth[0]
-    own = [OwnTime(time, time, first)]
-    for (others, measured), mach in zip(records[1:], smooth[1:], strict=True):
-        raw = _time_of(mach, time, first)
-        means = _means(others, np.asarray(measured), _MEANS)
-        of_means = means[:, 0]
-        smoother = _smoother(means, np.interp(of_means, others, raw), np.interp(of_means, others, mach), time, first)
-        own.append(OwnTime(others, raw if smoother is None else smoother(others), mach))
-    return CommonTime(tuple(own))
+    reference = max(range(len(smooth)), key=lambda k: (abs(smooth[k][-1] - smooth[k][0]), -records[k][0][0]))
+    alone = OwnTime(records[reference][0], records[reference][0], smooth[reference])
+    own = tuple(
+        alone if k == reference else _beside(alone, time, np.asarray(measured), mach)
+        for k, ((time, measured), mach) in enumerate(zip(records, smooth, strict=True))
+    )
+    return CommonTime(own, reference)
+
+
+def _beside(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> OwnTime:
+    """A flight with its time (n,) s, measured and smooth Mach number (n,), in the reference flight's time."""
+    raw = _time_of(mach, reference.time, reference.mach)
+    means = _means(time, measured, _MEANS)
+    of_means = means[:, 0]
+    smoother = _smoother(
+        means, np.interp(of_means, time, raw), np.interp(of_means, time, mach), reference.time, reference.mach
+    )
+    return OwnTime(time, raw if smoother is None else smoother(time), mach)
 
 
 def _smoother(
-    means: FloatArray, raw: FloatArray, own: FloatArray, time: FloatArray, first: FloatArray
+    means: FloatArray, raw: FloatArray, own: FloatArray, time: FloatArray, reference: FloatArray
 ) -> Callable[[FloatArray], FloatArray] | None:
     """The common time as a polynomial of a flight's own, where its means (n, 2) want no more by BIC; a shift first.
 
@@ -140,17 +152,17 @@ def _smoother(
     at, seen = means[inside].T
     if at.size <= 2 * _HIGHEST:
         return None
-    pace = np.gradient(first, time)
+    pace = np.gradient(reference, time)
     weight = np.abs(np.interp(raw[inside], time, pace))
     best, found = _bic(_squares(seen - own[inside]), at.size, _HIGHEST + 2), None
     for degree in range(_HIGHEST + 1):
         powers = Polynomial.fit(at, raw[inside] - at, degree, w=weight)
         for _ in range(_ROUNDS):
             common = at + powers(at)
-            left = seen - np.interp(common, time, first)
+            left = seen - np.interp(common, time, reference)
             powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=weight)
         common = at + powers(at)
-        bic = _bic(_squares(seen - np.interp(common, time, first)), at.size, degree + 1)
+        bic = _bic(_squares(seen - np.interp(common, time, reference)), at.size, degree + 1)
         if bic < best and np.all(np.diff(common) > 0.0):
             best, found = bic, common
     return None if found is None else _prolonged(found, at)
@@ -178,11 +190,11 @@ def _bic(squares: float, size: int, parameters: int) -> float:
     return float(size * np.log(max(squares, 1e-300) / size) + parameters * np.log(size))
 
 
-def _time_of(mach: FloatArray, time: FloatArray, first: FloatArray) -> FloatArray:
-    """When the first flight has a Mach number (n,), s; beyond its own at its mean pace."""
-    sign, pace = float(np.sign(first[-1] - first[0])), _mean_pace(time, first)
-    inside = np.interp(sign * mach, sign * first, time)
-    before, after = np.minimum(sign * (mach - first[0]), 0.0), np.maximum(sign * (mach - first[-1]), 0.0)
+def _time_of(mach: FloatArray, time: FloatArray, reference: FloatArray) -> FloatArray:
+    """When the reference flight has a Mach number (n,), s; beyond its own at its mean pace."""
+    sign, pace = float(np.sign(reference[-1] - reference[0])), _mean_pace(time, reference)
+    inside = np.interp(sign * mach, sign * reference, time)
+    before, after = np.minimum(sign * (mach - reference[0]), 0.0), np.maximum(sign * (mach - reference[-1]), 0.0)
     return np.asarray(inside + (before + after) * abs(pace), dtype=float)
 
 

@@ -128,8 +128,8 @@ def _bend_of(problem: Problem) -> StaticBend:
     values, _ = problem.solution(problem.frame, problem.baseline)
     by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
     static = _static_of(problem)
-    slope = static.mean_slope(problem.frame.motions[0], by_term)
-    return StaticBend(slope=slope, drift=(static.by, static.start, static.stop))
+    slopes = [static.mean_slope(motion, by_term) for motion in problem.frame.motions]
+    return StaticBend(slope=float(np.mean(slopes)), drift=(static.by, static.start, static.stop))
 
 
 def cleaned(

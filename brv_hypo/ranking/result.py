@@ -40,8 +40,8 @@ class DerivedEstimate(NullIsNaN):
 class Knot(NullIsNaN):
     """A time at which a coefficient of several flights begins, changes or ends.
 
-    `time_s` is told in the time of the first flight; `flights_s` are all flights' own times at the same `mach` number,
-    None for a flight that does not come by it.
+    `time_s` is told in the time of the reference flight; `flights_s` are all flights' own times at the same `mach`
+    number, None for a flight that does not come by it.
     """
 
     time_s: float
@@ -67,7 +67,7 @@ class MaximumLikelihood(NullIsNaN):
 
 
 class NetInterval(NullIsNaN):
-    """The net values of a hypothesis between two of its knots (s, of the first flight)."""
+    """The net values of a hypothesis between two of its knots (s, of the reference flight)."""
 
     start_s: float
     stop_s: float
@@ -254,12 +254,15 @@ class StepwiseDifference(NullIsNaN):
 class Comparison(Pictured, Result):
     """The ranking of the hypotheses with its verdict.
 
+    `reference_flight`: number (from 1) of the one of several flights in whose time regions and knots are told; None for
+    one flight, and where all have the same clock.
     `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
     chosen other terms than the exact one.
     """
 
     schema_: str = Field(default="brv-hypo/compare/1", alias="schema")
     flights: tuple[FlightSummary, ...]
+    reference_flight: int | None = None
     reconstruction: ReconstructionSummary
     baseline: BaselineSummary
     record: RecordSummary = RecordSummary()

@@ -65,6 +65,7 @@ def summarise(
     reconstructions = problem.frame.reconstructions
     return Comparison(
         flights=tuple(flight_summary(r.flight) for r in reconstructions),
+        reference_flight=None if problem.frame.common is None else problem.frame.common.reference + 1,
         reconstruction=ReconstructionSummary(
             method=reconstructions[0].method,
             alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.unlisted import left_of, shapes_of
+from brv_hypo.regression.unlisted import left_of, over, shapes_of
 
 RATE = "rate"
 # Rates of turning that are tried at most, half to either side: beyond half a turn a record apart they are independent.
@@ -62,14 +63,15 @@ def turning_moment(
     Rates at which a listed mechanism reproduces all but the share `beyond` of its rms are left out, and what turns by
     less than half a turn meanwhile; None where nothing is left.
     """
-    motion = problem.frame.motions[0]
+    motions = problem.frame.motions
     apart = np.pi / (stop - start)
-    known = shapes_of(listed, motion)
-    everything = TurningMoment(about=start, rates=_rates(motion, apart), apart=apart)
+    known = shapes_of(listed, motions)
+    everything = TurningMoment(about=start, rates=_rates(motions, apart), apart=apart)
     rates = tuple(
         rate
         for rate in everything.rates
-        if all(left_of(everything._components(motion, rate), basis) > beyond for basis in known)
+        for components in [over(motions, partial(everything._components, rate=rate))]
+        if all(left_of(components, basis) > beyond for basis in known)
     )
     if not rates:
         return None
@@ -85,9 +87,9 @@ def fastest_turning(motion: Motion) -> float:
     return min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
 
 
-def _rates(motion: Motion, apart: float) -> tuple[float, ...]:
+def _rates(motions: Sequence[Motion], apart: float) -> tuple[float, ...]:
     """Rates in rad/s, either way, half a turn or more apart."""
-    count = min(int(fastest_turning(motion) / apart), RATES // 2)
+    count = min(int(max(map(fastest_turning, motions)) / apart), RATES // 2)
     return tuple(apart * k for k in range(-count, count + 1) if k)
 
 

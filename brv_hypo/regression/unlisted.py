@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -37,30 +38,45 @@ class UnlistedMoment(Mechanism):
 def unlisted_moment(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> UnlistedMoment | None:
     """The shapes that have more than the share `beyond` of their rms beyond what each listed mechanism reproduces.
 
-    On the first flight; None where there is none. A mechanism with nonlinear parameters has no shape of its own, and
+    Over all flights; None where there is none. A mechanism with nonlinear parameters has no shape of its own, and
     leaves all of them.
     """
-    motion = problem.frame.motions[0]
-    known = shapes_of(listed, motion)
+    motions = problem.frame.motions
+    known = shapes_of(listed, motions)
     shapes = tuple(
-        name for name in SHAPES if all(left_of(shape_of(name, motion), basis) > beyond for basis in known)
+        name
+        for name in SHAPES
+        for components in [over(motions, partial(shape_of, name))]
+        if all(left_of(components, basis) > beyond for basis in known)
     )
     return UnlistedMoment(shapes=shapes) if shapes else None
 
 
-def shapes_of(listed: Sequence[Mechanism], motion: Motion) -> list[FloatArray]:
-    """Orthonormal columns of each mechanism's terms, both components stacked (2 samples, terms)."""
-    return [_basis(mechanism, motion) for mechanism in listed if not mechanism.parameters()]
+def shapes_of(listed: Sequence[Mechanism], motions: Sequence[Motion]) -> list[FloatArray]:
+    """Orthonormal columns of each mechanism's terms over all flights, real above imaginary (2 samples, terms)."""
+    return [_basis(mechanism, motions) for mechanism in listed if not mechanism.parameters()]
+
+
+def over(
+    motions: Sequence[Motion], shape: Callable[[Motion], Sequence[ComplexArray]]
+) -> list[ComplexArray]:
+    """The components (samples of all flights,) of a shape, flight after flight."""
+    return [np.concatenate(each) for each in zip(*map(shape, motions), strict=True)]
 
 
 def left_of(components: Sequence[ComplexArray], basis: FloatArray) -> float:
     """The least share of the rms of a shape's components that lies beyond the basis."""
-    stacked = np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
+    stacked = _stacked(components)
     beyond = np.linalg.norm(stacked - basis @ (basis.T @ stacked), axis=0)
     return float(np.min(beyond / np.linalg.norm(stacked, axis=0)))
 
 
-def _basis(mechanism: Mechanism, motion: Motion) -> FloatArray:
-    terms = checked_terms(mechanism, motion, {})
-    stacked = np.column_stack([np.concatenate([term.in_plane, term.out_of_plane]) for term in terms])
-    return np.asarray(np.linalg.qr(stacked)[0])
+def _basis(mechanism: Mechanism, motions: Sequence[Motion]) -> FloatArray:
+    def components(motion: Motion) -> list[ComplexArray]:
+        return [term.in_plane + 1j * term.out_of_plane for term in checked_terms(mechanism, motion, {})]
+
+    return np.asarray(np.linalg.qr(_stacked(over(motions, components)))[0])
+
+
+def _stacked(components: Sequence[ComplexArray]) -> FloatArray:
+    return np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)

@@ -44,7 +44,7 @@ def shared(seed: int = 0, sigma: float = 0.005) -> CommonTime:
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=20, deadline=None)
-def test_common_time_is_that_of_the_first_flight_at_the_same_mach_number(seed: int) -> None:
+def test_common_time_is_that_of_the_reference_flight_at_the_same_mach_number(seed: int) -> None:
     """Noise of 0.005 leaves some milliseconds where Mach number falls by 1 in a second."""
     found = shared(seed)
     first, other = found.flights
@@ -54,6 +54,19 @@ def test_common_time_is_that_of_the_first_flight_at_the_same_mach_number(seed: i
     error = other.common[inside] - first_time(OTHER_TIME)[inside]
     assert np.sqrt(np.mean(error**2)) < 0.005
     assert found.mach(4.0) == pytest.approx(float(mach(np.array(4.0))), abs=0.005)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
+def test_the_reference_is_the_flight_of_the_widest_range_wherever_it_stands(order: tuple[int, ...]) -> None:
+    records = [
+        (OTHER_TIME, mach(first_time(OTHER_TIME))),
+        (TIME, mach(TIME)),
+        (TIME + 20.0, mach(TIME) * 0.99),
+    ]
+    found = common_time([records[k] for k in order])
+    assert isinstance(found, CommonTime)
+    assert found.reference == order.index(1)
+    assert found.flights[order.index(0)].common == pytest.approx(first_time(OTHER_TIME), abs=0.01)
 
 
 @given(time=st.floats(10.0, 13.0))
