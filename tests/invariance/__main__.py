@@ -26,7 +26,11 @@ def drawn(law: Law, flights: int, number: int) -> Iterator[tuple[Case, Found]]:
 
     @seed(number)
     @settings(
-        max_examples=flights, phases=(Phase.generate,), suppress_health_check=list(HealthCheck), database=None, deadline=None
+        max_examples=flights,
+        phases=(Phase.generate,),
+        suppress_health_check=list(HealthCheck),
+        database=None,
+        deadline=None,
     )
     @given(case=CASES, data=st.data())
     def draw(case: Case, data: st.DataObject) -> None:
