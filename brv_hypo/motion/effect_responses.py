@@ -29,7 +29,7 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 
 # Width of differences, in standard deviations: what is of second order in it would tell apart errors that the record
 # cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
-STEP = 1e-3
+STEP = 1e-2
 # Samples of perturbed records that are held at once, some 200 bytes each.
 AT_ONCE = 60_000
 MOST_NAMED = 3  # errors told where none can be taken out
@@ -147,12 +147,17 @@ def effect_responses(
     forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
-        records = perturbed(smooth, [effect.apply(smooth.flight, STEP * effect.size) for effect in some])
-        drift[:, :, first : first + width] = kept.of(_drift(smooth, crossflow, records))
-        for k, moved in enumerate(records, start=first):
-            forces.add(k, moved.transverse_force - smooth.transverse_force)
-            pressures.add(k, moved.force_scale / smooth.force_scale - 1.0)
-            moments.add(k, moved.moment - smooth.moment)
+        both = [
+            effect.apply(smooth.flight, sign * 0.5 * STEP * effect.size) for sign in (1.0, -1.0) for effect in some
+        ]
+        records = perturbed(smooth, both)
+        drifts = kept.of(_drift(smooth, crossflow, records))
+        drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
+        pairs = zip(records[: len(some)], records[len(some) :], strict=True)
+        for k, (more, less) in enumerate(pairs, start=first):
+            forces.add(k, more.transverse_force - less.transverse_force)
+            pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
+            moments.add(k, more.moment - less.moment)
     drift /= STEP
     return EffectResponses(
         tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)

@@ -10,7 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column
+from brv_hypo.model.columns import Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of
@@ -199,8 +199,14 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 
 def renewed(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns fitted under the problem's noise model."""
-    return settled(problem, fit, fit.columns, fit.selected)
+    """The same columns, in time order, fitted under the problem's noise model."""
+    columns = (*problem.baseline, *sorted(fit.selected, key=_place))
+    return settled(problem, fit, columns, fit.selected)
+
+
+def _place(column: Column) -> tuple[bool, float, str, Theta]:
+    """What always acts comes first; then what begins first."""
+    return column.course.kind != "constant", column.course.start, column.mechanism, column.theta
 
 
 def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

@@ -60,9 +60,12 @@ from brv_hypo.regression.wander import (
 
 Moved = TypeVar("Moved")
 
-# Steps of the derivatives by the start's direction and by gravity.
+# Half the width of differences by the start's direction and by gravity.
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
+# Step of the derivatives by the random walk's sines, in their standard deviations: a walk turns the attitude so little
+# that what is of second order is lost in rounding.
+_WALKED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -107,15 +110,18 @@ class LinearisedFlight:
         motion.
         """
         for some in self._so_many(wanted):
-            for high in self._propagated((record, self.start) for record in self._read(some)):
-                yield (high - self._at_noise_free).times(1.0 / STEP)
+            both = (
+                self._propagated((record, self.start) for record in self._read(some, sign * 0.5 * STEP))
+                for sign in (1.0, -1.0)
+            )
+            yield from _slopes(*both)
 
-    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]]) -> Iterator[InertialRecord]:
-        """The noise-free record with each of some errors: its motion is that of the measured rates, its rates the
-        model's.
+    def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> Iterator[InertialRecord]:
+        """The noise-free record with a share of each of some errors: its motion is that of the measured rates, its
+        rates the model's.
         """
         smooth = self._noise_free
-        sizes = [(effect, component, STEP * size) for effect, component, size in errors]
+        sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
         for record, (effect, component, value) in zip(records, sizes, strict=True):
             yield _reading(record, effect.perturb(self._as_modelled, component, value))
@@ -169,26 +175,27 @@ class LinearisedFlight:
         )
         return replace(perturbed(record, [quiet])[0], transverse_rate=rate)
 
-    @cached_property
-    def _at_noise_free(self) -> Rows:
-        (found,) = self._propagated([(_reading(self._noise_free, self._as_modelled), self.start)])
-        return found
-
     def input_noise(self, error: InputError) -> Iterator[Rows]:
         """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
 
         A weight is what the record, as smoothed, has of that shape too much.
         """
+        for some in self._so_many(error.shapes(self.record.flight.time)):
+            both = (
+                self._propagated(
+                    (record, self.start)
+                    for record in perturbed(self.record, [self._with_input_error(error, share * each) for each in some])
+                )
+                for share in (0.5 * STEP, -0.5 * STEP)
+            )
+            yield from _slopes(*both)
+
+    def _with_input_error(self, error: InputError, change: FloatArray) -> Flight:
+        """The flight whose input reads so much (n,) more, the pressure of its own size."""
         flight = self.record.flight
-        moved = (
-            replace(flight, p=flight.p + STEP * shape)
-            if error.name == ROLL_RATE
-            else replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + STEP * shape))
-            for shape in error.shapes(flight.time)
-        )
-        for some in self._so_many(moved):
-            for high in self._propagated((record, self.start) for record in perturbed(self.record, some)):
-                yield (high - self.here).times(1.0 / STEP)
+        if error.name == ROLL_RATE:
+            return replace(flight, p=flight.p + change)
+        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
 
     def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
@@ -197,11 +204,14 @@ class LinearisedFlight:
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
         size = gravity_magnitude(self.record.flight) or FREE_GRAVITY
-        starts = [replace(self.start, direction=self.start.direction + _TURN * axis[0]) for axis in (second, third)]
-        starts += [replace(self.start, gravity=self.start.gravity + _PULL * axis) for axis in np.eye(3)]
-        per_unit = [1.0 / _TURN] * 2 + [size / _PULL] * 3
-        high = self._propagated((self.record, start) for start in starts)
-        rows = [(moved - self.here).times(unit) for moved, unit in zip(high, per_unit, strict=True)]
+        turned = [_TURN * axis[0] for axis in (second, third)]
+        pulled = [_PULL * axis for axis in np.eye(3)]
+        starts = [replace(self.start, direction=self.start.direction + s * turn) for turn in turned for s in (1, -1)]
+        starts += [replace(self.start, gravity=self.start.gravity + s * pull) for pull in pulled for s in (1, -1)]
+        per_unit = [0.5 / _TURN] * 2 + [0.5 * size / _PULL] * 3
+        moved = list(self._propagated((self.record, start) for start in starts))
+        pairs = zip(moved[::2], moved[1::2], per_unit, strict=True)
+        rows = [(high - low).times(unit) for high, low, unit in pairs]
         names = ["start y", "start z", "gravity x", "gravity y", "gravity z"]
         return names, rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
 
@@ -223,12 +233,12 @@ class LinearisedFlight:
             for number, weight in enumerate(weights)
             for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
         ]
-        flows = (self.crossflow + STEP * part * turn * walk[:, number] for _, number, part, _ in modes)
+        flows = (self.crossflow + _WALKED * part * turn * walk[:, number] for _, number, part, _ in modes)
         batches = in_batches((self.record, flow) for flow in flows)
         found = (moved for batch in batches for moved in self._residuals(batch))
         for (name, number, part, present), moved in zip(modes, found, strict=True):
             seen = 1j * part * derolled * noise[:, number]
-            yield name, (moved - self.here).times(1.0 / STEP), present, seen
+            yield name, (moved - self.here).times(1.0 / _WALKED), present, seen
 
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> Iterator[Rows]:
         """The residual had the record read so and the motion started there, for each of these in turn."""
@@ -317,6 +327,11 @@ class LinearisedFlight:
     @cached_property
     def _crossflow_rate(self) -> ComplexArray:
         return crossflow_rate(self.reconstruction.motion, self.crossflow)
+
+
+def _slopes(more: Iterable[Rows], less: Iterable[Rows]) -> Iterator[Rows]:
+    """Derivatives from what half a step to either side leaves."""
+    return ((high - low).times(1.0 / STEP) for high, low in zip(more, less, strict=True))
 
 
 def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
