@@ -40,6 +40,8 @@ _FIRST_STEPS = 2
 """Steps with the knots held from a poor start: the first takes up what is linear, errors of the record above all."""
 _KNOTS_MOVED = 0.5
 """The same for the knots, in blocks."""
+_KNOTS_LOOSE = 0.25
+"""And in their standard errors: a knot that the data hardly tell goes to and fro with the nodes laid out for it."""
 _BEYOND_TOLERANCE = 3.0
 """Estimate over tolerance from which the message names an error of the record."""
 
@@ -146,17 +148,19 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     """Whether nodes, or the corrections of the block means, have changed by more than a trifle."""
     if new.block != old.block:
         return True
-    moved = max(
-        (abs(found.theta[m.name] - old.theta[m.name]) for m in old.structure.movers if m.kind != "theta"),
-        default=0.0,
-    )
     block = min(record.context.block for record in old.records)
+    moved = any(
+        abs(found.theta[m.name] - old.theta[m.name])
+        > max(_KNOTS_MOVED * block, _KNOTS_LOOSE * found.std_error[m.name])
+        for m in old.structure.movers
+        if m.kind != "theta"
+    )
     sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
     change = sum(
         float(np.nansum(((_without_errors(a, found) - _without_errors(b, found)) / sigma) ** 2))
         for a, b in zip(old.records, new.records, strict=True)
     )
-    return moved > _KNOTS_MOVED * block or change > _STALE**2
+    return moved or change > _STALE**2
 
 
 def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:

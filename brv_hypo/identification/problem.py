@@ -38,7 +38,8 @@ the knot, and an unbounded step would throw it far."""
 @dataclass(frozen=True)
 class Problem:
     """What is estimated from what; `theta` are start values by name, `placed_delays` (s) those that nodes
-    were placed for, `tolerated` the values that are known to a tolerance, each with its flight.
+    were placed for, `tolerated` the values that are known to a tolerance, each with its flight. `states` and
+    `first_noise` (4, 4) are those of an earlier fit, where there is one.
     """
 
     frame: RateFrame
@@ -53,6 +54,7 @@ class Problem:
     config: IdentificationConfig
     placed_delays: tuple[float, ...]
     states: tuple[FloatArray, ...] = field(default=())
+    first_noise: FloatArray | None = None
 
     @property
     def structure(self) -> Structure:
@@ -67,7 +69,7 @@ class Problem:
     def warm(self, found: FitResult) -> Problem:
         """The problem started from a solution."""
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
-        return replace(self, theta=theta, states=found.states)
+        return replace(self, theta=theta, states=found.states, first_noise=found.noise_covariance)
 
     def refreshed(
         self, found: FitResult, frame: RateFrame, columns: Sequence[Column], values: FloatArray
@@ -86,8 +88,10 @@ class Problem:
         block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
         records = node_records(frame, columns, values, self.inputs, block, self.placed_delays, fitted)
         model = self.model.on(tuple(record.context for record in records))
-        states = self.states if block == self.block else ()
-        return replace(self, frame=frame, records=records, model=model, block=block, states=states)
+        states, noise = (self.states, self.first_noise) if block == self.block else ((), None)
+        return replace(
+            self, frame=frame, records=records, model=model, block=block, states=states, first_noise=noise
+        )
 
     def segments(self) -> tuple[Segment, ...]:
         """The likelihood's segments, started from the states."""
@@ -145,6 +149,7 @@ class Problem:
             affine=self._affine,
             noise=self.config.noise,
             noise_covariance=noise,
+            first_noise=self.first_noise,
             derivatives="central",
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=_TOLERANCE,

@@ -42,6 +42,7 @@ def fit(
     affine: Collection[str] = (),
     noise: Shape = "diagonal",
     noise_covariance: FloatArray | None = None,
+    first_noise: FloatArray | None = None,
     estimate_process_noise: bool = False,
     derivatives: str = "auto",
     max_iterations: int = 50,
@@ -82,6 +83,7 @@ def fit(
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11. Where the
             residuals are then not white, the search begins again from other first guesses of it, and the best
             likelihood wins (`beginnings`).
+        first_noise: B that the search begins from with `near_start`, as an earlier fit left it.
         estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
         derivatives: "auto", "complex" or "central".
         max_iterations: limit of Gauss-Newton steps.
@@ -118,7 +120,7 @@ def fit(
     task = _Task(
         with_ties(dynamics, ties), with_ties(outputs, ties), theta0, process_noise, dict(bounds or {}),
         tuple(fixed), tuple(per_segment), dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine),
-        noise_covariance, derivatives, near_start, options,
+        noise_covariance, first_noise, derivatives, near_start, options,
     )  # fmt: skip
     if mesh_steps is None and not near_start:
         result = refine(segments, task.solve)
@@ -146,6 +148,7 @@ class _Task:
     reach: Mapping[str, float]
     affine: frozenset[str]
     noise_covariance: FloatArray | None
+    first_noise: FloatArray | None
     derivatives: str
     near_start: bool
     options: Options
@@ -201,6 +204,8 @@ class _Task:
         noises = first_noises(y)
         if known is not None:
             noises = (FirstNoise("the noise that was given", known), *noises)
+        if self.near_start and self.first_noise is not None:
+            noises = (FirstNoise("an earlier fit", _known_covariance(self.first_noise, len(y))), *noises)
         tried = noises[:1] if self.near_start else noises
         return best_of(tried, run, y.shape[1], known is not None), model
 

@@ -24,11 +24,13 @@ from brv_hypo.likelihood.scoring import directions_of, scored
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.step import (
     Iterate,
+    Parts,
     Problem,
     Sensitivity,
     SingularStatesError,
     Step,
     gauss_newton_step,
+    linearised,
     moved,
     objective,
     sensitivities,
@@ -47,6 +49,11 @@ _CREEP = 0.1
 _CREEPING_STEPS = 3
 """Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
 _NEAR = 0.3
+_HELD = 2.5
+"""Way, in tolerances, over which derivatives are held: with them the search ends where residuals are orthogonal to the
+derivatives of another place, off by less than that way."""
+_HELD_VALUES = 4_000_000
+"""Samples times parameters up to which derivatives are kept for that."""
 _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
@@ -100,6 +107,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         problem, iterate = _noise_first(problem, iterate, options)
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
+    derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
     extrapolation = Extrapolation(problem)
 
     def ended(status: Status, detail: str = "") -> Outcome:
@@ -108,10 +116,11 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
 
     for iteration in range(1, options.max_iterations + 1):
         try:
-            segments, unseen = _sensitivities(problem, iterate)
+            segments, unseen = _sensitivities(problem, iterate, derivatives.at(iterate))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         step = _step(problem, iterate, segments)
+        derivatives.moved(step.length)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
@@ -184,14 +193,39 @@ def _step(problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...])
     return gauss_newton_step(problem, iterate, segments, gradient)
 
 
+class _HeldDerivatives:
+    """Derivatives of dynamics and outputs, taken anew once the search has gone `far` (standard errors) since.
+
+    Each costs as much as many evaluations. None are held beside process noise, whose states may follow anything.
+    """
+
+    def __init__(self, problem: Problem, far: float) -> None:
+        self._problem, self._far = problem, far
+        samples = sum(grid.n for grid in problem.grids)
+        small = samples * len(problem.parameters.base) <= _HELD_VALUES
+        self._holds = small and not np.any(problem.process_noise)
+        self._known: tuple[Parts, ...] | None = None
+        self._way = 0.0
+
+    def at(self, iterate: Iterate) -> tuple[Parts, ...] | None:
+        """Those that hold at the iterate; None where none are held."""
+        if self._holds and (self._known is None or not self._way < self._far):
+            self._known, self._way = linearised(self._problem, iterate), 0.0
+        return self._known
+
+    def moved(self, length: float) -> None:
+        """The search takes a step of this length, in standard errors."""
+        self._way += length
+
+
 def _sensitivities(
-    problem: Problem, iterate: Iterate
+    problem: Problem, iterate: Iterate, held: tuple[Parts, ...] | None
 ) -> tuple[tuple[Sensitivity, ...], SingularStatesError | None]:
     """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
     try:
-        return sensitivities(problem, iterate), None
+        return sensitivities(problem, iterate, held=held), None
     except SingularStatesError as error:
-        return sensitivities(problem, iterate, anchored=True), error
+        return sensitivities(problem, iterate, anchored=True, held=held), error
 
 
 def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:

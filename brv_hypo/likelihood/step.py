@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -115,11 +115,35 @@ class SingularStatesError(ArithmeticError):
         self.stiff = stiff
 
 
-def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) -> tuple[Sensitivity, ...]:
+Parts = tuple[tuple[slice, Linearisation], ...]
+
+
+def linearised(problem: Problem, iterate: Iterate) -> tuple[Parts, ...]:
+    """Every segment about the iterate, part by part."""
+    return tuple(tuple(_parts(problem, iterate, s)) for s in range(len(problem.grids)))
+
+
+def _parts(problem: Problem, iterate: Iterate, s: int) -> Iterator[tuple[slice, Linearisation]]:
+    grid, theta = problem.grids[s], problem.parameters.of_segment(s, iterate.theta)
+    for part in parts_of(grid.n):
+        yield part, linearise_segment(problem.model, grid, iterate.x[s], theta, problem.parameters.base, part)
+
+
+def _moved_to(problem: Problem, iterate: Iterate, s: int, held: Parts) -> Iterator[tuple[slice, Linearisation]]:
+    """Derivatives as they were held, with what the segment's dynamics and outputs leave at the iterate."""
+    theta = problem.parameters.of_segment(s, iterate.theta)
+    defect, output = evaluate_segment(problem.model, problem.grids[s], iterate.x[s], theta)
+    for part, each in held:
+        yield part, replace(each, defect=defect[part], output=output[part])
+
+
+def sensitivities(
+    problem: Problem, iterate: Iterate, anchored: bool = False, held: Sequence[Parts] | None = None
+) -> tuple[Sensitivity, ...]:
     """Linearise every segment and eliminate its states.
 
     `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it
-    yet.
+    yet. `held` are the derivatives of an iterate so near that they hold here too.
 
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
@@ -127,7 +151,7 @@ def sensitivities(problem: Problem, iterate: Iterate, anchored: bool = False) ->
     noisy = sum(grid.n for grid in problem.grids) > _MANY and bool(np.any(problem.process_noise))
     found = []
     for s in range(len(problem.grids)):
-        again = partial(_eliminated, problem, iterate, s, anchored)
+        again = partial(_eliminated, problem, iterate, s, anchored, None if held is None else held[s])
         eliminated = again()
         sensitivity = sensitivity_of(eliminated)
         found.append(replace(sensitivity, eliminated=Recalled(again)) if noisy else sensitivity)
@@ -169,15 +193,12 @@ class Recalled:
         return self.again().triangle()
 
 
-def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool) -> Eliminated:
+def _eliminated(
+    problem: Problem, iterate: Iterate, s: int, anchored: bool, held: Parts | None = None
+) -> Eliminated:
     """Segment s linearised and its states eliminated."""
-    grid, x = problem.grids[s], iterate.x[s]
-    theta = problem.parameters.of_segment(s, iterate.theta)
-    linear = (
-        (part, linearise_segment(problem.model, grid, x, theta, problem.parameters.base, part))
-        for part in parts_of(grid.n)
-    )
-    quadratic = quadratic_of(problem, grid, x, linear, iterate.covariance)
+    linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
+    quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
     if not quadratic.exact:
         quadratic = _memoryless(quadratic)
     if anchored:
