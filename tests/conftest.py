@@ -1,6 +1,7 @@
 """How many examples a property is tried on: few in the quick run, a hundred where thorough tests run. None is timed.
 
-Plugins that are files are those of one test: commands that are run in this process would leave theirs to the next.
+Linear algebra takes one thread: problems are small, and more would only cost. Plugins that are files are those of one
+test: commands that are run in this process would leave theirs to the next.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from brv_hypo.mechanisms import plugin_files, use_plugin_files
 
@@ -18,6 +20,7 @@ settings.register_profile("thorough", settings(), max_examples=100, deadline=Non
 
 def pytest_configure(config: pytest.Config) -> None:
     """`--hypothesis-profile` comes after this and stands in its place."""
+    threadpool_limits(limits=1)
     settings.load_profile("quick" if "not thorough" in config.option.markexpr else "thorough")
 
 

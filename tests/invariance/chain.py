@@ -1,4 +1,8 @@
-"""Short flights through the whole chain, and how far apart two comparisons of them are."""
+"""Short flights through the whole chain, and how far apart two comparisons of them are.
+
+Compared are the verdict, all probabilities, and the numbers of every hypothesis that the data leave standing. One that
+they refuse is where a search among many poor models ended, which a last digit may lead to a neighbour as poor.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,8 @@ from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import RankedHypothesis
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
+# Probability from which a hypothesis stands.
+STANDING = 1e-3
 PLANTS = ("none", "bodyfixed", "damping", "sticking")
 
 
@@ -74,20 +80,27 @@ def distance(before: Comparison, after: Comparison, change: Change = UNCHANGED) 
     """The largest difference of any estimate and of any criterion; infinite where the verdicts are not the same."""
     if _verdict(before) != _verdict(after):
         return Distance(math.inf, math.inf)
-    rows = {row.mechanism: row for row in after.ranking}
-    pairs = [(row, rows[row.mechanism]) for row in before.ranking]
+    rows = {row.mechanism: row for row in _standing(after)}
+    pairs = [(row, rows[row.mechanism]) for row in _standing(before)]
     estimates = [apart for one, other in pairs for apart in _estimates(one, other, change)]
-    for one, other in zip(before.baseline.terms, after.baseline.terms, strict=True):
-        estimates.append(abs(other.value - one.value) / one.std_error)
+    if "none" in rows:
+        for one, other in zip(before.baseline.terms, after.baseline.terms, strict=True):
+            estimates.append(abs(other.value - one.value) / one.std_error)
     criteria = [apart for one, other in pairs for apart in _criteria(one, other)]
     for name, probability in before.verdict.probability.items():
         criteria.append(abs(after.verdict.probability[name] - probability))
-    return Distance(float(np.max(estimates)), float(np.max(criteria)))
+    return Distance(float(np.max(estimates, initial=0.0)), float(np.max(criteria)))
+
+
+def _standing(comparison: Comparison) -> list[RankedHypothesis]:
+    """Those that the data do not refuse, in their order."""
+    return [row for row in comparison.ranking if comparison.verdict.probability[row.mechanism] >= STANDING]
 
 
 def _verdict(comparison: Comparison) -> tuple[object, ...]:
     verdict = comparison.verdict
-    return verdict.outcome, verdict.winner, verdict.equivalent, [row.mechanism for row in comparison.ranking]
+    names = [row.mechanism for row in _standing(comparison)]
+    return verdict.outcome, verdict.winner, verdict.equivalent, names
 
 
 def _estimates(one: RankedHypothesis, other: RankedHypothesis, change: Change) -> Iterator[float]:

@@ -37,9 +37,6 @@ NOTHING = Distance(0.0, 0.0)
 ROUNDING = Distance(1e-6, 5e-5)
 # Where it does not, knots and delays are hardly known, and their refinement stops so near its optimum.
 REFINED = Distance(1e-3, 1e-2)
-# What errors of the record do is differenced to one side, by a thousandth of their tolerance, which turned or mirrored
-# axes exchange for the other.
-DIFFERENCED = Distance(1e-2, 2e-2)
 # A copy costs the criterion the logarithm of two for each term that may be either.
 COPIED = Distance(math.inf, 2.0 * math.log(2.0) * CompareConfig().max_terms + 0.1)
 MOST_PARTS = 1e-6  # by which two columns may differ and are called near-dependent
@@ -73,11 +70,11 @@ def rolled_axes(data: st.DataObject, case: Case) -> Found:
     angle = data.draw(st.floats(-np.pi, np.pi))
     known = with_isotropic_errors(flight(case))
     before, after = (compared([one], case) for one in (known, rolled(known, angle)))
-    return distance(before, after, Change(roll=angle)), DIFFERENCED
+    return distance(before, after, Change(roll=angle)), REFINED
 
 
 def a_mirror(data: st.DataObject, case: Case) -> Found:
-    return distance(original(case), compared([mirrored(flight(case))], case), Change(sign=-1.0)), DIFFERENCED
+    return distance(original(case), compared([mirrored(flight(case))], case), Change(sign=-1.0)), REFINED
 
 
 def any_order_of_flights(data: st.DataObject, case: Case) -> Found:
