@@ -31,6 +31,7 @@ _MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
 # Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
 _CONVERGED = 1e-2
 _Axes = tuple[FloatArray, FloatArray]
+_LEAST_RELAXED = 0.1  # of the share before, that is taken of a step
 # Parts of gravity: they stand before the errors of the record among the globals.
 _GRAVITY = 3
 
@@ -154,11 +155,11 @@ class TiedWalk:
     def _iterate(
         self, ties: tuple[TieModel, ...], start: WindStart, crossflow: ComplexArray | None = None
     ) -> TiedFit:
-        """Gauss-Newton from a start, and a crossflow if one is known; half a step at a time where steps grow."""
+        """Gauss-Newton from a start, and a crossflow if one is known; part of each step where steps overshoot."""
         if crossflow is None:
             crossflow = body_crossflow(self.record, self.direction(start))
         coefficients: tuple[FloatArray, ...] = ()
-        share, last = 1.0, np.inf
+        share, last = 1.0, None
         equations: WalkEquations | None = None
         for _ in range(_MOST_STEPS):
             direction = self.direction(start)
@@ -174,7 +175,7 @@ class TiedWalk:
             step = nominal + turn * shift - xi
             if not np.all(np.isfinite(step)):
                 raise UnanswerableError(_RAN_AWAY)
-            share, last = share if _rms(step) < last else 0.5 * share, _rms(step)
+            share, last = share if last is None else _relaxed(share, last, step), step
             crossflow = np.asarray(xi + share * step)
             start = _moved(
                 start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY]
@@ -345,6 +346,17 @@ def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) 
     second, third = axes
     moved = start.direction + second[0] * offset.real + third[0] * offset.imag
     return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
+
+
+def _relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
+    """The share of a step to take, from what the last share left of the last one.
+
+    Aitken's relaxation of vectors (Irons and Tuck, Int. J. Numer. Meth. Eng. 1:275, 1969): where angles are large full
+    steps overshoot, by much the same factor each time.
+    """
+    change = step - before
+    fall = -float(np.vdot(change, before).real)
+    return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), _LEAST_RELAXED), 1.0 / share)
 
 
 def _rms(xi: ComplexArray) -> float:
