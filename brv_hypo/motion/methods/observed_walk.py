@@ -175,7 +175,7 @@ class TiedWalk:
             step = nominal + turn * shift - xi
             if not np.all(np.isfinite(step)):
                 raise UnanswerableError(_RAN_AWAY)
-            share, last = share if last is None else _relaxed(share, last, step), step
+            share, last = share if last is None else relaxed(share, last, step), step
             crossflow = np.asarray(xi + share * step)
             start = _moved(
                 start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY]
@@ -348,7 +348,7 @@ def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) 
     return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
 
 
-def _relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
+def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
     """The share of a step to take, from what the last share left of the last one.
 
     Aitken's relaxation of vectors (Irons and Tuck, Int. J. Numer. Meth. Eng. 1:275, 1969): where angles are large full
