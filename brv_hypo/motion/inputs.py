@@ -13,6 +13,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import derolled_attitude
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.inertial import arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError, Smooth, smoothed
@@ -22,6 +23,8 @@ _PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
 _LEAST_DENSITY = 1e-3
 """Of the largest: where the pressure is lost in its noise its logarithm means nothing."""
 
+# Shapes of an input's error, and the size in the rates' noise down to which they are told.
+_FEWEST_SHAPES, _MOST_SHAPES, _TOLD = 10, 40, 0.5
 # What a spline that follows its input may leave, in white noise of the channel.
 _FOLLOWED = 1.2
 
@@ -56,17 +59,33 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
         )
     span = (float(flight.time[0]), float(flight.time[-1]))
     roll_rate = smoothed(flight.p)
-    speed = smooth_speed(flight, crossflow(motion.alpha, motion.windward_meridian))
+    force = _force_at_cg(reconstruction, roll_rate.values)
+    speed = smooth_speed(flight, force, crossflow(motion.alpha, motion.windward_meridian))
     roll = running_integral(flight.time, roll_rate.values)
     axes = _gravity_axes(reconstruction, roll)
-    waves = scale_heights_risen(flight, _lifted(reconstruction, roll, axes))
+    waves = scale_heights_risen(flight, _lifted(reconstruction, force, roll, axes))
     density = log_density(flight, speed, waves)
+    # An error of the roll rate turns the body's axes by its integral, one of the pressure changes moments at once.
+    order = np.asarray(np.pi * (np.arange(_MOST_SHAPES) + 1.0) / (span[1] - span[0]), dtype=float)
     errors = (
-        InputError(ROLL_RATE, span, roll_rate.scale),
-        InputError(PRESSURE, span, density.scale),
+        InputError(ROLL_RATE, span, telling(roll_rate.scale, 1.0 / order, reconstruction)),
+        InputError(PRESSURE, span, telling(density.scale, np.ones(_MOST_SHAPES), reconstruction)),
     )
     pressure = np.exp(density.values) * speed**2
     return SmoothInputs(roll_rate.values, roll, axes, speed, pressure, errors)
+
+
+def telling(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
+    """The shapes (coefficients, shapes), of at most `_MOST_SHAPES`, up to the last that the rates tell from noise.
+
+    A shape changes the transverse rates by a `share` (shapes,) of them times its own size.
+    """
+    motion = reconstruction.motion
+    rates = float(np.sqrt(np.mean(motion.q**2 + motion.r**2)))
+    noise = reconstruction.gyro_sigma / np.sqrt(motion.time.size)
+    size = np.sqrt(np.mean(scale[:, :_MOST_SHAPES] ** 2, axis=0))
+    told = np.flatnonzero(size * share[: size.size] * rates > _TOLD * noise)
+    return scale[:, : max(int(told[-1]) + 1 if told.size else 0, _FEWEST_SHAPES)]
 
 
 def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
@@ -78,10 +97,10 @@ def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[In
     inputs = smooth_inputs(replace(reconstruction, flight=flight, input_errors=()))
     errors = {error.name: error for error in inputs.errors}
     followed = {}
-    if _follows(flight.p, inputs.roll_rate, flight):
+    if follows(flight.p, inputs.roll_rate, flight):
         followed[ROLL_RATE] = errors[ROLL_RATE]
         flight = replace(flight, p=inputs.roll_rate)
-    if _follows(flight.dynamic_pressure, inputs.pressure, flight) and _follows(flight.velocity, inputs.speed, flight):
+    if follows(flight.dynamic_pressure, inputs.pressure, flight) and follows(flight.velocity, inputs.speed, flight):
         followed[PRESSURE] = errors[PRESSURE]
         flight = replace(flight, velocity=inputs.speed, dynamic_pressure=inputs.pressure)
     else:
@@ -89,10 +108,11 @@ def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[In
     return flight, tuple(followed.values())
 
 
-def _follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
-    """Whether a spline leaves no more than the channel's white noise."""
-    left = np.concatenate([(measured - smooth)[a:b] for a, b in flight.segments])
-    return bool(np.std(left) <= _FOLLOWED * white_noise_level(measured, flight.segments))
+def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
+    """Whether a spline leaves no more than white noise, which may grow with the channel: its differences tell."""
+    left = [(measured - smooth)[a:b] for a, b in flight.segments]
+    white = float(np.std(np.concatenate([np.diff(each) for each in left]))) / np.sqrt(2.0)
+    return bool(np.std(np.concatenate(left)) <= _FOLLOWED * white)
 
 
 def with_smooth_air(flight: Flight) -> Flight:
@@ -114,15 +134,29 @@ def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
     return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
 
-def smooth_speed(flight: Flight, xi: ComplexArray) -> FloatArray:
-    """Speed (n,), m/s: the integral of the force along the velocity, at the crossflow `xi`, plus what varies
-    slowly.
+def _force_at_cg(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray:
+    """Specific force (n, 3) m/s^2 at the c.g.: about an arm it turns with the body, as large as the drag where that
+    spins.
+    """
+    flight, motion = reconstruction.flight, reconstruction.motion
+    sensed = np.stack([flight.ax, flight.ay, flight.az], axis=1)
+    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
+    if not np.any(arm):
+        return sensed
+    rate = motion.q + 1j * motion.r
+    roll_change, change = (np.gradient(values, flight.time) for values in (roll_rate, rate))
+    return np.asarray(sensed - arm_acceleration(roll_rate, roll_change, rate, change, arm))
+
+
+def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatArray:
+    """Speed (n,), m/s: the integral of the `force` (n, 3) m/s^2 along the velocity, at the crossflow `xi` (n,), plus
+    what varies slowly.
 
     Drag follows the angle of attack, so that the speed itself is not slow; what the accelerometers leave over
     is.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
-    along = flight.ax * forward + ((flight.ay + 1j * flight.az) * np.conj(xi)).real
+    along = force[:, 0] * forward + ((force[:, 1] + 1j * force[:, 2]) * np.conj(xi)).real
     impulse: FloatArray = running_integral(flight.time, along)
     return smoothed(flight.velocity - impulse).values + impulse
 
@@ -134,8 +168,10 @@ def _gravity_axes(reconstruction: Reconstruction, roll: FloatArray) -> FloatArra
     return np.asarray(np.transpose(turn, (0, 2, 1)))
 
 
-def _lifted(reconstruction: Reconstruction, roll: FloatArray, axes: FloatArray) -> FloatArray:
-    """Height (n,) m by which the force across the axis has raised the vehicle: a coning body flies a helix.
+def _lifted(
+    reconstruction: Reconstruction, force: FloatArray, roll: FloatArray, axes: FloatArray
+) -> FloatArray:
+    """Height (n,) m by which the `force` (n, 3) across the axis has raised the vehicle: a coning body flies a helix.
 
     Zero where the direction of gravity is not known.
     """
@@ -144,8 +180,8 @@ def _lifted(reconstruction: Reconstruction, roll: FloatArray, axes: FloatArray) 
     if not pull > 0.0:
         return np.zeros(flight.samples)
     down = axes @ (reconstruction.gravity_body / pull)
-    force = (flight.ay + 1j * flight.az) * np.exp(1j * roll)
-    upward = -(force.real * down[:, 1] + force.imag * down[:, 2])
+    across = (force[:, 1] + 1j * force[:, 2]) * np.exp(1j * roll)
+    upward = -(across.real * down[:, 1] + across.imag * down[:, 2])
     return running_integral(flight.time, running_integral(flight.time, upward))
 
 

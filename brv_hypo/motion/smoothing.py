@@ -21,8 +21,6 @@ _ROUGHNESS = np.logspace(-14.0, 15.0, 117)  # penalties tried, four a decade, fr
 _RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
 _LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
 _ORDER = 3  # of the differences that are penalised: a parabola is smooth
-_MOST_SHAPES = 10
-"""Shapes of an input's error; finer ones have less effect on the motion than the gyros' noise."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     misfit = (n - _ORDER) * np.log(power) + np.sum(np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[_ORDER:])), axis=1)
     best = int(np.argmin(misfit))
     scale = modes * np.sqrt(power[best] * shrink[best])
-    return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale[:, :_MOST_SHAPES])
+    return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale)
 
 
 @lru_cache(maxsize=4)

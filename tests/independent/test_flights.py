@@ -233,6 +233,7 @@ STUDIES = (
     "test_verdicts.py",
     "test_bent_aerodynamics.py",
     "test_coloured_noise.py",
+    "test_air_data.py",
     "joint.py",
     "test_joint.py",
 )

@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.identification.structure import input_course
 from brv_hypo.motion import reconstruct
-from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE, log_density, smooth_inputs
+from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE, follows, log_density, smooth_inputs, telling
 from brv_hypo.motion.smoothing import InputError, smoothed
 from tests.flights import nominal
 
@@ -32,9 +32,8 @@ def test_a_constant_stays_what_it_is():
 
 @pytest.mark.parametrize("turns", [0.0, 1.0, 6.0])
 @pytest.mark.parametrize("weight", ["even", "growing"])
-def test_what_noise_leaves_is_as_large_as_stated(turns: float, weight: str, monkeypatch: pytest.MonkeyPatch):
+def test_what_noise_leaves_is_as_large_as_stated(turns: float, weight: str):
     """Over draws, the square of the true error is that of all shapes."""
-    monkeypatch.setattr("brv_hypo.motion.smoothing._MOST_SHAPES", 100)
     clean = np.exp(0.2 * TIME) + 0.05 * np.sin(turns * TIME)
     weights = np.ones_like(TIME) if weight == "even" else np.exp(0.3 * TIME)
     draws = np.random.default_rng(5)
@@ -65,3 +64,24 @@ def test_the_errors_are_courses_of_their_flight():
     assert [course.name for course in courses] == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]
     for course, error in zip(courses, inputs.errors, strict=True):
         assert course.shapes(flight.time[:7]).shape == (len(course.weights), 7) == (error.count, 7)
+
+
+@pytest.mark.parametrize("grows", [False, True])
+def test_a_spline_follows_a_channel_whose_noise_grows_with_it(grows: bool) -> None:
+    """Pressure that falls fivefold, with a thousandth of itself, or of its mean, for noise."""
+    flight = nominal().flight
+    clean = 2e4 * np.exp(-1.6 * flight.time / flight.time[-1])
+    noise = 1e-3 * (clean if grows else clean.mean()) * np.random.default_rng(3).standard_normal(clean.size)
+    assert follows(clean + noise, clean, flight)
+    assert not follows(clean + noise + 3e-3 * clean * np.sin(6.0 * flight.time), clean, flight)
+
+
+def test_shapes_are_told_as_far_as_the_rates_see_them() -> None:
+    """Quiet gyros see finer errors of the pressure than ten shapes hold; gyros a hundred times as loud do not."""
+    reconstruction = reconstruct(nominal().flight)
+    scale = 1e-2 * np.eye(67) / np.arange(1.0, 68.0)
+    shares = np.ones(40)
+    fine = telling(scale, shares, reconstruction).shape[1]
+    assert 20 <= fine <= 40
+    loud = replace(reconstruction, gyro_sigma=100.0 * reconstruction.gyro_sigma)
+    assert telling(scale, shares, loud).shape[1] < fine
