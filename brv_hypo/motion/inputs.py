@@ -16,7 +16,7 @@ from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import arm_acceleration
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.smoothing import InputError, Smooth, smoothed
+from brv_hypo.motion.smoothing import InputError, Smooth, smoothed, unsmoothed
 from brv_hypo.motion.splines import running_integral
 
 _PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
@@ -57,22 +57,35 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
         return SmoothInputs(
             flight.p, roll, axes, flight.velocity, flight.dynamic_pressure, reconstruction.input_errors
         )
-    span = (float(flight.time[0]), float(flight.time[-1]))
-    roll_rate = smoothed(flight.p)
+    roll_rate = _roll_rate(flight)
     force = _force_at_cg(reconstruction, roll_rate.values)
-    speed = smooth_speed(flight, force, crossflow(motion.alpha, motion.windward_meridian))
     roll = running_integral(flight.time, roll_rate.values)
     axes = _gravity_axes(reconstruction, roll)
+    speed = smooth_speed(flight, force, crossflow(motion.alpha, motion.windward_meridian))
     waves = scale_heights_risen(flight, _lifted(reconstruction, force, roll, axes))
     density = log_density(flight, speed, waves)
+    pressure = replace(density, values=np.exp(density.values) * speed**2)
+    if not follows(flight.velocity, speed, flight) or not follows(flight.dynamic_pressure, pressure.values, flight):
+        filtered = with_smooth_air(flight)
+        noise = white_noise_level(flight.dynamic_pressure / filtered.dynamic_pressure, flight.segments)
+        speed, pressure = filtered.velocity, Smooth(filtered.dynamic_pressure, unsmoothed(flight.samples, noise))
     # An error of the roll rate turns the body's axes by its integral, one of the pressure changes moments at once.
+    span = (float(flight.time[0]), float(flight.time[-1]))
     order = np.asarray(np.pi * (np.arange(_MOST_SHAPES) + 1.0) / (span[1] - span[0]), dtype=float)
     errors = (
         InputError(ROLL_RATE, span, telling(roll_rate.scale, 1.0 / order, reconstruction)),
-        InputError(PRESSURE, span, telling(density.scale, np.ones(_MOST_SHAPES), reconstruction)),
+        InputError(PRESSURE, span, telling(pressure.scale, np.ones(_MOST_SHAPES), reconstruction)),
     )
-    pressure = np.exp(density.values) * speed**2
-    return SmoothInputs(roll_rate.values, roll, axes, speed, pressure, errors)
+    return SmoothInputs(roll_rate.values, roll, axes, speed, pressure.values, errors)
+
+
+def _roll_rate(flight: Flight) -> Smooth:
+    """By a spline; where it varies faster, by the local filter, which leaves slow noise as it is."""
+    spline = smoothed(flight.p)
+    if follows(flight.p, spline.values, flight):
+        return spline
+    noise = white_noise_level(flight.p, flight.segments)
+    return Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
 
 
 def telling(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
@@ -89,23 +102,11 @@ def telling(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction
 
 
 def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
-    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that.
-
-    An input that varies faster than its spline goes through the local filter, and states no error.
-    """
+    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
     flight = reconstruction.corrected
     inputs = smooth_inputs(replace(reconstruction, flight=flight, input_errors=()))
-    errors = {error.name: error for error in inputs.errors}
-    followed = {}
-    if follows(flight.p, inputs.roll_rate, flight):
-        followed[ROLL_RATE] = errors[ROLL_RATE]
-        flight = replace(flight, p=inputs.roll_rate)
-    if follows(flight.dynamic_pressure, inputs.pressure, flight) and follows(flight.velocity, inputs.speed, flight):
-        followed[PRESSURE] = errors[PRESSURE]
-        flight = replace(flight, velocity=inputs.speed, dynamic_pressure=inputs.pressure)
-    else:
-        flight = with_smooth_air(flight)
-    return flight, tuple(followed.values())
+    smooth = replace(flight, p=inputs.roll_rate, velocity=inputs.speed, dynamic_pressure=inputs.pressure)
+    return smooth, inputs.errors
 
 
 def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:

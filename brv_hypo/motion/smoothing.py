@@ -64,7 +64,7 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     faster than the spline can is taken for noise.
     """
     n = values.size
-    count = min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
+    count = _count(n)
     basis = _splines(np.linspace(0.0, 1.0, n), count)
     if weight is None:
         weight, weighted = np.ones(n), basis
@@ -86,6 +86,16 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     best = int(np.argmin(misfit))
     scale = modes * np.sqrt(power[best] * shrink[best])
     return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale)
+
+
+def unsmoothed(n: int, sigma: float) -> FloatArray:
+    """The shapes, as `Smooth.scale` has them, of white noise of n evenly spaced samples that was left as it is."""
+    return _even_modes(n, _count(n))[1] * sigma
+
+
+def _count(n: int) -> int:
+    """Coefficients of the spline through n samples."""
+    return min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
 
 
 @lru_cache(maxsize=4)

@@ -8,7 +8,7 @@ import pytest
 from brv_hypo.identification.structure import input_course
 from brv_hypo.motion import reconstruct
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE, follows, log_density, smooth_inputs, telling
-from brv_hypo.motion.smoothing import InputError, smoothed
+from brv_hypo.motion.smoothing import InputError, smoothed, unsmoothed
 from tests.flights import nominal
 
 TIME = np.linspace(0.0, 6.0, 1201)
@@ -85,3 +85,22 @@ def test_shapes_are_told_as_far_as_the_rates_see_them() -> None:
     assert 20 <= fine <= 40
     loud = replace(reconstruction, gyro_sigma=100.0 * reconstruction.gyro_sigma)
     assert telling(scale, shares, loud).shape[1] < fine
+
+
+def test_what_is_left_as_it_is_holds_all_of_its_slow_noise() -> None:
+    """Over draws: projected on the shapes, white noise has unit weights."""
+    shapes = InputError(ROLL_RATE, (float(TIME[0]), float(TIME[-1])), unsmoothed(TIME.size, 2e-3)).shapes(TIME)[:20]
+    noise = 2e-3 * np.random.default_rng(6).standard_normal((TIME.size, 400))
+    weights = np.linalg.lstsq(shapes.T, noise, rcond=None)[0]
+    assert np.std(weights) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_roll_rate_that_swings_is_kept_and_its_errors_are_stated() -> None:
+    """A tenth of a rad/s at 12 rad/s is beyond the spline, and not noise."""
+    flight = nominal().flight
+    swinging = replace(flight, p=flight.p + 0.1 * np.sin(12.0 * flight.time))
+    found = smooth_inputs(replace(reconstruct(flight), flight=swinging))
+    noise = np.std(np.diff(flight.p, 3)) / np.sqrt(20.0)
+    assert np.std(found.roll_rate - swinging.p) < 1.2 * noise
+    stated = {error.name: np.sqrt(np.sum(error.shapes(flight.time) ** 2, axis=0)) for error in found.errors}
+    assert np.median(stated[ROLL_RATE]) == pytest.approx(noise * np.sqrt(10 / flight.samples), rel=0.2)
