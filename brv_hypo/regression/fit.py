@@ -303,7 +303,7 @@ def _settled(
     if not problem.refine:
         return solved(reduced, name, mechanisms, columns, searched)
     size, frame = len(problem.baseline), reduced.frame
-    parameters = nonlinear_parameters(columns, size, frame.mechanisms, problem.knots)
+    parameters = nonlinear_parameters(columns, size, frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
     refined = refine(columns, parameters, fresh, reduced, points=points)
     return HypothesisFit(

@@ -7,14 +7,13 @@ derivatives and standard errors like any other parameter.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
@@ -122,10 +121,14 @@ class _State:
 
 
 def nonlinear_parameters(
-    columns: Sequence[Column], baseline_size: int, mechanisms: Mapping[str, Mechanism], knots: FloatArray
+    columns: Sequence[Column], baseline_size: int, frame: RateFrame, knots: FloatArray
 ) -> tuple[Nonlinear, ...]:
-    """The delays and knots of a model: knots may move by their spacing, delays within their bounds."""
+    """The delays and knots of a model: knots may move by their spacing, delays within their bounds.
+
+    A knot stays within the record: outside of it nothing depends on where it is.
+    """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
+    start, stop = float(frame.course_time.min()), float(frame.course_time.max())
     found: dict[tuple[Literal["theta", "knot"], str, float, str, int | None], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
         for name, value in column.theta:
@@ -136,9 +139,9 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
-            bounds, units = (value - reach, value + reach), "s"
+            bounds, units = (max(value - reach, start), min(value + reach, stop)), "s"
         else:
-            parameter = next(p for p in mechanisms[mechanism].parameters() if p.name == name)
+            parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units
         out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members), units))
     return tuple(out)

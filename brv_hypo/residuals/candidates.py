@@ -149,7 +149,7 @@ def _refined(problem: Problem, fit: HypothesisFit, mechanism: Mechanism) -> Hypo
     frame = fit.frame
     if mechanism.parameters():
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
-    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame.mechanisms, problem.knots)
+    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame, problem.knots)
     fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
     found = refine(fit.columns, nonlinear, fresh, Reduced(problem, frame))
     return replace(

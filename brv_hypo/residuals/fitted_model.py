@@ -119,7 +119,7 @@ def _refined(state: State) -> State:
     """The state with the knots and delays of its model where its regression has them."""
     problem, seen = state.problem, state.seen
     columns, frame = state.model.columns, problem.frame
-    nonlinear = nonlinear_parameters(columns, 0, frame.mechanisms, problem.knots)
+    nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
     if not nonlinear:
         return state
     known: frozenset[int] = frozenset()

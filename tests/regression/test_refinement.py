@@ -9,6 +9,7 @@ import pytest
 from brv_hypo.mechanisms import find
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
+from brv_hypo.regression.refinement import nonlinear_parameters
 from tests.ranking.pulse import fitted, problem
 
 
@@ -34,3 +35,17 @@ def test_a_fine_scan_leads_out_of_a_neighbouring_minimum(shift: float) -> None:
 def test_a_fit_that_is_searched_gains_nothing_by_another_scan() -> None:
     best = fit_hypothesis(problem(), "bodyfixed", (find("bodyfixed"),))
     assert scanned_finely(problem(), best).information == pytest.approx(best.information, abs=0.5)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
+def test_a_knot_stays_within_the_record(place: float) -> None:
+    """Beyond its ends nothing depends on where it is, and its error, with what goes along with it, is rounding."""
+    best, told = fitted("bodyfixed"), problem()
+    start, stop = float(best.frame.course_time.min()), float(best.frame.course_time.max())
+    columns = tuple(
+        column.at(column.theta, TimeFunction(column.course.kind, start + place * (stop - start)))
+        for column in best.selected
+    )
+    for knot in nonlinear_parameters(columns, 0, best.frame, told.knots):
+        assert start <= knot.bounds[0] <= knot.value <= knot.bounds[1] <= stop
+        assert knot.bounds[0] < knot.bounds[1]
