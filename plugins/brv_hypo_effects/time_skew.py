@@ -1,4 +1,4 @@
-"""One instrument's clock is late against the others'."""
+"""One instrument's clock is late against the gyros'."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
+# The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing tells but
+# the ends of the record, where a shifted channel has to be continued.
 _INSTRUMENTS = {
-    "gyros": ("p", "q", "r"),
     "accelerometers": ("ax", "ay", "az"),
     "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
 }
 
 
 class TimeSkew(RecordEffect):
-    """The channels of one instrument hold what was so a constant time before their stamp."""
+    """The channels of one instrument hold what was so a constant time before their stamp, that of the gyros."""
 
     name = "time_skew"
     title = "time skew between instruments"
-    claims = "one instrument is late against the others by a constant time"
+    claims = "one instrument is late against the gyros by a constant time"
     source = "Morelli and Klein, Aircraft System Identification, 2016, chapter 10 (data compatibility)"
     kind = "instrument"
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
-        """One delay for each instrument; the tolerance is that of one clock against another."""
-        size = flight.instruments.time_skew[0] / np.sqrt(2.0)
-        return tuple(Component(name, "s", float(size)) for name in _INSTRUMENTS)
+        """One delay for each instrument beside the gyros; the tolerance is that of one clock against another."""
+        return tuple(Component(name, "s", float(flight.instruments.time_skew[0])) for name in _INSTRUMENTS)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that instrument late by `value` s more.

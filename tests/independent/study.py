@@ -71,6 +71,22 @@ class Outcome:
     stated: tuple[float, float, float]
 
 
+def drawn_flight(
+    seed: int, number: int, grade: str, factor: float, unlisted: int, coloured: bool = False, drawn: bool = False
+) -> Made:
+    """The flight of this number in a study. Raises RuntimeError or ValueError where none can be flown."""
+    names = ("none", *NAMES)
+    truth = names[number % len(names)]
+    if unlisted and number % unlisted == unlisted - 1:
+        truth = UNLISTED[(number // unlisted) % len(UNLISTED)]
+    rng = np.random.default_rng([seed, _STREAM])
+    drawn_grade, colour = str(rng.choice(GRADES)), float(rng.uniform(*COLOURS))
+    noise = Noise(colour=colour if coloured and rng.random() < 0.5 else 0.0)
+    grade = drawn_grade if grade == MIXED else grade
+    vehicle = {"vehicle": draw_craft(rng)} if drawn else {}
+    return draw_flight(seed, truth=truth, grade=grade, factor=factor, noise=noise, **vehicle)
+
+
 def fly(
     seed: int,
     number: int,
@@ -86,28 +102,19 @@ def fly(
     `per_cycle`: body-fixed moments are fitted in Chrusciel's variant, anew in each cycle of the meridian. `drawn`:
     the vehicle is drawn too.
     """
-    names = ("none", *NAMES)
-    truth = names[number % len(names)]
-    if unlisted and number % unlisted == unlisted - 1:
-        truth = UNLISTED[(number // unlisted) % len(UNLISTED)]
-    rng = np.random.default_rng([seed, _STREAM])
-    drawn_grade, colour = str(rng.choice(GRADES)), float(rng.uniform(*COLOURS))
-    noise = Noise(colour=colour if coloured and rng.random() < 0.5 else 0.0)
-    grade = drawn_grade if grade == MIXED else grade
-    vehicle = {"vehicle": draw_craft(rng)} if drawn else {}
     try:
-        made = draw_flight(seed, truth=truth, grade=grade, factor=factor, noise=noise, **vehicle)
+        made = drawn_flight(seed, number, grade, factor, unlisted, coloured, drawn)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     options = {"bodyfixed": {"variant": "per_cycle"}} if per_cycle else {}
     found = compare([made.flight], CompareConfig(mechanisms=NAMES, options=options, maximum_likelihood="none"))
-    known = judge(made) if truth != "none" else None
+    known = judge(made) if made.truth != "none" else None
     verdict = found.verdict
     limits = {limit.mechanism: limit.share_of_moment_95 for limit in verdict.limits}
     return Outcome(
         seed,
         made.vehicle,
-        truth,
+        made.truth,
         _share(made),
         np.inf if known is None else known.f_ratio,
         np.inf if known is None else min(rival.two_ln_l for rival in known.against.values()),

@@ -234,6 +234,7 @@ STUDIES = (
     "test_bent_aerodynamics.py",
     "test_coloured_noise.py",
     "test_air_data.py",
+    "test_clocks.py",
     "joint.py",
     "test_joint.py",
 )
