@@ -67,7 +67,7 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
     """The record as it would read with these errors, by effect and component, SI; UsageError for an unknown one."""
     for name, values in errors.items():
         effect = find_effect(name)
-        known = [component.name for component in effect.components(flight)]
+        known = effect.plantable(flight)
         for component, value in values.items():
             if component not in known:
                 near = difflib.get_close_matches(component, known, n=1, cutoff=0.5)

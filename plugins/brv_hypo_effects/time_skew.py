@@ -11,12 +11,14 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
-# The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing tells but
-# the ends of the record, where a shifted channel has to be continued.
 _INSTRUMENTS = {
+    "gyros": ("p", "q", "r"),
     "accelerometers": ("ax", "ay", "az"),
     "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
 }
+# Its clock is the record's: all instruments late together are a motion that much later, which nothing tells but the
+# ends of the record, where a shifted channel has to be continued.
+_CLOCK = "gyros"
 
 
 class TimeSkew(RecordEffect):
@@ -30,7 +32,12 @@ class TimeSkew(RecordEffect):
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """One delay for each instrument beside the gyros; the tolerance is that of one clock against another."""
-        return tuple(Component(name, "s", float(flight.instruments.time_skew[0])) for name in _INSTRUMENTS)
+        size = float(flight.instruments.time_skew[0])
+        return tuple(Component(name, "s", size) for name in _INSTRUMENTS if name != _CLOCK)
+
+    def plantable(self, flight: Flight) -> tuple[str, ...]:
+        """Any instrument may be late, the gyros too: the others are early against them then."""
+        return tuple(_INSTRUMENTS)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that instrument late by `value` s more.

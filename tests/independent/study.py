@@ -124,7 +124,7 @@ def fly(
         verdict.equivalent,
         max(verdict.probability, key=verdict.probability.__getitem__, default="record fault"),
         max(verdict.probability.values(), default=0.0),
-        limits.get(truth, np.nan),
+        limits.get(made.truth, np.nan),
         _stated(made),
     )
 
