@@ -5,7 +5,7 @@ The study of independent flights (`python -m tests.independent.study`) judges th
 
 from __future__ import annotations
 
-# Posterior probability from which a hypothesis is named; convention of the verdicts that users quote.
+# Posterior probability from which a hypothesis is named, or none adequate; convention of the verdicts that users quote.
 WINNING_PROBABILITY = 0.9
 # Posterior probability from which a rival stands beside the leader.
 STANDING_PROBABILITY = 0.02

@@ -68,7 +68,7 @@ def judge(
 
     `left` is what the leader leaves; `stability` the share of repetitions that give the same leader; `alternatives`
     what may be there in its place; `other_prior` the prior of something outside the list. What a leader that cannot be
-    explains, something outside the list does.
+    explains, something outside the list does. That nothing listed is adequate has to be as probable as a name.
     """
     leader = min(scores, key=lambda score: score.information)
     beside = leader.information - left.gain
@@ -78,7 +78,7 @@ def judge(
     possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
     if not possible:
         chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
-    adequate = chances[OTHER] < 0.5 and possible
+    adequate = chances[OTHER] < WINNING_PROBABILITY and possible
     rivals = [score for score in scores if score is not leader]
     null = next((score for score in scores if score.name == NONE), None)
     beaten = null is None or leader is null or np.sum(leader.by_block) < np.sum(null.by_block)

@@ -131,6 +131,13 @@ def test_what_explains_the_flight_as_well_as_the_leader_keeps_it_from_being_name
     assert SIDE in verdict.reason
 
 
+def test_what_is_likelier_than_the_leader_but_not_sure_leaves_it_standing() -> None:
+    """None adequate is a claim, too: it needs the probability of a name."""
+    verdict = judge([NULL, LAG], NOISE, 1.0, alternatives=[Alternative(LAG.information - 8.0, SIDE)])
+    assert 0.5 < verdict.probability[OTHER] < WINNING_PROBABILITY
+    assert (verdict.outcome, verdict.equivalent) == ("undecided", ("lag",))
+
+
 def test_an_alternative_far_behind_takes_nothing_from_the_leader() -> None:
     verdict = judge([NULL, LAG], NOISE, 1.0, alternatives=[Alternative(0.0, SIDE)])
     assert verdict.winner == "lag"
