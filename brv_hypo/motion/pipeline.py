@@ -16,6 +16,7 @@ from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.limits import limits_of
 from brv_hypo.motion.methods import METHODS, WindHistory, joint
+from brv_hypo.motion.methods.wind_history import UNKNOWN_ANGLE
 from brv_hypo.motion.moments import moment_estimate, static_in_plane
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import Perturbation
@@ -30,9 +31,10 @@ def reconstruct(
 ) -> Reconstruction:
     """Wind-relative motion and moments of `flight`, with standard deviations.
 
-    The record may err by each of `perturbations`, as likely as their sizes say; without any it is taken as
-    free of all but white noise. `like` is what the same method and options made of nearly the same record: the joint
-    method begins there. Raises UnanswerableError where the record is too short, or the vehicle is not in the air.
+    The record may err by each of `perturbations`, as likely as their sizes say, and the gyros' clock, which the motion
+    is on, may be late; without any it is taken as free of all but white noise. `like` is what the same method and
+    options made of nearly the same record: the joint method begins there. Raises UnanswerableError where the record is
+    too short, or the vehicle is not in the air.
     """
     config = config or ReconstructionConfig()
     require_answerable(flight)
@@ -43,13 +45,16 @@ def reconstruct(
         wind = METHODS[config.method](record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
+    motion = recorded(_motion(record, wind, moments))
+    clock = float(max(flight.instruments.time_skew)) if perturbations else 0.0
+    meridian_sigma = np.hypot(wind.phi_w_sigma, motion.windward_meridian_rate * clock)
     return Reconstruction(
         flight=flight,
         method=config.method,
-        motion=recorded(_motion(record, wind, moments)),
+        motion=motion,
         moments=moments,
-        alpha_sigma=wind.alpha_sigma,
-        phi_w_sigma=wind.phi_w_sigma,
+        alpha_sigma=np.hypot(wind.alpha_sigma, motion.alpha_rate * clock),
+        phi_w_sigma=np.minimum(meridian_sigma, UNKNOWN_ANGLE),
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,
         normal_force_terms=wind.normal_force_terms,
@@ -60,6 +65,7 @@ def reconstruct(
         corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
+        clock_sigma=clock,
     )
 
 

@@ -70,7 +70,8 @@ class Reconstruction(Pictured, Histories):
     are the white-noise levels estimated from the record. `status` is "ok" or "degraded"; `warnings` say what
     limits the result and what would help. `effects` are the errors that the record was allowed to have;
     `corrected` is the flight with what was found of them taken out. `input_errors` are what smoothing left of
-    the noise of inputs, where `flight` holds them smoothed.
+    the noise of inputs, where `flight` holds them smoothed. The motion is on the gyros' clock, which may be late
+    against time by `clock_sigma` s: both standard deviations hold what it moves meanwhile.
     """
 
     flight: Flight
@@ -90,8 +91,15 @@ class Reconstruction(Pictured, Histories):
     input_errors: tuple[InputError, ...] = ()
     normal_force_terms: int = 0
     normal_force_bend: float = 0.0
+    clock_sigma: float = 0.0
 
     __repr__ = Histories.__repr__
+
+    @property
+    def alpha_sigma_on_clock(self) -> FloatArray:
+        """Standard deviation of alpha (n,), rad, at the time that the gyros' clock shows."""
+        late = self.motion.alpha_rate * self.clock_sigma
+        return np.asarray(np.sqrt(np.maximum(self.alpha_sigma**2 - late**2, 0.0)))
 
     @property
     def normal_force_ratio(self) -> FloatArray:

@@ -82,7 +82,7 @@ def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
     beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
-    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma)))) ** 2
+    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma_on_clock)))) ** 2
     wanted = max(wanted, _MODES_PER_CYCLE * _cycles(reconstruction.motion))
     return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from brv_hypo import compare
+from brv_hypo import compare, reconstruct
 from brv_hypo.ranking import CompareConfig
 from tests.independent.mechanisms import LISTED
 from tests.independent.study import MIXED, drawn_flight
@@ -22,3 +23,18 @@ def test_the_ends_of_a_record_tell_no_clock(seed: int, truth: str) -> None:
     made = drawn_flight(seed, seed - FIRST, MIXED, 1.0, 5, coloured=True, drawn=True)
     assert made.truth == truth
     assert compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict.winner == truth
+
+
+@pytest.mark.parametrize("seed", [160000, 160003, 160010, 160022])
+def test_angles_hold_what_the_gyros_clock_may_be_late(seed: int) -> None:
+    """Motion is told on the gyros' clock: its true time is uncertain by the tolerance."""
+    made = drawn_flight(seed, seed - 160000, MIXED, 1.0, 5, coloured=True)
+    found, true = reconstruct(made.flight), made.true
+    missed = {
+        "alpha": found.motion.alpha - true.alpha,
+        "windward_meridian": np.angle(np.exp(1j * (found.motion.windward_meridian - true.meridian))),
+    }
+    for name, sigma in (("alpha", found.alpha_sigma), ("windward_meridian", found.phi_w_sigma)):
+        assert np.sqrt(np.mean(missed[name] ** 2)) < 2.0 * np.sqrt(np.mean(sigma**2)), name
+    assert found.clock_sigma == made.flight.instruments.time_skew[0]
+    assert np.all(found.alpha_sigma_on_clock <= found.alpha_sigma)

@@ -23,6 +23,7 @@ from brv_hypo.motion.wind import (
     wind_direction,
 )
 
+UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an angle of which nothing is known
 NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"
 
 
@@ -59,7 +60,7 @@ class WindHistory:
         """Standard deviation of the windward meridian (n,), rad; that of an angle not known at all near
         alpha = 0."""
         size = np.maximum(np.abs(self.crossflow), 1e-12)
-        return np.asarray(np.minimum(self.tangential_sigma / size, np.pi / np.sqrt(3.0)))
+        return np.asarray(np.minimum(self.tangential_sigma / size, UNKNOWN_ANGLE))
 
 
 def open_loop(
