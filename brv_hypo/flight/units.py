@@ -73,7 +73,7 @@ SPELLINGS: dict[Dimension, dict[str, str]] = {
 
 LONGEST_UNITS = 80  # characters
 # Pint calculates what it reads: a power of a power, or a long number, would keep it busy for hours.
-_ENDLESS = re.compile(r"(\*\*|\^)\s*[-+]?\s*([^\s\d.+-]|\d{3}|[\d.]*\s*(\*\*|\^)|\d*\.?\d*[eE])|\d{9}")
+ENDLESS_POWER = re.compile(r"(\*\*|\^)\s*[-+]?\s*([^\s\d.+-]|\d{3}|[\d.]*\s*(\*\*|\^)|\d*\.?\d*[eE])|\d{9}")
 
 
 def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str) -> FloatArray:
@@ -131,7 +131,7 @@ def _holds_angle(unit: pint.Unit) -> bool:
 def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> pint.Unit:
     """The pint unit of a string; whatever pint makes of nonsense becomes one refusal."""
     try:
-        if len(spelling) > LONGEST_UNITS or _ENDLESS.search(spelling):
+        if len(spelling) > LONGEST_UNITS or ENDLESS_POWER.search(spelling):
             raise ValueError("too long, or a power that no unit has")
         return _registry().parse_units(spelling)
     except Exception as error:  # pint lets errors of many kinds out of its parser
