@@ -46,7 +46,7 @@ def reconstruct(
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))
-    clock = float(max(flight.instruments.time_skew)) if perturbations else 0.0
+    clock = float(flight.instruments.time_skew[0]) if perturbations else 0.0
     meridian_sigma = np.hypot(wind.phi_w_sigma, motion.windward_meridian_rate * clock)
     return Reconstruction(
         flight=flight,
@@ -54,6 +54,7 @@ def reconstruct(
         motion=motion,
         moments=moments,
         alpha_sigma=np.hypot(wind.alpha_sigma, motion.alpha_rate * clock),
+        alpha_sigma_on_clock=wind.alpha_sigma,
         phi_w_sigma=np.minimum(meridian_sigma, UNKNOWN_ANGLE),
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,

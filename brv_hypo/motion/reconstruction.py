@@ -71,7 +71,8 @@ class Reconstruction(Pictured, Histories):
     limits the result and what would help. `effects` are the errors that the record was allowed to have;
     `corrected` is the flight with what was found of them taken out. `input_errors` are what smoothing left of
     the noise of inputs, where `flight` holds them smoothed. The motion is on the gyros' clock, which may be late
-    against time by `clock_sigma` s: both standard deviations hold what it moves meanwhile.
+    against time by `clock_sigma` s: both standard deviations hold what it moves meanwhile, `alpha_sigma_on_clock` (n,)
+    does not.
     """
 
     flight: Flight
@@ -79,6 +80,7 @@ class Reconstruction(Pictured, Histories):
     motion: Motion
     moments: MomentEstimate
     alpha_sigma: FloatArray
+    alpha_sigma_on_clock: FloatArray
     phi_w_sigma: FloatArray
     gravity_body: FloatArray
     normal_force_slope: FloatArray
@@ -94,12 +96,6 @@ class Reconstruction(Pictured, Histories):
     clock_sigma: float = 0.0
 
     __repr__ = Histories.__repr__
-
-    @property
-    def alpha_sigma_on_clock(self) -> FloatArray:
-        """Standard deviation of alpha (n,), rad, at the time that the gyros' clock shows."""
-        late = self.motion.alpha_rate * self.clock_sigma
-        return np.asarray(np.sqrt(np.maximum(self.alpha_sigma**2 - late**2, 0.0)))
 
     @property
     def normal_force_ratio(self) -> FloatArray:
