@@ -53,11 +53,12 @@ def settled_noise(problem: Problem) -> Noise:
     force = [rest.force[samples] for samples in seen]
     of_rates, of_force = _fitted(basis, part, seen) if thinning == 1 else ((), ())
     lasting_rates, lasting_force = LastingSpectrum.of(rates, of_rates), LastingSpectrum.of(force, of_force)
+    motion = _turning(problem)
     return Noise(
-        fit_noise(lasting_rates, _NOISE_ORDER),
-        fit_noise(lasting_force, _NOISE_ORDER),
+        fit_noise(lasting_rates, _NOISE_ORDER, motion),
+        fit_noise(lasting_force, _NOISE_ORDER, motion),
         rows.noise.thinning,
-        Lasting(lasting_rates.noise, lasting_force.noise, _turning(problem)),
+        Lasting(lasting_rates.noise(motion), lasting_force.noise(motion), motion),
     )
 
 

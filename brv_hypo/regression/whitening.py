@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -25,12 +24,18 @@ _SHORTEST_STRETCH = 32  # samples
 _LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
+# Frequency, of the fastest motion's, above which a spectrum is noise alone.
+_BEYOND = 2.0
+# Frequencies of a spectrum over which one of them leaks under a Hann window: half its main lobe.
+_LEAKS = 2.0
 # Share of a frequency's power that a fit has to leave, for the rest to be known from it.
 _LEAST_LEFT = 0.5
 # Power of a frequency over that of the noise, from which it is more than noise: four times the scatter of the median of
 # 35 stretches that overlap by half. Of 42 drawn vehicles (seeds 130000 to 130039) none loses by it; 3 loses by 56 %.
 _LOUD = 2.0
 _PASSES = 3  # in which what is louder is left out
+# Fall of 2 ln L that a colour and its level may bring where they were not read (95 %).
+_ALLOWED_FALL = 6.0
 # Correlations of neighbouring samples that are tried.
 _COLOURS = np.linspace(0.0, 0.98, 99)
 
@@ -107,38 +112,41 @@ class LastingSpectrum:
         left = 1.0 - _taken(fitted, power.size) if fitted else np.ones(power.size)
         return cls(power, left, sum(part.size for part in residuals))
 
-    def autocovariance(self, lags: int) -> FloatArray:
+    def autocovariance(self, lags: int, motion: float = 0.0) -> FloatArray:
         """Autocovariance (lags + 1,) of one component, set right for what the fit took.
 
-        Where it left little, the power is at least that of the noise of all other frequencies.
+        Where it left little, the power is at least that of the `noise`.
         """
         seen = self.power / np.maximum(self.left, _LEAST_LEFT)
         if not np.all(self._enough):
-            noise = 2.0 * self.noise.sigma_at(self._frequency) ** 2
+            noise = 2.0 * self.noise(motion).sigma_at(self._frequency) ** 2
             seen = np.where(self._enough, seen, np.maximum(seen, noise))
         found = np.fft.ifft(seen).real / 2.0
         return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
 
-    @cached_property
-    def noise(self) -> ColouredNoise:
-        """The noise of one component as a first-order autoregression.
+    def noise(self, motion: float) -> ColouredNoise:
+        """The noise of one component as a first-order autoregression; `motion` rad a sample is the motion's frequency.
 
-        Its colour is that of the frequencies of which the fit left enough, set right for what it took (Whittle 1953),
-        but for those that are far louder than the colour that goes with most of them (least absolute deviations of the
-        logarithms): what a fit leaves of the motion is in the spectrum too.
+        What a fit leaves of the motion is in the spectrum too, so that frequencies far beyond it come first; those
+        beyond it, and then all, only where what they show is what the ones before allow.
         """
         if not np.any(self.power):
             return ColouredNoise(0.0)
-        enough = self._enough
-        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], self._frequency[enough])
-        flat = self.power[enough] / self.left[enough] * shapes
-        levels = np.median(flat, axis=1)
-        best = int(np.argmin(np.mean(np.abs(np.log(flat / levels[:, np.newaxis])), axis=1)))
-        for _ in range(_PASSES):
-            quiet = flat[best] < _LOUD * levels[best]
-            levels = np.mean(flat[:, quiet], axis=1)
-            best = int(np.argmin(np.log(levels) - np.mean(np.log(shapes[:, quiet]), axis=1)))
-        return ColouredNoise(float(np.sqrt(0.5 * levels[best])), float(_COLOURS[best]))
+        leaks = _LEAKS * 2.0 * np.pi / self.power.size
+        known = self._coloured(_BEYOND * motion + leaks)
+        for lowest in (motion + leaks, 0.0):
+            more = self._coloured(lowest)
+            if known.fall(more) > _ALLOWED_FALL:
+                break
+            known = more
+        return ColouredNoise(float(np.sqrt(0.5 * known.level)), float(_COLOURS[known.colour]))
+
+    def _coloured(self, lowest: float) -> _Coloured:
+        """The noise of the frequencies from this one, rad a sample, of which the fit left enough."""
+        frequency = np.abs(self._frequency)
+        noisy = self._enough & (frequency >= min(lowest, 0.5 * np.pi))
+        values = 2.0 * MEDIAN_EFFICIENCY * self.samples * float(np.mean(noisy))
+        return _Coloured.of(self.power[noisy] / self.left[noisy], frequency[noisy], values)
 
     @property
     def _enough(self) -> BoolArray:
@@ -149,15 +157,15 @@ class LastingSpectrum:
         return np.asarray(2.0 * np.pi * np.fft.fftfreq(self.power.size), dtype=float)
 
 
-def fit_noise(lasting: LastingSpectrum, max_order: int = 24) -> NoiseModel:
-    """The autoregression of what lasts through residuals, its order chosen by BIC.
+def fit_noise(lasting: LastingSpectrum, max_order: int = 24, motion: float = 0.0) -> NoiseModel:
+    """The autoregression of what lasts through residuals, its order chosen by BIC; `motion` as in `noise`.
 
     Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance,
     which keeps the filter stable.
     """
     total = lasting.samples
     top = int(min(max_order, max(1, total // 20)))
-    covariance = lasting.autocovariance(top)
+    covariance = lasting.autocovariance(top, motion)
     if covariance[0] <= 0.0:
         return white(0.0)
     covariance[0] *= 1.0 + 1e-9
@@ -174,6 +182,44 @@ def fit_noise(lasting: LastingSpectrum, max_order: int = 24) -> NoiseModel:
         np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1)
     )
     return NoiseModel(filters, sigma)
+
+
+@dataclass(frozen=True)
+class _Coloured:
+    """A first-order autoregression that goes with a spectrum: which of the colours that are tried, and its level.
+
+    `flat` is the mean power over the shape and `constants` the mean of ln shape, of each colour that is tried
+    (colours,); the frequencies are worth so many `values`.
+    """
+
+    colour: int
+    level: float
+    flat: FloatArray
+    constants: FloatArray
+    values: float
+
+    @classmethod
+    def of(cls, power: FloatArray, frequency: FloatArray, values: float) -> _Coloured:
+        """The likeliest (Whittle 1953) without frequencies that are far louder than the colour of most of them.
+
+        Which that is, least absolute deviations of the logarithms tell.
+        """
+        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], frequency)
+        flat = power * shapes
+        levels = np.median(flat, axis=1)
+        best = int(np.argmin(np.mean(np.abs(np.log(flat / levels[:, np.newaxis])), axis=1)))
+        for _ in range(_PASSES):
+            quiet = flat[best] < _LOUD * levels[best]
+            levels = np.mean(flat[:, quiet], axis=1)
+            constants = np.mean(np.log(shapes[:, quiet]), axis=1)
+            best = int(np.argmin(np.log(levels) - constants))
+        return cls(best, float(levels[best]), levels, constants, values)
+
+    def fall(self, other: _Coloured) -> float:
+        """Fall of 2 ln L from this colour and level to another's."""
+        least = np.log(self.level) - self.constants[self.colour] + 1.0
+        own = np.log(other.level) - self.constants[other.colour] + self.flat[other.colour] / other.level
+        return float(self.values * (own - least))
 
 
 def _lasting_power(residuals: Sequence[ComplexArray]) -> FloatArray:

@@ -106,7 +106,7 @@ def test_level_at_the_motion_is_that_of_the_noise(colour: float, motion: float) 
         fresh = rng.standard_normal((4000, 2)) @ np.array([1.0, 1j])
         noise = lfilter([1.0], [1.0, -colour], fresh)
         tone = 100.0 * np.exp(1j * motion * np.arange(fresh.size))
-        found = LastingSpectrum.of([noise + tone]).noise
+        found = LastingSpectrum.of([noise + tone]).noise(motion)
         ratios.append(found.sigma_at(motion) / ColouredNoise(1.0, colour).sigma_at(motion))
     low, median, high = np.quantile(ratios, [0.1, 0.5, 0.9])
     assert low > 0.75
@@ -118,7 +118,7 @@ def test_white_noise_is_not_given_a_colour() -> None:
     """None, however much its spectrum scatters."""
     rng = np.random.default_rng(8)
     noise = [rng.standard_normal((800, 2)) @ np.array([1.0, 1j]) for _ in range(20)]
-    found = [LastingSpectrum.of([each]).noise.sigma_at(0.2) for each in noise]
+    found = [LastingSpectrum.of([each]).noise(0.2).sigma_at(0.2) for each in noise]
     assert np.all(np.abs(np.array(found) - 1.0) < 0.25)
 
 
@@ -142,8 +142,8 @@ def test_what_a_fit_takes_of_the_noise_is_not_missing(colour: float) -> None:
         rows -= basis @ (basis.T @ rows)
         left = [rows[:samples] + 1j * rows[samples:]]
         true = ColouredNoise(1.0, colour).sigma_at(motion)
-        ratios.append(LastingSpectrum.of(left, fitted).noise.sigma_at(motion) / true)
-        untold.append(LastingSpectrum.of(left).noise.sigma_at(motion) / true)
+        ratios.append(LastingSpectrum.of(left, fitted).noise(motion).sigma_at(motion) / true)
+        untold.append(LastingSpectrum.of(left).noise(motion).sigma_at(motion) / true)
     assert 0.85 < np.median(ratios) < 1.1
     assert np.median(untold) < np.median(ratios)
     assert np.quantile(ratios, 0.05) > 0.6
