@@ -22,8 +22,8 @@ MOST_POINTS = 2500
 
 @dataclass(frozen=True)
 class Line:
-    """A history, or dots, `large` where they are few; `labels` stand beside them, `error` is how far y may lie below
-    and above.
+    """A history, or dots, `large` where they are few; `labels`, of a line or more, stand to the right of them, `error`
+    is how far y may lie below and above.
     """
 
     x: Values

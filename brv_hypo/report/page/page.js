@@ -27,9 +27,9 @@
   const common = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: "x unified", hoversubplots: "axis",
     font: { family: "system-ui, -apple-system, 'Segoe UI', Helvetica, Arial, sans-serif", size: 13, color: "--ink" },
-    margin: { l: 60, r: 20, t: 44, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
+    margin: { l: 60, r: 20, t: 58, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: "--quiet", activecolor: "--accent" },
-    legend: { orientation: "h", yanchor: "bottom", y: 1.06, x: 0 },
+    legend: { orientation: "h", yref: "container", yanchor: "top", y: 1, x: 0, itemsizing: "constant" },
   };
   const PAPER = 660;  // px: the width of a sheet between its margins
   const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "resetScale2d"]] };
