@@ -109,6 +109,14 @@ class Chart:
     caption: str = ""
 
 
+def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
+    """Marks with a name, from left to right, each with the line above the frame on which its name stands: in turn the
+    lowest and the next, so that neighbours do not hide each other.
+    """
+    shown = sorted((mark for mark in marks if mark.name), key=lambda mark: mark.at)
+    return [(mark, (len(shown) - 1 - i) % 2) for i, mark in enumerate(shown)]
+
+
 def thinned(values: Values) -> FloatArray:
     """At most `MOST_POINTS` of the values, evenly."""
     every = max(1, -(-len(values) // MOST_POINTS))

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, named
 
 WIDTH = 6.5
 """Inches: the text of a page."""
@@ -27,6 +27,8 @@ COLOURS = {
     "guide": "#999999",
 }
 """By role; Okabe and Ito (2008), told apart by colour-blind readers."""
+_NAME = 8
+"""Points of the height of a mark's name."""
 SMALLEST_DOT = 3.0
 """Points of a dot in a legend, at least: those of histories are smaller."""
 STYLE: Any = {
@@ -77,8 +79,9 @@ def _fill(figure: Figure, chart: Chart) -> None:
         for span in chart.spans:
             axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
     top, bottom = rows[0], rows[-1]
-    for mark in chart.marks:
-        top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="center", fontsize=7)
+    for mark, line in named(chart.marks):
+        above = {"xytext": (0, 2 + _NAME * line), "textcoords": "offset points", "fontsize": 7}
+        top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="left", **above)
     bottom.set_xlabel(_plain(chart.x))
     if chart.log:
         bottom.set_xscale("log")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Values, thinned
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Values, named, thinned
 
 _UNEVEN = 1e-3
 """Share of a step by which times may be uneven and still be given as start and step."""
@@ -27,15 +27,15 @@ _NAME = 13
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart."""
     traces: list[dict[str, Any]] = []
-    named: set[str] = set()
+    told: set[str] = set()
     for row, panel in enumerate(chart.panels, start=1):
         for layer in panel.layers:
             for trace in _traces(layer):
                 name = trace.get("name", "")
                 group = "" if isinstance(layer, Bars) else layer.name
                 place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}", "legendgroup": group}
-                traces.append({**trace, **place, "showlegend": bool(name) and name not in named})
-                named.add(name)
+                traces.append({**trace, **place, "showlegend": bool(name) and name not in told})
+                told.add(name)
     return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": chart_height(chart)}
 
 
@@ -215,15 +215,12 @@ def _shapes(chart: Chart) -> list[dict[str, Any]]:
 
 
 def _annotations(chart: Chart) -> list[dict[str, Any]]:
-    """Names above the frame: of spans in their middle, of marks from their line on, in turn a line higher so that
-    neighbours do not hide each other.
-    """
+    """Names above the frame: of spans in their middle, of marks from their line on."""
     above = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
-    marks = sorted((m.at, m.name) for m in chart.marks if m.name)
     spans = [(0.5 * (s.start + s.stop), s.name) for s in chart.spans if s.name]
     return [
-        *({**above, "x": at, "text": name, "xanchor": "left", "yshift": _NAME * ((len(marks) - 1 - i) % 2)}
-          for i, (at, name) in enumerate(marks)),
+        *({**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
+          for mark, line in named(chart.marks)),
         *({**above, "x": at, "text": name} for at, name in spans),
     ]  # fmt: skip
 

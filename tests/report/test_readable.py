@@ -94,6 +94,14 @@ def test_names_of_marks_stand_above_the_frame_each_on_a_line_of_its_own() -> Non
     assert {each["xanchor"] for each in names.values()} == {"left"}
 
 
+def test_names_of_marks_do_not_meet_in_a_figure() -> None:
+    line = Panel("y", [Line(TIME, TIME, "first")])
+    drawn = chart_figure(Chart("c", "h", "f", [line], marks=[Mark(1.0, "meridian"), Mark(1.1, "roll")]))
+    drawn.canvas.draw()
+    first, second = (text.get_window_extent() for text in drawn.axes[0].texts)
+    assert not first.overlaps(second)
+
+
 def test_panels_stand_as_far_apart_however_many_there_are() -> None:
     def gap(count: int) -> float:
         chart = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(TIME, TIME, "first")])] * count))
