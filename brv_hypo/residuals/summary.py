@@ -298,7 +298,7 @@ def _unexplained(residual: Residual) -> str | None:
 
 
 def _of_rms(share: float) -> str:
-    return f"{100.0 * share:.0f} % of" if share < _MANY_TIMES else f"{share:.2g} times"
+    return f"{100.0 * share:.0f} % of" if share < _MANY_TIMES else f"{share:.0f} times"
 
 
 def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
