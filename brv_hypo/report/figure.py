@@ -23,8 +23,8 @@ COLOURS = {
     "first": "#0072b2",
     "second": "#d55e00",
     "third": "#009e73",
-    "none": "#999999",
-    "guide": "#999999",
+    "none": "#8c8c8c",
+    "guide": "#8c8c8c",
 }
 """By role; Okabe and Ito (2008), told apart by colour-blind readers."""
 _NAME = 8

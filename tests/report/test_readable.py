@@ -13,7 +13,7 @@ from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel
 from brv_hypo.report.comparison_charts import comparison_charts
 from brv_hypo.report.figure import SMALLEST_DOT, chart_figure
 from brv_hypo.report.motion_charts import Drawn, Setting, masked, moment_chart, residual_chart
-from brv_hypo.report.pages import page
+from brv_hypo.report.pages import page, resource
 from brv_hypo.report.plotly_chart import plotly_chart
 from brv_hypo.report.provenance import Provenance
 from brv_hypo.report.trace import trace_document
@@ -160,3 +160,28 @@ class TestTrace:
         assert not document.settled
         warnings = next(block for block in document.blocks if isinstance(block, Texts) and block.warning)
         assert "turn q over" in warnings.texts[0]
+
+
+class TestContrast:
+    """Of text 4.5 to 1 and of what is drawn 3 to 1 (WCAG 2.1), against the paper, in either scheme."""
+
+    @staticmethod
+    def schemes() -> list[dict[str, str]]:
+        style = resource("page.css").decode()
+        light, dark = re.findall(r":root[^{]*\{([^}]*)\}", style)[:2]
+        return [dict(re.findall(r"--([a-z]+): (#[0-9a-f]{6})", each)) for each in (light, dark)]
+
+    @staticmethod
+    def luminance(colour: str) -> float:
+        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+        linear = np.where(parts <= 0.03928, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    @pytest.mark.parametrize("scheme", [0, 1])
+    def test_everything_stands_out_from_the_paper(self, scheme: int) -> None:
+        colours = self.schemes()[scheme]
+        paper = self.luminance(colours["paper"])
+        text, drawn = ("ink", "quiet", "accent", "caution"), ("measured", "first", "second", "third", "none", "mark")
+        for name in (*text, *drawn):
+            brighter, darker = sorted((self.luminance(colours[name]), paper), reverse=True)
+            assert (brighter + 0.05) / (darker + 0.05) >= (4.5 if name in text else 3.0), name
