@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import UnanswerableError
+from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
 from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import default_knots
@@ -174,11 +174,7 @@ def _problem(
     bend = () if settings.bend is None else (settings.bend,)
     frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
     span = frame.course_time
-    knots = (
-        default_knots(float(span.min()), float(span.max()), config.knot_count)
-        if config.knots is None
-        else np.asarray(config.knots, dtype=float)
-    )
+    knots = _knots(float(span.min()), float(span.max()), config)
     return build_problem(
         frame,
         records,
@@ -191,6 +187,19 @@ def _problem(
         config.refine,
         point,
     )
+
+
+def _knots(start: float, stop: float, config: CompareConfig) -> FloatArray:
+    """Times at which coefficients may change, in order; UsageError for one that is not within the record."""
+    if config.knots is None:
+        return default_knots(start, stop, config.knot_count)
+    outside = [knot for knot in config.knots if not start < knot < stop]
+    if outside:
+        raise UsageError(
+            f"knots at {', '.join(f'{knot:g}' for knot in outside)} s, expected times between {start:g} and {stop:g} "
+            "s: outside what is analysed nothing can change. Leave them out, or widen --start and --stop."
+        )
+    return np.unique(config.knots)
 
 
 def shared_time(reconstructions: Sequence[Reconstruction]) -> CommonTime | None:

@@ -77,6 +77,7 @@ def build_problem(
     if point is None:
         nothing: tuple[Errors, ...] = tuple({} for _ in records)
         point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing, nothing)
+    frame = _with_design(frame, vehicle, point.acting[0])
     known = frame.with_mechanisms(point.mechanisms)
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
@@ -157,6 +158,14 @@ def with_vehicle(
         if (mechanism.name, term.name) in known
     }
     return frame.with_mechanisms(vehicle), (*baseline, *own), np.append(values, list(own.values()))
+
+
+def _with_design(frame: RateFrame, vehicle: Sequence[Mechanism], known: Errors) -> RateFrame:
+    """The frame whose C_mw holds what the design of the vehicle makes, which is the same on all flights."""
+    shared = [mechanism for mechanism in vehicle if mechanism.wind_fixed]
+    nothing: FloatArray = np.zeros(0)
+    made = RateFrame.with_design(*with_vehicle(frame, (), nothing, shared, known))
+    return replace(frame, design=made.design)
 
 
 def first_values(frame: RateFrame, columns: tuple[Column, ...]) -> FloatArray:

@@ -53,7 +53,8 @@ class RateFrame:
     """Reconstructed flights as one linear problem; rows run over the samples of all segments.
 
     `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `common` is
-    the time that the flights share, in which courses are told; None where they are told in each flight's own.
+    the time that the flights share, in which courses are told; None where they are told in each flight's own. `design`,
+    one (n,) a flight, is what the design of the vehicle adds to C_mw beside the columns; empty where that is nothing.
     """
 
     reconstructions: tuple[Reconstruction, ...]
@@ -61,6 +62,7 @@ class RateFrame:
     segments: tuple[WeakSegment, ...]
     mechanisms: Mapping[str, Mechanism]
     common: CommonTime | None = None
+    design: tuple[FloatArray, ...] = ()
 
     @cached_property
     def _evaluated(self) -> OrderedDict[_Key, _Shapes]:
@@ -163,12 +165,25 @@ class RateFrame:
         )
 
     def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
-        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns.
+        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`.
 
         Other shapes than these, of which it is made, are evaluated anew.
         """
+        made = self._in_plane_moments(columns, values)
+        moments = [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
+        motions = [with_in_plane_moment(*each) for each in zip(self.motions, moments, strict=True)]
+        out = replace(self, motions=tuple(motions))
+        out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
+        return out
+
+    def with_design(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
+        """The frame whose `design` is made of the wind-fixed ones of these columns."""
+        return replace(self, design=tuple(self._in_plane_moments(columns, values)))
+
+    def _in_plane_moments(self, columns: Sequence[Column], values: FloatArray) -> list[FloatArray]:
+        """What wind-fixed columns make of C_mw, one (n,) a flight."""
         fixed = [j for j, column in enumerate(columns) if self.mechanisms[column.mechanism].wind_fixed]
-        motions = []
+        moments = []
         for number, motion in enumerate(self.motions):
             moment = np.zeros_like(motion.alpha)
             known: dict[tuple[str, Theta], dict[str, Term]] = {}
@@ -180,10 +195,8 @@ class RateFrame:
                     terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                     known[key] = {term.name: term for term in terms}
                 moment = moment + value * known[key][column.term].in_plane * column.course(motion.course_time)
-            motions.append(with_in_plane_moment(motion, moment))
-        out = replace(self, motions=tuple(motions))
-        out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
-        return out
+            moments.append(moment)
+        return moments
 
     def _by_shape(self, columns: Sequence[Column]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
         """Shapes in turn, the columns of them, and which term each column has."""

@@ -33,6 +33,16 @@ def test_a_bent_vehicle_is_judged_as_a_straight_one(truth: str, named: str | Non
         assert verdict.winner == named
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("truth", ["lag", "sticking"])
+def test_what_is_late_of_a_bent_moment_is_bent_too(truth: str, seed: int) -> None:
+    """Taken as late of a straight moment, what it left was larger than the noise."""
+    made = make_flight(BENT, truth, amplitude=0.5, seed=seed)
+    verdict = compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    assert verdict.winner == truth
+
+
 @pytest.mark.parametrize("seed", [4, pytest.param(5, marks=pytest.mark.thorough)])
 def test_the_normal_force_is_found_to_bend(seed: int) -> None:
     made = make_flight(BENT, seed=seed)
