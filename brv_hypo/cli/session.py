@@ -129,6 +129,7 @@ class Session:
             self.stdout.write(text)
         else:
             write_whole(Path(self.json), text)
+            self.show(f"Wrote {self.json}.")
 
     def write_report(
         self, document: Document, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
@@ -138,6 +139,7 @@ class Session:
             from brv_hypo.report.pages import page
 
             write_whole(self.report, page(document, self.provenance(settings, records)))
+            self.show(f"Wrote {self.report}.")
         if self.figures is not None:
             from brv_hypo.report.drawing import draw_into
 

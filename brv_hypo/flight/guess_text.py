@@ -87,14 +87,15 @@ def written(found: Guessed) -> Guess:
     missing, asked = _missing(table)
     lines += [f"  # MISSING: {each}" for each in missing]
     lines += _recorder_lines(found)
-    lines += _vehicle_lines(found)
+    vehicle, unknown = _vehicle_lines(found)
+    lines += vehicle
     lines.append(
         "instruments: {grade: industrial}   # laboratory, tactical (fibre-optic or ring-laser gyros), industrial "
         "(MEMS), and any tolerance that is known"
     )
     lines += _offers(found, asked)
     lines += _unused(found)
-    return Guess("\n".join(lines) + "\n", (*missing, *doubts, _GRADE))
+    return Guess("\n".join(lines) + "\n", (*missing, *unknown, *doubts, _GRADE))
 
 
 def file_of(table: Table, main: Table) -> str:
@@ -147,7 +148,9 @@ def _missing(table: Table) -> tuple[list[str], list[str]]:
     return lacking, offers
 
 
-def _vehicle_lines(found: Guessed) -> list[str]:
+def _vehicle_lines(found: Guessed) -> tuple[list[str], list[str]]:
+    """The vehicle's lines, and in words what no table tells of it."""
+    unknown = []
     lines = ["vehicle:   # what no table tells is null: fill it in"]
     known = found.vehicle.properties if found.vehicle is not None else {}
     for name, dimension in VEHICLE_DIMENSIONS.items():
@@ -159,8 +162,9 @@ def _vehicle_lines(found: Guessed) -> list[str]:
             lines.append(f"  {name}: {{file: {file}, {_mapped(known[name])}, time: {{{time}}}}}{told}")
             continue
         value = "[0.0, 0.0, 0.0]" if name == "accelerometer_position" else "null"
+        unknown.append(name)
         lines.append(f"  {name}: {{value: {value}, units: {SI[dimension]}}}{told}")
-    return lines
+    return lines, [f"no table tells of the vehicle: {', '.join(unknown)}"] if unknown else []
 
 
 def _offers(found: Guessed, asked: list[str]) -> list[str]:

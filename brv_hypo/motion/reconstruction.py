@@ -106,7 +106,7 @@ class Reconstruction(Pictured, Histories):
         """The flight, the method, and how well the motion is known."""
         return (
             f"{self.flight.title or self.flight.path or 'flight'}: {self.method} method, {self.status}; alpha known to "
-            f"{np.degrees(self.alpha_rms_sigma):.2g} deg, meridian to {self.phi_w_rms_sigma:.2g} rad (rms)"
+            f"{np.degrees(self.alpha_rms_sigma):.2g} deg, meridian to {np.degrees(self.phi_w_rms_sigma):.2g} deg (rms)"
         )
 
     def columns(self) -> Mapping[str, Any]:

@@ -22,8 +22,8 @@ MOST_POINTS = 2500
 
 @dataclass(frozen=True)
 class Line:
-    """A history, or dots, `large` where they are few; `labels` stand beside them, `error` is how far y may lie below
-    and above.
+    """A history, or dots, `large` where they are few; `labels`, of a line or more, stand to the right of them, `error`
+    is how far y may lie below and above.
     """
 
     x: Values
@@ -107,6 +107,14 @@ class Chart:
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
     caption: str = ""
+
+
+def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
+    """Marks with a name, from left to right, each with the line above the frame on which its name stands: in turn the
+    lowest and the next, so that neighbours do not hide each other.
+    """
+    shown = sorted((mark for mark in marks if mark.name), key=lambda mark: mark.at)
+    return [(mark, (len(shown) - 1 - i) % 2) for i, mark in enumerate(shown)]
 
 
 def thinned(values: Values) -> FloatArray:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.ranking.result import (
     CoefficientSeries,
     Comparison,
@@ -22,6 +22,7 @@ from brv_hypo.report.motion_charts import (
     Moments,
     Setting,
     attitude_chart,
+    difference,
     knots_of,
     masked,
     moment_by_alpha_chart,
@@ -35,6 +36,8 @@ from brv_hypo.report.style import probability, share
 
 LEADING = 2
 """Hypotheses that are drawn besides `none`; more lines than this hide each other."""
+CLOSE = 0.1
+"""Share of the axis within which two dots are so close that their names would hide each other."""
 ROUNDING = 1e-9
 """A coefficient that stays below this, its error included, is none of the model's and is not drawn."""
 _ROLES: tuple[Role, ...] = ("first", "second")
@@ -91,22 +94,35 @@ def _sizes(comparison: Comparison) -> Chart:
         return Chart("cp", "", "", ())
     most = max(row.n_terms for row in rows)
     lowest = min(row.cp for row in rows)
-    spread = [row.cp - lowest + 1.0 for row in rows]
-    points = Line(
-        [row.n_terms for row in rows],
-        spread,
-        "first",
-        dots=True,
-        large=True,
-        labels=[row.mechanism for row in rows],
-    )
+    terms, spread = [row.n_terms for row in rows], [row.cp - lowest + 1.0 for row in rows]
+    labels = _together([row.mechanism for row in rows], terms, np.log10(spread))
+    points = Line(terms, spread, "first", dots=True, large=True, labels=labels)
     return Chart(
         "cp",
         "C_p over size",
         "terms besides the baseline",
         [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
-        range=(-0.5, most + 0.5),
+        range=(-0.5, most + 1.0),  # room for the label of the last
     )
+
+
+def _together(names: Sequence[str], columns: Sequence[int], heights: FloatArray) -> list[str]:
+    """The names as labels of dots: those of dots in one column that lie close to each other stand in one label, the
+    uppermost first, beside the middle one of these dots.
+    """
+    labels = [""] * len(names)
+    close = CLOSE * float(np.ptp(heights))
+    downwards = sorted(range(len(names)), key=lambda i: (columns[i], -heights[i]))
+    groups: list[list[int]] = []
+    for i in downwards:
+        last = groups[-1][-1] if groups else None
+        if last is not None and columns[last] == columns[i] and heights[last] - heights[i] <= close:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    for group in groups:
+        labels[group[len(group) // 2]] = "\n".join(names[i] for i in group)
+    return labels
 
 
 def _own_knots(leader: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
@@ -132,7 +148,7 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     )
     time, measured, sigma = series.time_s, series.measured, series.sigma
     models = [Drawn(name, series.fitted[name], role) for name, role in leading(comparison) if name in series.fitted]
-    left = [Drawn(m.name, _difference(measured, m.moments), m.role) for m in models]
+    left = [Drawn(m.name, difference(measured, m.moments), m.role) for m in models]
     charts = [
         moment_chart(setting, time, measured, sigma, models),
         residual_chart(setting, time, sigma, left),
@@ -167,8 +183,8 @@ def _excess(setting: Setting, series: Series, models: Sequence[Drawn]) -> list[C
     if static is None or models[-1].name == "none":
         return []
     leader = models[-1]
-    beyond = Drawn(leader.name, _difference(leader.moments, static), leader.role)
-    left = _difference(series.measured, static)
+    beyond = Drawn(leader.name, difference(leader.moments, static), leader.role)
+    left = difference(series.measured, static)
     return [
         moment_by_alpha_chart(
             setting, series.alpha_rad, left, [beyond], "excess-by-alpha", "Moments less the baseline"
@@ -192,11 +208,6 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
     heading = f"In-plane moment of {series[-1].mechanism} by its terms"
     caption = "Above: at no angle of attack. Where two sizes differ by much, the smaller is not to be believed."
     return [setting.chart("coefficients-by-size", heading, panels, caption)]
-
-
-def _difference(measured: Moments, fitted: Moments) -> Moments:
-    inside, outside = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
-    return inside, outside
 
 
 def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> list[Chart]:

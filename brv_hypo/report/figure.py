@@ -11,8 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, named
 
 WIDTH = 6.5
 """Inches: the text of a page."""
@@ -22,14 +23,14 @@ COLOURS = {
     "first": "#0072b2",
     "second": "#d55e00",
     "third": "#009e73",
-    "none": "#999999",
-    "guide": "#999999",
+    "none": "#8c8c8c",
+    "guide": "#8c8c8c",
 }
 """By role; Okabe and Ito (2008), told apart by colour-blind readers."""
-_BESIDE = (
-    ((0, 5), "center", "bottom"), ((0, -5), "center", "top"), ((5, 0), "left", "center"), ((-5, 0), "right", "center")
-)  # fmt: skip
-"""Places of labels, in turn, so that those of neighbours do not hide each other: shift in points, alignment."""
+_NAME = 8
+"""Points of the height of a mark's name."""
+SMALLEST_DOT = 3.0
+"""Points of a dot in a legend, at least: those of histories are smaller."""
 STYLE: Any = {
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -78,8 +79,9 @@ def _fill(figure: Figure, chart: Chart) -> None:
         for span in chart.spans:
             axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
     top, bottom = rows[0], rows[-1]
-    for mark in chart.marks:
-        top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="center", fontsize=7)
+    for mark, line in named(chart.marks):
+        above = {"xytext": (0, 2 + _NAME * line), "textcoords": "offset points", "fontsize": 7}
+        top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="left", **above)
     bottom.set_xlabel(_plain(chart.x))
     if chart.log:
         bottom.set_xscale("log")
@@ -91,7 +93,10 @@ def _fill(figure: Figure, chart: Chart) -> None:
         handles = {
             label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
+        legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
+        for handle in legend.legend_handles:
+            if isinstance(handle, Line2D) and handle.get_marker() == "o":
+                handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))
 
 
 def _draw(axes: Axes, panel: Panel) -> None:
@@ -123,11 +128,8 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
     if layer.error is not None:
         spread = np.asarray(layer.error, dtype=float)
         axes.errorbar(layer.x, layer.y, yerr=spread, fmt="none", ecolor=colour, linewidth=1.0)
-    for i, (x, y, label) in enumerate(zip(layer.x, layer.y, layer.labels, strict=False)):
-        shift, across, along = _BESIDE[i % len(_BESIDE)]
-        axes.annotate(
-            label, (x, y), xytext=shift, textcoords="offset points", ha=across, va=along, fontsize=8, clip_on=False
-        )
+    for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
+        axes.annotate(label, (x, y), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8, clip_on=False)
 
 
 def _bars(axes: Axes, layer: Bars, colour: str) -> None:

@@ -10,25 +10,30 @@ from rich.table import Table
 from rich.text import Text
 
 from brv_hypo.mechanisms.conformance import Outcome
+from brv_hypo.mechanisms.loading import OWN
 from brv_hypo.mechanisms.registry import Installed
 from brv_hypo.report.style import plain_table
+from brv_hypo.version import version
 
 KINDS = ("mechanism", "aerodynamic", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
 
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
-    """One row for each mechanism or effect: name, kind, package, claim; `verbose` adds the source."""
-    table = plain_table("Installed mechanisms and effects")
+    """One row for each mechanism or effect: name, kind, claim; below the claim the package, where it is another's;
+    `verbose` adds package and source of all.
+    """
+    table = plain_table(f"Mechanisms and effects, of {OWN} {version()} where no other package is named")
     table.add_column("name", no_wrap=True, style="bold")
     table.add_column("kind", no_wrap=True)
-    table.add_column("package", no_wrap=True)
-    table.add_column("claims")
-    if verbose:
-        table.add_column("source")
+    table.add_column("claims", overflow="fold")
     for name, entry in sorted(found.items(), key=lambda item: (KINDS.index(item[1].item.kind), item[0])):
-        row = [name, entry.item.kind, f"{entry.package} {entry.version}", entry.item.claims]
-        table.add_row(*row, *([entry.item.source] if verbose else []))
+        told = [entry.item.claims]
+        if verbose or entry.package != OWN:
+            told.append(f"package: {entry.package} {entry.version}")
+        if verbose:
+            told.append(f"source: {entry.item.source}")
+        table.add_row(name, entry.item.kind, "\n".join(told))
     return table
 
 

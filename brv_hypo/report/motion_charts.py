@@ -20,6 +20,10 @@ BODY = ("pitch, C<sub>m</sub> · 10³", "yaw, C<sub>n</sub> · 10³")
 TIME = "time, s"
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
+_FAR_WIDER = 5.0
+"""Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
+_WHOLE = 0.99
+"""Share of the record from which on a fault is one of the record as such, and no stretch of it is masked."""
 _NARROWEST = 0.003
 """Share of the record that a shaded stretch takes at least, to be seen."""
 _SEGMENT = 512
@@ -66,21 +70,30 @@ class Drawn:
     role: Role
 
 
-def moment_chart(setting: Setting, time: Values, measured: Moments, sigma: Values, models: Sequence[Drawn]) -> Chart:
+def moment_chart(
+    setting: Setting,
+    time: Values,
+    measured: Moments,
+    sigma: Values,
+    models: Sequence[Drawn],
+    titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
+) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
     panels = [
-        Panel(
+        _before_noise(
             title,
+            _band(time, values, sigma),
             [
-                _band(time, values, sigma),
                 Line(time, MILLI * np.asarray(values), "measured", "measured", dots=True),
                 *(Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models),
             ],
         )
-        for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
+        for k, (title, values) in enumerate(zip(titles, measured, strict=True))
     ]
-    caption = "Dashed lines: knots of the leader. Shaded: masked." if setting.knots or setting.masked else ""
-    return setting.chart("moments", "Moments, measured and modelled" if models else "Moments", panels, caption)
+    heading = "Moments, measured and modelled" if models else "Moments"
+    knots = "Dashed lines: knots of the model on top." if setting.knots else ""
+    shaded = "Shaded: masked." if setting.masked else ""
+    return setting.chart("moments", heading, panels, _caption(knots, shaded, _cut(panels)))
 
 
 def residual_chart(
@@ -93,16 +106,41 @@ def residual_chart(
 ) -> Chart:
     """What models leave of the moments, before a band of two standard deviations; the last one on top."""
     panels = [
-        Panel(
+        _before_noise(
             title,
-            [
-                _band(time, np.zeros(len(time)), sigma),
-                *(Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models),
-            ],
+            _band(time, np.zeros(len(time)), sigma),
+            [Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models],
         )
         for k, title in enumerate(titles)
     ]
-    return setting.chart("residuals", heading, panels, "Dashed lines: knots." if setting.knots else "")
+    knots = "Dashed lines: knots." if setting.knots else ""
+    return setting.chart("residuals", heading, panels, _caption(knots, _cut(panels)))
+
+
+def _before_noise(title: str, band: Band, lines: Sequence[Line]) -> Panel:
+    """Histories before the band of their noise; where that is far wider than they are, they fill the frame, not it."""
+    shown = np.concatenate([np.asarray(line.y, dtype=float) for line in lines]) if lines else np.zeros(0)
+    known = shown[np.isfinite(shown)]
+    if not known.size:
+        return Panel(title, [band, *lines])
+    low, high = float(np.min(known)), float(np.max(known))
+    width = high - low
+    far = float(np.nanmax(band.high) - np.nanmin(band.low)) > _FAR_WIDER * width > 0.0
+    return Panel(title, [band, *lines], range=(low - width, high + width) if far else None)
+
+
+def _cut(panels: Sequence[Panel]) -> str:
+    return "The noise is far wider than the moments: its band goes beyond the frame." if panels[0].range else ""
+
+
+def _caption(*sentences: str) -> str:
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
+def difference(measured: Moments, fitted: Moments) -> Moments:
+    """What a model leaves of the measured moments; or the model, of the moments and what it leaves."""
+    first, second = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
+    return first, second
 
 
 def motion_chart(
@@ -216,13 +254,15 @@ def _spectrum(moments: Moments, sample_rate: float) -> tuple[FloatArray, FloatAr
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Stretches to shade for faults; of spikes, that are single samples, the first and the last."""
+    """Stretches to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
+    the record as a whole, none.
+    """
     found = []
     for fault in faults:
         narrow = _NARROWEST * length
         if fault.fault == "spikes":
             found += [(at - 0.5 * narrow, at + 0.5 * narrow, "") for at in {fault.start_s, fault.stop_s}]
-        else:
+        elif fault.stop_s - fault.start_s < _WHOLE * length:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
     return sorted(found)
 
@@ -243,5 +283,6 @@ def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
 
 
 def _band(time: Values, centre: Values, sigma: Values) -> Band:
-    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.asarray(sigma)
+    # Of a record that was corrected far beyond its tolerances, even the dynamic pressure may be negative.
+    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.abs(np.asarray(sigma))
     return Band(time, middle - wide, middle + wide)

@@ -8,18 +8,24 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import re
 from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 
 from brv_hypo.report.blocks import TEXT_COLUMNS, Block, Document, Picture, Table, Texts
 from brv_hypo.report.chart import Chart
-from brv_hypo.report.plotly_chart import plotly_chart
+from brv_hypo.report.plotly_chart import chart_height, plotly_chart
 from brv_hypo.report.provenance import Provenance
 
 _FOLDER = "page"
 _WHOLE = 9
 """A table of more columns takes the whole width of the page."""
+_ROW, _LINE = 380, 32
+"""Heights (px) of a row of sections, and of a line of a table: a section that is several rows high has as many sections
+beside it, and no empty space."""
+_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
+"""What is typed as it stands: text between backticks, and options."""
 
 
 def page(document: Document, provenance: Provenance) -> str:
@@ -32,7 +38,7 @@ def page(document: Document, provenance: Provenance) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(document.title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
         f'<h1>{escape(document.title)}</h1>\n<p class="quiet">{subtitle}</p>\n'
-        f'<p class="verdict{settled}">{escape(document.conclusion)}</p>\n'
+        f'<p class="verdict{settled}">{_text(document.conclusion)}</p>\n'
         f"<main>\n{_sections(document.blocks)}\n</main>\n{_footer(provenance)}\n"
         f"{_charts(document.charts)}<script>{script}</script>\n</body>\n</html>\n"
     )
@@ -63,7 +69,16 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
 
 def _section(group: Sequence[Block]) -> str:
     wide = any(isinstance(block, Table) and len(block.headings) > _WHOLE for block in group)
-    return f'<section class="{"whole" if wide else ""}">{"".join(map(_content, group))}</section>'
+    rows = max(1, round(sum(map(_height, group)) / _ROW))
+    span = f' style="grid-row: span {rows}"' if rows > 1 else ""
+    return f'<section class="{"whole" if wide else ""}"{span}>{"".join(map(_content, group))}</section>'
+
+
+def _height(block: Block) -> int:
+    """About what the block takes, px."""
+    if isinstance(block, Picture):
+        return chart_height(block.chart)
+    return _LINE * len(block.rows if isinstance(block, Table) else block.texts)
 
 
 def _content(block: Block) -> str:
@@ -81,10 +96,15 @@ def _figure(chart: Chart) -> str:
 
 
 def _texts(block: Texts) -> str:
-    items = list(dict.fromkeys(map(escape, block.texts)))
+    items = list(dict.fromkeys(map(_text, block.texts)))
     if block.bullets:
         return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
     return "".join(f"<p>{item}</p>" for item in items)
+
+
+def _text(words: str) -> str:
+    """Text as HTML, with what is typed in one piece."""
+    return _CODE.sub(lambda found: f"<code>{found[1] or found[2]}</code>", escape(words))
 
 
 def _table(block: Table) -> str:

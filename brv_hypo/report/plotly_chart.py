@@ -9,29 +9,34 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Values, thinned
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Values, named, thinned
 
-_GAP = 0.08
 _UNEVEN = 1e-3
 """Share of a step by which times may be uneven and still be given as start and step."""
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "square": 520}
+_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "square": 520, "gap": 32}
+_BESIDE_BARS = 1.18
+"""The axis of bars without a range of its own goes so far beyond the longest, where its text stands."""
+_LEAST_PLAIN, _MOST_PLAIN = 1e-3, 1e6
+"""Numbers between these have no exponent (style.number)."""
+_NAME = 13
+"""Height of a mark's name, px."""
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart."""
     traces: list[dict[str, Any]] = []
-    named: set[str] = set()
+    told: set[str] = set()
     for row, panel in enumerate(chart.panels, start=1):
         for layer in panel.layers:
             for trace in _traces(layer):
                 name = trace.get("name", "")
                 group = "" if isinstance(layer, Bars) else layer.name
                 place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}", "legendgroup": group}
-                traces.append({**trace, **place, "showlegend": bool(name) and name not in named})
-                named.add(name)
-    return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": _height(chart)}
+                traces.append({**trace, **place, "showlegend": bool(name) and name not in told})
+                told.add(name)
+    return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": chart_height(chart)}
 
 
 def _traces(layer: Line | Band | Bars) -> list[dict[str, Any]]:
@@ -56,19 +61,14 @@ def _line(layer: Line) -> dict[str, Any]:
     else:
         trace["line"] = {"color": colour, "width": 1.5, **({"dash": "dot"} if layer.dashed else {})}
     if layer.labels:
-        trace |= {"text": list(layer.labels), "textposition": _beside(len(layer.labels)), "cliponaxis": False}
+        text = [label.replace("\n", "<br>") for label in layer.labels]
+        trace |= {"text": text, "textposition": "middle right", "cliponaxis": False}
     if layer.error is not None:
         below, above = (np.asarray(values, dtype=float).tolist() for values in layer.error)
         trace["error_y"] = {
             "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
         }  # fmt: skip
     return trace
-
-
-def _beside(count: int) -> list[str]:
-    """Places of labels, in turn, so that those of neighbours do not hide each other."""
-    places = ("top center", "bottom center", "middle right", "middle left")
-    return [places[i % len(places)] for i in range(count)]
 
 
 def _band(layer: Band) -> list[dict[str, Any]]:
@@ -112,7 +112,7 @@ def _bars(layer: Bars) -> dict[str, Any]:
         "x": [float(value) for value in layer.values],
         "y": list(layer.names),
         "text": list(layer.texts),
-        "textposition": "auto",
+        "textposition": "outside",
         "cliponaxis": False,
         "marker": {"color": f"--{layer.role}"},
     }
@@ -128,34 +128,60 @@ def _layout(chart: Chart) -> dict[str, Any]:
         "ticks": "outside",
         "showline": True,
         "automargin": True,
+        "exponentformat": "none",
     }
+    across = chart.range or _range_of_bars(chart)
     layout: dict[str, Any] = {
         "xaxis": {
             **axis,
             "title": {"text": chart.x},
             "anchor": "y" if count == 1 else f"y{count}",
             **({"type": "log"} if chart.log else {}),
-            **({"range": list(chart.range)} if chart.range else {}),
+            **({"range": list(across)} if across else {}),
+            **({"exponentformat": "power"} if across and across[1] < _LEAST_PLAIN else {}),
         },
         "shapes": _shapes(chart),
         "annotations": _annotations(chart),
     }
-    height = (1.0 - _GAP * (count - 1)) / count
+    gap = _HEIGHT["gap"] / (_HEIGHT["panel"] * count)
+    height = (1.0 - gap * (count - 1)) / count
     for row, panel in enumerate(chart.panels):
-        top = 1.0 - row * (height + _GAP)
+        top = 1.0 - row * (height + gap)
         bars = any(isinstance(layer, Bars) for layer in panel.layers)
         layout["yaxis" if row == 0 else f"yaxis{row + 1}"] = {
             **axis,
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
             "title": {"text": panel.title},
-            **({"type": "log", "exponentformat": "power", **_decades(panel)} if panel.log else {}),
+            **({"exponentformat": "power"} if panel.log or not _plain(panel) else {}),
+            **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
             **({"scaleanchor": "x"} if chart.square else {}),
             **(_ticks(panel.categories) if panel.categories else {}),
         }
     return layout
+
+
+def _range_of_bars(chart: Chart) -> tuple[float, float] | None:
+    """From nothing to beyond the text of the longest bar; None where there are none."""
+    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
+    longest = max((float(value) for layer in bars for value in layer.values), default=0.0)
+    return (0.0, _BESIDE_BARS * longest) if longest > 0.0 else None
+
+
+def _plain(panel: Panel) -> bool:
+    """True where the greatest value of the vertical axis is written without an exponent."""
+    sides = [side for layer in panel.layers for side in _vertical(layer)]
+    greatest = max((float(np.nanmax(np.abs(side))) for side in sides if np.any(np.isfinite(side))), default=0.0)
+    return greatest == 0.0 or _LEAST_PLAIN <= greatest < _MOST_PLAIN
+
+
+def _vertical(layer: Line | Band | Bars) -> list[FloatArray]:
+    if isinstance(layer, Bars):
+        return []
+    sides = (layer.low, layer.high) if isinstance(layer, Band) else (layer.y,)
+    return [np.asarray(side, dtype=np.float64) for side in sides]
 
 
 def _decades(panel: Panel) -> dict[str, Any]:
@@ -189,15 +215,18 @@ def _shapes(chart: Chart) -> list[dict[str, Any]]:
 
 
 def _annotations(chart: Chart) -> list[dict[str, Any]]:
-    beside = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
-    named = [(m.at, m.name) for m in chart.marks] + [(0.5 * (s.start + s.stop), s.name) for s in chart.spans]
-    shifts = (0, -13)  # px, so that neighbours do not hide each other
+    """Names above the frame: of spans in their middle, of marks from their line on."""
+    above = {"xref": "x", "yref": "paper", "y": 1, "yanchor": "bottom", "showarrow": False, "font": {"size": 11}}
+    spans = [(0.5 * (s.start + s.stop), s.name) for s in chart.spans if s.name]
     return [
-        {**beside, "x": at, "text": name, "yshift": shifts[i % 2]} for i, (at, name) in enumerate(named) if name
-    ]
+        *({**above, "x": mark.at, "text": mark.name, "xanchor": "left", "yshift": _NAME * line}
+          for mark, line in named(chart.marks)),
+        *({**above, "x": at, "text": name} for at, name in spans),
+    ]  # fmt: skip
 
 
-def _height(chart: Chart) -> int:
+def chart_height(chart: Chart) -> int:
+    """Height of the drawn chart, px."""
     if chart.square:
         return _HEIGHT["square"]
     bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]

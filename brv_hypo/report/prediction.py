@@ -84,7 +84,7 @@ def band_chart(result: Prediction) -> Chart:
 
 
 def _bars(names: list[str], percent: list[float]) -> Bars:
-    return Bars(names, percent, [share(value / 100.0) for value in percent])
+    return Bars(names, percent, [f"{number(value, 2)} %" for value in percent])
 
 
 def _errors(result: Prediction) -> list[tuple[str, float]]:

@@ -28,7 +28,7 @@ HEADINGS = ("history", "unit", "least", "greatest", "sigma (rms)")
 # Name, what it is (the values and their standard deviations), factor to the unit shown, unit.
 _QUANTITIES = (
     ("angle of attack", "alpha", "alpha_sigma", np.degrees(1.0), "deg"),
-    ("windward meridian", "windward_meridian", "phi_w_sigma", np.degrees(1.0), "deg"),
+    ("windward meridian, turns added up", "windward_meridian", "phi_w_sigma", np.degrees(1.0), "deg"),
 )
 
 
@@ -37,7 +37,7 @@ def reconstruction_line(result: Reconstruction) -> str:
     alpha = number(float(np.degrees(result.alpha_rms_sigma)), 2)
     return (
         f"motion by the {result.method} method ({result.status}): known to {alpha} deg in alpha and "
-        f"{number(result.phi_w_rms_sigma, 2)} rad in meridian (rms)"
+        f"{number(float(np.degrees(result.phi_w_rms_sigma)), 2)} deg in meridian (rms)"
     )
 
 

@@ -13,6 +13,7 @@ from brv_hypo.ranking.result import (
     DerivedEstimate,
     Knot,
     MaximumLikelihood,
+    RecordSummary,
     TermEstimate,
 )
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
@@ -166,11 +167,9 @@ def flight_texts(comparison: Comparison) -> list[str]:
     if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
         return lines
     alpha = number(float(np.degrees(known.alpha_rms_sigma_rad)), 2)
-    meridian = number(known.phi_w_rms_sigma_rad, 2)
-    lines.append(
-        f"motion by the {known.method} method, known to {alpha} deg in alpha and {meridian} rad in "
-        "meridian (rms)"
-    )
+    meridian = number(float(np.degrees(known.phi_w_rms_sigma_rad)), 2)
+    method = known.method
+    lines.append(f"motion by the {method} method, known to {alpha} deg in alpha and {meridian} deg in meridian (rms)")
     return lines
 
 
@@ -192,10 +191,14 @@ def note_texts(comparison: Comparison) -> list[str]:
 
 def warning_texts(comparison: Comparison) -> list[str]:
     """What limits the result."""
-    told = comparison.verdict.reason
-    faults = [
+    faults = fault_texts(comparison.record, comparison.verdict.reason)
+    return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]
+
+
+def fault_texts(record: RecordSummary, told: str = "") -> list[str]:
+    """The faults of the record but those that are `told` already."""
+    return [
         f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
-        for fault in comparison.record.faults
+        for fault in record.faults
         if fault.action not in told
     ]
-    return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]

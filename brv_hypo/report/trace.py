@@ -5,6 +5,7 @@ from __future__ import annotations
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood
 from brv_hypo.report.blocks import Block, Document, Picture, Table, Texts
 from brv_hypo.report.compare import term_table
+from brv_hypo.report.rows import fault_texts
 from brv_hypo.report.style import interval, number, share
 from brv_hypo.report.trace_charts import trace_charts
 from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
@@ -12,6 +13,7 @@ from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
 TOLD = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
 
+CONTRADICTED = "The record contradicts itself (see the warnings), and what is found may be that."
 CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "near-equals")
 
 
@@ -28,15 +30,19 @@ def trace_document(result: Trace) -> Document:
     if result.ml is not None:
         blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))
         blocks.append(term_table("model, by maximum likelihood", result.ml.terms, "verbose"))
-    blocks.append(Texts(result.caveats, "Warnings", warning=True))
+    blocks.append(Texts((*fault_texts(result.record), *result.caveats), "Warnings", warning=True))
     return Document(
         title=f"Residual traced: {name}",
         subtitle=tuple(flight_line(flight) for flight in result.flights),
-        conclusion_title="Found: " + (", ".join(result.findings) or "nothing"),
+        conclusion_title=_title(result),
         conclusion=conclusion(result),
-        settled=result.unexplained is None,
+        settled=result.unexplained is None and result.record.sound,
         blocks=blocks,
     )
+
+
+def _title(result: Trace) -> str:
+    return "Found: " + (", ".join(result.findings) or "nothing") if result.record.sound else "Record in doubt"
 
 
 def flight_line(flight: FlightSummary) -> str:
@@ -47,9 +53,10 @@ def flight_line(flight: FlightSummary) -> str:
 
 def conclusion(result: Trace) -> str:
     """What was found, what is hinted at, and what is left, in a sentence or two."""
+    doubt = "" if result.record.sound else CONTRADICTED
     found = f"Found: {', '.join(result.findings)}." if result.findings else "Nothing was found."
     hinted = f"Hints, no findings: {', '.join(result.hints)}." if result.hints else ""
-    return " ".join(part for part in (found, hinted, _ending(result), result.unexplained) if part)
+    return " ".join(part for part in (doubt, found, hinted, _ending(result), result.unexplained) if part)
 
 
 def _ending(result: Trace) -> str:

@@ -1,4 +1,4 @@
-"""The charts of a trace: the residual before and after, over time, angle and frequency."""
+"""The charts of a trace: the moments with the model, the residual before and after, the motion."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from brv_hypo.report.motion_charts import (
     BODY,
     Drawn,
     Setting,
+    attitude_chart,
+    difference,
     knots_of,
+    moment_chart,
     motion_chart,
     residual_chart,
     spectrum_chart,
@@ -26,7 +29,9 @@ def trace_charts(result: Trace) -> list[Chart]:
     models = [Drawn("before", picture.before, "second"), Drawn("after", picture.after, "first")]
     heading = "Residual moments, before and after"
     rates = turning_rates(picture.roll_rate_rad_s, picture.windward_meridian_rate_rad_s)
+    model = Drawn("model", difference(picture.measured, picture.after), "first")
     charts = [
+        moment_chart(setting, picture.time_s, picture.measured, picture.sigma, [model], BODY),
         residual_chart(setting, picture.time_s, picture.sigma, models, BODY, heading),
         spectrum_chart(
             setting,
@@ -41,5 +46,7 @@ def trace_charts(result: Trace) -> list[Chart]:
     ]
     if picture.alpha_rad:
         angles = (picture.alpha_rad, picture.windward_meridian_rad)
-        charts.append(motion_chart(setting, picture.time_s, *angles))
+        sigmas = (picture.alpha_sigma_rad, picture.windward_meridian_sigma_rad)
+        charts.append(motion_chart(setting, picture.time_s, *angles, *sigmas))
+        charts.append(attitude_chart(setting, picture.time_s, *angles, picture.roll_rate_rad_s))
     return charts

@@ -20,6 +20,8 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.model.columns import Column
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion import try_record
+from brv_hypo.ranking.summary import record_summary
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals.baseline import (
     has_schedule,
@@ -66,11 +68,13 @@ def trace(
     """Trace what a model lacks on one flight or several (paths, `Flight`s or simulated flights), effect by effect.
 
     Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
-    the record are of each. Long records far finer than their motion are traced as means of samples. Raises UsageError
-    for an unknown effect and UnanswerableError where a record is too short.
+    the record are of each. Long records far finer than their motion are traced as means of samples. A record that
+    contradicts itself is traced as it is, for the effect may be what does it; `record` of the result says so. Raises
+    UsageError for an unknown effect and UnanswerableError where a record is too short.
     """
     config = config or TraceConfig()
-    records = tuple(averaged(flight) for flight in flights_of(flights))
+    own = flights_of(flights)
+    records = tuple(averaged(flight) for flight in own)
     fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)
     for record in records:
         if record.samples < fewest:
@@ -80,7 +84,8 @@ def trace(
                 "configuration."
             )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        return _trace(records, config, progress or (lambda message: None))
+        result = _trace(records, config, progress or (lambda message: None))
+    return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
 
 
 def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> Trace:

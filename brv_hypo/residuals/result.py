@@ -9,7 +9,7 @@ from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.filed import MechanismFile
-from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, TermEstimate
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordSummary, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.tabular import Pictured, Row
@@ -149,7 +149,9 @@ class Picture(NullIsNaN):
     after: tuple[tuple[float, ...], tuple[float, ...]]
     sigma: tuple[float, ...]
     alpha_rad: tuple[float, ...] = ()
+    alpha_sigma_rad: tuple[float, ...] = ()
     windward_meridian_rad: tuple[float, ...] = ()
+    windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
 
@@ -160,6 +162,7 @@ class Trace(Pictured, Result):
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
     flight: FlightSummary
     flights: tuple[FlightSummary, ...] = ()
+    record: RecordSummary = RecordSummary()
     steps: tuple[Step, ...]
     findings: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()

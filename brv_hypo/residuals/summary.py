@@ -44,6 +44,7 @@ from brv_hypo.residuals.result import (
 )
 
 _FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
+_MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, SlopeCourse.name)
 
 
@@ -289,12 +290,15 @@ def _unexplained(residual: Residual) -> str | None:
         f"; {c.moment} goes with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
     )
     return (
-        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.1f} times the noise of the "
+        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.2g} times the noise of the "
         f"moments; it is largest in {residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
         f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; against the moment "
-        f"that was flown it is largest from {first:.2f} to {last:.2f} s, {100.0 * residual.worst_share:.0f} % of "
-        "its rms there."
+        f"that was flown it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} its rms there."
     )
+
+
+def _of_rms(share: float) -> str:
+    return f"{100.0 * share:.0f} % of" if share < _MANY_TIMES else f"{share:.0f} times"
 
 
 def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
@@ -336,7 +340,8 @@ def _drag_spread(flight: Flight) -> float | None:
 def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
     """Of several flights, that of the one with this number."""
     after, seen = end.state.left, end.state.seen
-    moments, motion = seen.reconstructions[number].moments, seen.reconstructions[number].motion
+    reconstruction = seen.reconstructions[number]
+    moments, motion = reconstruction.moments, reconstruction.motion
     rows = seen.rows_of(number)
     kept = (before.usable & after.usable)[rows]
     samples = seen.samples_of(number)[kept]
@@ -347,7 +352,9 @@ def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
         after=_pair(after.body[rows][kept]),
         sigma=tuple(moments.noise_sigma[samples].tolist()),
         alpha_rad=tuple(motion.alpha[samples].tolist()),
+        alpha_sigma_rad=tuple(reconstruction.alpha_sigma[samples].tolist()),
         windward_meridian_rad=tuple(motion.windward_meridian[samples].tolist()),
+        windward_meridian_sigma_rad=tuple(reconstruction.phi_w_sigma[samples].tolist()),
         roll_rate_rad_s=tuple(motion.p[samples].tolist()),
         windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
     )

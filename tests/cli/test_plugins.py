@@ -85,3 +85,15 @@ def test_what_is_no_plugin_is_wrong_usage(brv_hypo, tmp_path, name):
     done = brv_hypo("mechanisms", "--plugin", name, cwd=tmp_path)
     assert done.returncode == 2
     assert name in done.stderr
+
+
+def test_the_list_is_whole_on_a_narrow_terminal_and_names_where_a_plugin_came_from(brv_hypo, tmp_path):
+    """No claim ends in an ellipsis, and none is squeezed into a column of single words."""
+    (tmp_path / "own.py").write_text(GOOD)
+    done = brv_hypo("mechanisms", "--plugin", "own.py", cwd=tmp_path, COLUMNS="80")
+    lines = done.stdout.splitlines()
+    assert "…" not in done.stdout
+    assert max(map(len, lines)) <= 80
+    assert len(lines) < 90
+    (own,) = (number for number, line in enumerate(lines) if line.startswith("own "))
+    assert "package: " in lines[own + 1]

@@ -121,6 +121,13 @@ def test_every_topic_with_something_to_execute_is_executed():
     assert {topic for topic, used in languages.items() if used & {"console", "python"}} == {*EXECUTED, *kernels}
 
 
+@pytest.mark.parametrize("topic", topics())
+def test_drawings_and_equations_are_whole_at_80_columns(topic):
+    """A terminal breaks wider lines, and of a drawing leaves nothing to see."""
+    drawn = [line for snippet in snippets(topic) if snippet.language == "text" for line in snippet.body.splitlines()]
+    assert [line for line in drawn if len(line) > 78] == []
+
+
 def test_topics_are_in_reading_order():
     assert tuple(topics())[: len(TOPICS)] == TOPICS
     assert all(re.match(r"# \S", text(topic)) for topic in topics())

@@ -177,6 +177,8 @@ def test_files_of_other_recorders_and_of_the_vehicle_go_with_the_log(tmp_path: P
     assert mapping["channels"]["time"]["offset"] == pytest.approx(-5000.0, abs=0.1)
     assert {name for name, entry in mapping["vehicle"].items() if "file" in entry} == {"mass", "ixx", "iyy"}
     assert any("site's height above the sea" in doubt for doubt in guess.unsure)
+    unknown = "reference_length, reference_area, accelerometer_position"
+    assert f"no table tells of the vehicle: {unknown}" in guess.unsure
     for name in ("reference_length", "reference_area"):
         mapping["vehicle"][name]["value"] = float(getattr(VEHICLE, name))
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))

@@ -49,6 +49,15 @@ ZOOM = """<script>(async () => {
   root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
 })();</script>"""
 
+PRINT = """<script>(async () => {
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  dispatchEvent(new Event("beforeprint"));
+  await new Promise((done) => setTimeout(done, 300));
+  const nodes = [...document.querySelectorAll(".chart")];
+  root.dataset.sizes = nodes.map((node) => [node.layout.width, node.layout.height].join("x")).join(" ");
+  root.dataset.paper = getComputedStyle(document.body).backgroundColor;
+})();</script>"""
+
 CHART = '<div class="chart"'
 
 pytestmark = [
@@ -133,6 +142,23 @@ def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages,
 
 def test_charts_over_time_are_zoomed_together_and_the_others_are_not(shown) -> None:
     assert 'data-zoomed="1.0-2.0 1.0-2.0 0.0-3.0"' in shown(report(ZOOM))
+
+
+def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
+    """On white paper, two charts of two panels on a sheet of 1000 px, and none higher than it."""
+    wave = Panel("y", [Line(np.linspace(0.0, 5.0, 50), np.ones(50), "first")])
+    tall = Picture(Chart("tall", "Tall", "time, s", [wave] * 6))
+    document = Document("t", (), "c", "words", True, [*(Picture(chart) for chart in charts()), tall])
+    html = page(document, Provenance()).replace("</body>", f"{PRINT}</body>")
+    root = shown(html, scheme="dark")
+    assert "data-failed" not in root
+    sizes = re.search(r'data-sizes="([^"]*)"', root)[1].split()
+    assert {size.split("x")[0] for size in sizes} == {"660"}
+    two, _, bars, most = (float(size.split("x")[1]) for size in sizes)
+    assert two < 430
+    assert bars == 157
+    assert most < 1000
+    assert f'data-paper="{SCHEMES["light"][1]}"' in root
 
 
 def test_the_manual_is_searched(shown) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from brv_hypo.ranking.benchmark import finer
 from brv_hypo.residuals import Trace, TraceConfig, loop, trace
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
+from tests.chains import traced_trim
 from tests.flights import nominal
 from tests.shared_data import shared_file
 
@@ -111,11 +113,24 @@ def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     traced: list[Flight] = []
+    result = traced_trim()
 
-    def begun(flights: tuple[Flight, ...], *_: Any) -> None:
+    def begun(flights: tuple[Flight, ...], *_: Any) -> Trace:
         traced.extend(flights)
+        return result
 
     monkeypatch.setattr(loop, "_trace", begun)
     trace(finer(nominal().flight, 24_001), TraceConfig())
     assert traced[0].samples < 6_000
     assert "means of" in traced[0].notes[-1]
+
+
+def test_a_record_that_contradicts_itself_is_traced_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rate gyro with the wrong sign; the trial is of the record as it is, whatever the trace makes of it."""
+    result = traced_trim()
+    monkeypatch.setattr(loop, "_trace", lambda *_: result)
+    flight = nominal().flight
+    assert trace(flight).record.sound
+    wrong = trace(replace(flight, q=-flight.q)).record
+    assert not wrong.sound
+    assert any("q" in fault.channel for fault in wrong.faults)

@@ -40,6 +40,7 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
         "klass": "".join(word.capitalize() for word in words.split()),
         "title": words,
         "what": "record effect" if effect else "mechanism",
+        "topic": "effect" if effect else "mechanism",
         "use": "brv-hypo trace flight.h5" if effect else f"brv-hypo compare flight.h5 --mechanisms {name},sticking",
     }
     target = parent / values["distribution"]

@@ -27,18 +27,26 @@
   const common = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: "x unified", hoversubplots: "axis",
     font: { family: "system-ui, -apple-system, 'Segoe UI', Helvetica, Arial, sans-serif", size: 13, color: "--ink" },
-    margin: { l: 60, r: 20, t: 44, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
+    margin: { l: 60, r: 20, t: 58, b: 46 }, hoverlabel: { bgcolor: "--paper", bordercolor: "--rule" },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: "--quiet", activecolor: "--accent" },
-    legend: { orientation: "h", yanchor: "bottom", y: 1.06, x: 0 },
+    legend: { orientation: "h", yref: "container", yanchor: "top", y: 1, x: 0, itemsizing: "constant" },
   };
   const PAPER = 660;  // px: the width of a sheet between its margins
+  const SHEET = 880;  // px: the height that a chart may have on it, with heading and caption
+  const CLOSER = 0.8;  // of its height on a screen, so that two charts of two panels stand on a sheet
+  const LEAST = 300;  // px: charts of no more keep their height
+  const SMALLER = 11;  // px: the letters of closer panels
   const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "resetScale2d"]] };
   const draw = async () => {
     const style = getComputedStyle(root);
     for (const [index, node] of nodes.entries()) {
       const chart = charts[index];
       const layout = painted({ ...common, ...chart.layout, height: chart.height }, style);
-      if ("printing" in root.dataset) layout.width = PAPER;
+      if ("printing" in root.dataset) {
+        layout.width = PAPER;
+        layout.height = Math.min(Math.max(CLOSER * chart.height, Math.min(chart.height, LEAST)), SHEET);
+        layout.font.size = SMALLER;
+      }
       if (node.layout && node.layout.xaxis && chart.time) layout.xaxis.range = node.layout.xaxis.range;
       await Plotly.react(node, painted(chart.traces, style), layout, config);
     }

@@ -1,0 +1,187 @@
+"""What makes charts and pages readable: nothing hides a name, and nothing drawn flattens what it stands beside."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from brv_hypo.ranking.result import RecordFaultSummary, RecordSummary
+from brv_hypo.report.blocks import Document, Picture, Table, Texts
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel
+from brv_hypo.report.comparison_charts import comparison_charts
+from brv_hypo.report.figure import SMALLEST_DOT, chart_figure
+from brv_hypo.report.motion_charts import Drawn, Setting, masked, moment_chart, residual_chart
+from brv_hypo.report.pages import page, resource
+from brv_hypo.report.plotly_chart import plotly_chart
+from brv_hypo.report.provenance import Provenance
+from brv_hypo.report.trace import trace_document
+from brv_hypo.report.trace_charts import trace_charts
+from tests.chains import compared_nominal, traced_trim
+
+TIME = np.linspace(0.0, 5.0, 200)
+WAVE = np.sin(TIME) / 1e3
+SETTING = Setting((0.0, 5.0))
+
+
+def test_names_of_dots_that_lie_on_each_other_stand_in_one_label() -> None:
+    """Three of one size with nearly the same C_p, one far below, one of another size."""
+    comparison = compared_nominal()
+    row = comparison.ranking[0]
+    cps = {"a": (2, 1.0), "b": (3, 9e3), "c": (3, 1e4), "d": (3, 1.1e4), "e": (4, 1e4)}
+    rows = tuple(
+        row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items()
+    )
+    charts = comparison_charts(comparison.model_copy(update={"ranking": rows}))
+    (dots,) = next(chart for chart in charts if chart.name == "cp").panels[0].layers
+    assert isinstance(dots, Line)
+    assert list(dots.labels) == ["a", "", "d\nc\nb", "", "e"]
+
+
+def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> None:
+    loud, quiet = np.linspace(1e-3, 1.0, 200), np.full(200, 1e-4)
+    models = [Drawn("model", (WAVE, WAVE), "first")]
+    for drawn in (
+        moment_chart(SETTING, TIME, (WAVE, WAVE), loud, models),
+        residual_chart(SETTING, TIME, loud, models),
+    ):
+        for panel in drawn.panels:
+            low, high = panel.range
+            assert low < -1.0 < 1.0 < high  # thousandths: all of the moments
+            assert high - low < 10.0
+        assert "beyond the frame" in drawn.caption
+    assert all(panel.range is None for panel in moment_chart(SETTING, TIME, (WAVE, WAVE), quiet, models).panels)
+
+
+def test_a_band_has_its_upper_edge_above() -> None:
+    band = residual_chart(SETTING, TIME, np.full(200, -1e-3), []).panels[0].layers[0]
+    assert isinstance(band, Band)
+    assert np.all(np.asarray(band.high) > np.asarray(band.low))
+
+
+def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
+    faults = [
+        RecordFaultSummary(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
+        RecordFaultSummary(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
+    ]
+    assert masked(faults, 5.0) == [(1.0, 2.0, "masked")]
+
+
+@pytest.mark.parametrize(
+    ("greatest", "expected"), [(20_000.0, "none"), (0.5, "none"), (2e6, "power"), (1e-5, "power")]
+)
+def test_numbers_of_an_axis_have_an_exponent_where_they_need_one(greatest: float, expected: str) -> None:
+    line = Line(TIME, greatest * np.sin(TIME), "first")
+    layout = plotly_chart(Chart("c", "h", "t", [Panel("y", [line])]))["layout"]
+    assert layout["yaxis"]["exponentformat"] == expected
+
+
+def test_the_texts_of_bars_have_room_beside_them() -> None:
+    bars = Bars(["a", "b"], [0.0, 3e-6], ["0 %", "3e-6 %"])
+    chart = plotly_chart(Chart("c", "h", "share", [Panel("", [bars])]))
+    assert chart["traces"][0]["textposition"] == "outside"
+    axis = chart["layout"]["xaxis"]
+    assert axis["range"][1] > 1.1 * 3e-6
+    assert axis["exponentformat"] == "power"
+
+
+def test_names_of_marks_stand_above_the_frame_each_on_a_line_of_its_own() -> None:
+    line = Panel("y", [Line(TIME, TIME, "first")])
+    chart = plotly_chart(Chart("c", "h", "f", [line], marks=[Mark(1.2, "roll"), Mark(1.0, "meridian")]))
+    names = {each["text"]: each for each in chart["layout"]["annotations"]}
+    assert names["meridian"]["yshift"] > names["roll"]["yshift"] >= 0
+    assert {each["xanchor"] for each in names.values()} == {"left"}
+
+
+def test_names_of_marks_do_not_meet_in_a_figure() -> None:
+    line = Panel("y", [Line(TIME, TIME, "first")])
+    drawn = chart_figure(Chart("c", "h", "f", [line], marks=[Mark(1.0, "meridian"), Mark(1.1, "roll")]))
+    drawn.canvas.draw()
+    first, second = (text.get_window_extent() for text in drawn.axes[0].texts)
+    assert not first.overlaps(second)
+
+
+def test_panels_stand_as_far_apart_however_many_there_are() -> None:
+    def gap(count: int) -> float:
+        chart = plotly_chart(Chart("c", "h", "t", [Panel("y", [Line(TIME, TIME, "first")])] * count))
+        layout = chart["layout"]
+        return (layout["yaxis"]["domain"][0] - layout["yaxis2"]["domain"][1]) * 190 * count
+
+    assert gap(2) == pytest.approx(gap(5), rel=1e-6)
+
+
+def test_small_dots_are_seen_in_the_legend_of_a_figure() -> None:
+    dots = Line(TIME, TIME, "measured", "measured", dots=True)
+    (legend,) = chart_figure(Chart("c", "h", "t", [Panel("y", [dots])])).legends
+    assert legend.legend_handles[0].get_markersize() >= SMALLEST_DOT
+
+
+class TestPage:
+    def test_a_high_section_has_several_rows_of_the_grid(self) -> None:
+        high = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])] * 5)
+        rows = [("a",)] * 40
+        blocks = (Picture(high), Table(("term",), rows, "many"), Texts(("few",), "Notes"))
+        html = page(Document("t", (), "c", "words", True, blocks), Provenance())
+        assert re.findall(r"<section[^>]*>", html) == [
+            '<section class="" style="grid-row: span 3">',
+            '<section class="" style="grid-row: span 3">',
+            '<section class="">',
+        ]
+
+    def test_what_is_typed_stands_in_one_piece(self) -> None:
+        words = "Check the tolerances (--instruments), or look with `brv-hypo trace`; free-form -- as <it> is."
+        html = page(Document("t", (), "c", words, True, [Texts((words,))]), Provenance())
+        expected = (
+            "Check the tolerances (<code>--instruments</code>), or look with <code>brv-hypo trace</code>; "
+            "free-form -- as &lt;it&gt; is."
+        )
+        assert html.count(expected) == 2
+
+
+class TestTrace:
+    def test_the_model_is_drawn_over_the_measured_moments(self) -> None:
+        result = traced_trim()
+        charts = {chart.name: chart for chart in trace_charts(result)}
+        assert {"moments", "residuals", "spectrum", "motion", "theta-psi"} <= set(charts)
+        model = charts["moments"].panels[0].layers[-1]
+        picture = result.picture
+        np.testing.assert_allclose(model.y, 1e3 * np.subtract(picture.measured[0], picture.after[0]))
+        assert all(isinstance(panel.layers[0], Band) for panel in charts["motion"].panels)
+
+    def test_a_record_that_contradicts_itself_is_told_before_what_was_found(self) -> None:
+        sound = traced_trim()
+        assert sound.record.sound
+        fault = RecordFaultSummary(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
+        doubted = sound.model_copy(update={"record": RecordSummary(sound=False, faults=(fault,))})
+        document = trace_document(doubted)
+        assert document.conclusion_title == "Record in doubt"
+        assert document.conclusion.startswith("The record contradicts itself")
+        assert not document.settled
+        warnings = next(block for block in document.blocks if isinstance(block, Texts) and block.warning)
+        assert "turn q over" in warnings.texts[0]
+
+
+class TestContrast:
+    """Of text 4.5 to 1 and of what is drawn 3 to 1 (WCAG 2.1), against the paper, in either scheme."""
+
+    @staticmethod
+    def schemes() -> list[dict[str, str]]:
+        style = resource("page.css").decode()
+        light, dark = re.findall(r":root[^{]*\{([^}]*)\}", style)[:2]
+        return [dict(re.findall(r"--([a-z]+): (#[0-9a-f]{6})", each)) for each in (light, dark)]
+
+    @staticmethod
+    def luminance(colour: str) -> float:
+        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+        linear = np.where(parts <= 0.03928, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    @pytest.mark.parametrize("scheme", [0, 1])
+    def test_everything_stands_out_from_the_paper(self, scheme: int) -> None:
+        colours = self.schemes()[scheme]
+        paper = self.luminance(colours["paper"])
+        text, drawn = ("ink", "quiet", "accent", "caution"), ("measured", "first", "second", "third", "none", "mark")
+        for name in (*text, *drawn):
+            brighter, darker = sorted((self.luminance(colours[name]), paper), reverse=True)
+            assert (brighter + 0.05) / (darker + 0.05) >= (4.5 if name in text else 3.0), name
