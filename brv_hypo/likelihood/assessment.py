@@ -14,8 +14,9 @@ from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.noise_errors import noise_errors
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.scoring import directions_of, noise_errors
+from brv_hypo.likelihood.scoring import directions_of
 from brv_hypo.likelihood.search import Options, Outcome, residuals
 from brv_hypo.likelihood.step import (
     Iterate,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -95,16 +96,19 @@ def jacobian(
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
 
-    def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
-        if straight and method == "central":
-            if not value:
-                value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
-            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
+    def derivative(
+        move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False
+    ) -> FloatArray:
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
             if not value:
                 value.append(moved.real.copy())
             return np.asarray(moved.imag.T / _COMPLEX_STEP)
+        size = size_of()
+        if straight:
+            if not value:
+                value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
+            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         step = _CENTRAL_STEP * size
         return np.asarray(
             (np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step)
@@ -135,24 +139,27 @@ def jacobian(
             function, x, points, dict(theta) | {course.name: theta[course.name] + step}, delayed
         )
 
-    columns = [derivative(along_row(x, row), _size(points.x[row])) for row in range(n_states)]
+    columns = [derivative(along_row(x, row), partial(_size, points.x[row])) for row in range(n_states)]
     through: dict[str, FloatArray] = {}
     for course in points.courses:
         if any(weight in names for weight in course.weights):
-            size = max(_size_of(w, theta, scale) for w in course.weights)
-            own = derivative(along_course(course), size, course.name in affine)
+            own = derivative(
+                along_course(course),
+                partial(_largest_size, course.weights, theta, scale),
+                course.name in affine,
+            )
             for w, shape in zip(course.weights, course.shapes, strict=True):
                 part = own * shape[:, None]
                 through[w] = through[w] + part if w in through else part
     columns += [
         through[name]
         if name in through
-        else derivative(along_parameter(name), _size_of(name, theta, scale), name in affine)
+        else derivative(along_parameter(name), partial(_largest_size, (name,), theta, scale), name in affine)
         for name in names
     ]
     for name, before in delayed.items():
         columns += [
-            derivative(along_row(before.x, row), _size(points.delayed[name].x[row]))
+            derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row]))
             for row in range(n_states)
         ]
     if not value:
@@ -256,9 +263,11 @@ def _call(
     return function(x, points.u, theta, points.t)
 
 
-def _size_of(name: str, theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
-    """Size of a parameter, for its difference step."""
-    return max(abs(theta[name]), scale.get(name, 1.0))
+def _largest_size(
+    names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]
+) -> float:
+    """Size of the largest parameter, for a difference step."""
+    return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
 
 
 def _size(row: FloatArray) -> float:
