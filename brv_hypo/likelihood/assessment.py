@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.likelihood import student
 from brv_hypo.likelihood.changing_errors import changing_errors
-from brv_hypo.likelihood.colour import coloured_covariance, inflation
+from brv_hypo.likelihood.colour import coloured_covariance, inflation, white_covariance
 from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
@@ -61,8 +62,14 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    segments, loose = _sensitivities(outcome)
+    pull = _influence(iterate, innovations)
+    segments, loose = _sensitivities(outcome if pull is None else _flattened(outcome, pull))
     rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
+    if pull is not None:
+        rows = tuple(
+            np.concatenate([(psi / np.sqrt(pull.slope)[:, None]).T[:, :, None], each[:, :, 1:]], axis=2)
+            for psi, each in zip(pull.psi, rows, strict=False)
+        )
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
@@ -76,6 +83,8 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     changing = changing_errors(problem, iterate, segments, white, estimated) if fast else ()
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(problem, samples, _unknowns(problem, estimated), options)
+    if pull is not None:
+        taken_out *= pull.spread
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
     noise = noise_errors(problem, iterate, wanted)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
@@ -107,11 +116,26 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
+        linear=None if pull else linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
         remarks=(*_remarks(together, measured, tests, options), *noise.remarks, *changing),
+        noise_freedom=None if iterate.tails is None else iterate.tails.freedom,
+        weights=() if iterate.tails is None else tuple(w[:, sampled] for w in iterate.tails.weights),
     )
+
+
+def _influence(iterate: Iterate, innovations: Sequence[FloatArray]) -> student.Influence | None:
+    if iterate.tails is None:
+        return None
+    return student.influence(innovations, np.diag(iterate.covariance), iterate.tails.freedom)
+
+
+def _flattened(outcome: Outcome, pull: student.Influence) -> Outcome:
+    """Every sample of an output weighed by its mean slope: what curves the likelihood of noise with tails."""
+    weights = tuple(np.repeat(pull.slope[:, None], grid.n, axis=1) for grid in outcome.problem.grids)
+    tails = student.Tails(np.full(pull.slope.size, np.inf), weights)
+    return replace(outcome, iterate=replace(outcome.iterate, tails=tails), segments=())
 
 
 def _sampled(starts: Starts, where: slice) -> Starts:
@@ -135,7 +159,8 @@ def _covariances(
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = _unknowns(problem, estimated)
-    white = raw * _taken_out(problem, samples, unknowns, options)
+    taken_out = _taken_out(problem, samples, unknowns, options)
+    white = raw * taken_out
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
@@ -144,7 +169,11 @@ def _covariances(
     sensitivity = [
         _columns(s[:, :, 1:], index, known) for s, index in zip(rows, parameters.segment_index, strict=True)
     ]
-    corrected = coloured_covariance(raw[block], prior, sensitivity, [s[:, :, 0] for s in rows])
+    left = [s[:, :, 0] for s in rows]
+    if options.student:
+        white = np.full_like(raw, np.nan)
+        white[block] = white_covariance(raw[block], prior, sensitivity, left) * taken_out
+    corrected = coloured_covariance(raw[block], prior, sensitivity, left)
     if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
@@ -228,6 +257,9 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
         return tuple(f.innovations for f in filtered), sum(f.nllf for f in filtered)
     found = residuals(problem, iterate)
     together = np.concatenate(found, axis=1)
+    if iterate.tails is not None:
+        square = np.diag(iterate.covariance)
+        return found, student.negative_log_likelihood(together, square, iterate.tails.freedom)
     return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
 
 

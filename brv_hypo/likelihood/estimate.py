@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from brv_hypo.likelihood.bridging import bridged, pieces_of, stretches
 from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
 from brv_hypo.likelihood.mesh import finer, refine
-from brv_hypo.likelihood.noise import Shape, least_variance
+from brv_hypo.likelihood.noise import Kind, least_variance
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
@@ -40,7 +41,7 @@ def fit(
     delays: Sequence[str] = (),
     reach: Mapping[str, float] | None = None,
     affine: Collection[str] = (),
-    noise: Shape = "diagonal",
+    noise: Kind = "diagonal",
     noise_covariance: FloatArray | None = None,
     first_noise: FloatArray | None = None,
     estimate_process_noise: bool = False,
@@ -79,7 +80,8 @@ def fit(
         reach: largest change in one step by name, for parameters whose effect is linear over a short way only.
         affine: names, or courses, in which both functions are affine, all else held: one evaluation gives their
             derivative.
-        noise: shape of B, "diagonal" or "full".
+        noise: shape of B, "diagonal" or "full"; or "student": noise with tails, outliers among it, Student's t with
+            scale and degrees of freedom of each output found. Not together with process noise.
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11. Where the
             residuals are then not white, the search begins again from other first guesses of it, and the best
             likelihood wins (`beginnings`).
@@ -101,16 +103,18 @@ def fit(
         The estimate, its errors and a status; failure to converge is a status, not an exception.
 
     Raises:
-        UsageError: arguments that do not fit together: shapes, names, bounds, delays with process noise,
+        UsageError: arguments that do not fit together: shapes, names, bounds, delays or tails with process noise,
             functions that are not finite at the start.
     """
     if mesh_steps is not None and mesh_steps < 1:
         raise UsageError(f"mesh_steps is {mesh_steps}; expected at least 1, or None to have it chosen")
 
+    _check_noise(noise, process_noise)
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
-        noise=noise,
+        noise="full" if noise == "full" else "diagonal",
+        student=noise == "student",
         estimate_noise=noise_covariance is None,
         estimate_process_noise=estimate_process_noise,
         progress=progress,
@@ -208,6 +212,16 @@ class _Task:
             noises = (FirstNoise("an earlier fit", _known_covariance(self.first_noise, len(y))), *noises)
         tried = noises[:1] if self.near_start else noises
         return best_of(tried, run, y.shape[1], known is not None), model
+
+
+def _check_noise(noise: str, process_noise: Sequence[float] | FloatArray | None) -> None:
+    if noise not in get_args(Kind):
+        raise UsageError(f"noise is {noise!r}; expected one of {list(get_args(Kind))}")
+    if noise == "student" and process_noise is not None and np.any(process_noise):
+        raise UsageError(
+            f"noise 'student' was given together with process noise {process_noise}: the likelihood of states that "
+            "noise drives is had for Gaussian noise only. Leave process_noise out, or mark outliers as nan in y"
+        )
 
 
 def _driving(process_noise: Sequence[float] | FloatArray | None, n_states: int) -> FloatArray:

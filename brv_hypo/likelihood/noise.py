@@ -10,6 +10,8 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
 Shape = Literal["diagonal", "full"]
+Kind = Literal["diagonal", "full", "student"]
+"""Of noise: Gaussian, outputs independent or not, or Student's t, outputs independent."""
 
 _ROUNDING = 1e-14
 _BITS = 62

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood import student
 from brv_hypo.likelihood.acceleration import Extrapolation
 from brv_hypo.likelihood.collocation import evaluate_segment
 from brv_hypo.likelihood.filtering import Determinant, disturbance_cost
@@ -73,13 +74,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class Options:
-    """How the search runs; see `fit`."""
+    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal."""
 
     max_iterations: int
     tolerance: float
     noise: Shape
     estimate_noise: bool
     estimate_process_noise: bool
+    student: bool = False
     progress: Callable[[Progress], None] | None = None
     mesh_steps: int = 1
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -105,6 +107,8 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     if options.estimate_process_noise:
         problem, iterate = _noise_first(problem, iterate, options)
+    if options.student:
+        iterate = _with_tails(problem, iterate, options)
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
     derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
@@ -186,6 +190,8 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
 def _nllf(problem: Problem, iterate: Iterate, determinant: Determinant) -> float:
     """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
+    if iterate.tails is not None:
+        return student.negative_log_likelihood(difference, np.diag(iterate.covariance), iterate.tails.freedom)
     fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
     if not np.any(problem.process_noise):
         return fit
@@ -291,6 +297,8 @@ class _Noise:
 
 
 def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
+    if iterate.tails is not None:
+        return _with_new_tails(problem, iterate, options)
     if not options.estimate_noise:
         return iterate, True
     difference = np.concatenate(residuals(problem, iterate), axis=1)
@@ -298,3 +306,19 @@ def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[It
     new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
     change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
     return replace(iterate, covariance=new), change < _SETTLED_CHANGE
+
+
+def _with_tails(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
+    """The first scales and weights; scales stay where they were given."""
+    square, tails = student.first_tails(residuals(problem, iterate), options.floor)
+    covariance = np.diag(square) if options.estimate_noise else iterate.covariance
+    return replace(iterate, covariance=covariance, tails=tails)
+
+
+def _with_new_tails(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
+    found, old = residuals(problem, iterate), np.diag(iterate.covariance)
+    together = np.concatenate(found, axis=1)
+    square, freedom = student.fitted(together, old, options.floor, not options.estimate_noise)
+    tails = student.tails_of(found, square, freedom)
+    settled = float(np.max(np.abs(square / old - 1.0))) < _SETTLED_CHANGE
+    return replace(iterate, covariance=np.diag(square), tails=tails), settled

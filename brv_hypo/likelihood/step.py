@@ -24,6 +24,7 @@ from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
 from brv_hypo.likelihood.recalled import Recalled
 from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.student import Tails
 from brv_hypo.likelihood.triangle import upper_triangle
 
 _RANK_TOLERANCE = 1e-10
@@ -59,11 +60,18 @@ class Problem:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance."""
+    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance; where the noise has
+    `tails`, the squares of its scales on the diagonal.
+    """
 
     x: tuple[FloatArray, ...]
     theta: FloatArray
     covariance: FloatArray
+    tails: Tails | None = None
+
+    def weights(self, s: int) -> FloatArray | None:
+        """What the samples of segment s weigh, (n_outputs, n); None where all weigh 1."""
+        return None if self.tails is None else self.tails.weights[s]
 
 
 @dataclass(frozen=True)
@@ -170,7 +178,9 @@ def _eliminated(
 ) -> Eliminated:
     """Segment s linearised and its states eliminated."""
     linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
-    quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
+    quadratic = quadratic_of(
+        problem, problem.grids[s], iterate.x[s], linear, iterate.covariance, iterate.weights(s)
+    )
     if not quadratic.exact:
         quadratic = _memoryless(quadratic)
     if anchored:
@@ -251,7 +261,7 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
-        whitener = whitening(iterate.covariance, grid.measured)
+        whitener = _whitener(iterate.covariance, grid, iterate.weights(s), slice(None))
         residual = _whitened(whitener, grid, output, slice(None))
         scaled = np.concatenate([start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
@@ -278,6 +288,7 @@ def quadratic_of(
     x: FloatArray,
     linear: Iterable[tuple[slice, Linearisation]],
     covariance: FloatArray,
+    weights: FloatArray | None = None,
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
@@ -285,7 +296,7 @@ def quadratic_of(
     outputs, dynamics = [], []
     for part, each in linear:
         first = part.indices(grid.n)[0]
-        whitener = whitening(covariance, grid.measured[:, part])
+        whitener = _whitener(covariance, grid, weights, part)
         rows.put("residual", first, _whitened(whitener, grid, each.output, part))
         rows.put("by_parameter", first, whitener @ each.output_by_parameter)
         rows.put("defect", first + 1, each.defect / size)
@@ -313,6 +324,12 @@ class _Rows:
         if name not in self.filled:
             self.filled[name] = np.zeros((self._n, *values.shape[1:]))
         self.filled[name][first : first + len(values)] = values
+
+
+def _whitener(covariance: FloatArray, grid: Grid, weights: FloatArray | None, part: slice) -> FloatArray:
+    """See `whitening`, of a part; `weights` (n_outputs, n) multiply the outputs' squares."""
+    found = whitening(covariance, grid.measured[:, part])
+    return found if weights is None else np.sqrt(weights.T[part])[:, :, None] * found
 
 
 def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
