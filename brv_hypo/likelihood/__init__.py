@@ -9,8 +9,8 @@
     fit_single_shooting    shooting.py   the reference that `fit` is held against
 
 Data flow through: segment and parameters (checked input), tied (constraints among parameters), derivatives (complex
-step or central differences), interpolation and collocation (Hermite-Simpson defects, as the sparse rows of `blocks`),
-elimination (the states, by one `band`, or by condensation of a recursion in time where delays reach far or records
+step, central differences, or given), interpolation and collocation (Hermite-Simpson defects, as the sparse rows of
+`blocks`), elimination (the states, by one `band`, or by condensation of a recursion in time where delays reach far or records
 are long), step (Gauss-Newton in theta), merit (how far), start (smoothed states; cutting: long records in pieces),
 beginnings (the best of several), bridging (long gaps), noise, student (noise with tails), filtering and scoring (B, R,
 Q; marginal: the states integrated out, by the loops of compiled and compiled_band), search, then uncertainty, initial,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.course import SampledCourse
+from brv_hypo.likelihood.given import Given, plain
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
@@ -28,6 +29,9 @@ _AGREEMENT = 1e-4
 """Largest relative difference to central differences at which the complex step is believed."""
 _BLOCK_ROUNDING = 1e-8
 """Rounding of central differences, against the largest derivative of a block."""
+
+_ASIDE = 0.1
+"""How far from the start, in sizes, given derivatives are checked."""
 
 _NEXT_TO_ZERO = 1e-8
 """Magnitude of a start value below which it may be meant as 0."""
@@ -87,7 +91,8 @@ def jacobian(
     """Value and first derivatives at all points; weights of a course through that course.
 
     `names` are the parameters to differentiate by; `scale` gives the size of each for central differences;
-    in those of `affine`, or in the courses of these names, the function is, so that one difference is exact.
+    in those of `affine`, or in the courses of these names, the function is, so that one difference is exact. What a
+    `Given` function knows is taken from it.
     """
     n_states = points.x.shape[0]
     theta = _with_courses(points, theta)
@@ -95,6 +100,10 @@ def jacobian(
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
+    by_state: FloatArray | None = None
+    known: Mapping[str, FloatArray] = {}
+    if isinstance(function, Given):
+        by_state, known = function.at(points.x, points.u, theta, points.t)
 
     def derivative(
         move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False
@@ -139,21 +148,25 @@ def jacobian(
             function, x, points, dict(theta) | {course.name: theta[course.name] + step}, delayed
         )
 
-    columns = [derivative(along_row(x, row), partial(_size, points.x[row])) for row in range(n_states)]
+    columns = [
+        derivative(along_row(x, row), partial(_size, points.x[row])) if by_state is None else by_state[:, :, row]
+        for row in range(n_states)
+    ]
     through: dict[str, FloatArray] = {}
     for course in points.courses:
         if any(weight in names for weight in course.weights):
-            own = derivative(
-                along_course(course),
-                partial(_largest_size, course.weights, theta, scale),
-                course.name in affine,
-            )
+            size = partial(_largest_size, course.weights, theta, scale)
+            own = known.get(course.name)
+            if own is None:
+                own = derivative(along_course(course), size, course.name in affine)
             for w, shape in zip(course.weights, course.shapes, strict=True):
                 part = own * shape[:, None]
                 through[w] = through[w] + part if w in through else part
     columns += [
         through[name]
         if name in through
+        else known[name]
+        if name in known
         else derivative(along_parameter(name), partial(_largest_size, (name,), theta, scale), name in affine)
         for name in names
     ]
@@ -180,7 +193,7 @@ def choose_method(
     scale: Mapping[str, float],
 ) -> Method:
     """The complex step where every function takes it and central differences agree; else those."""
-    for function in functions:
+    for function in map(plain, functions):
         central = jacobian(function, points, theta, names, "central", scale)
         try:
             with warnings.catch_warnings():
@@ -192,6 +205,46 @@ def choose_method(
         if not all(_agree(a, b) for a, b in pairs):
             return "central"
     return "complex"
+
+
+def check_given(
+    function: Given,
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    method: Method,
+    scale: Mapping[str, float],
+) -> None:
+    """Refuse derivatives that differ from the function's own differences, at the start and near it: at the start itself
+    many a term is 0.
+
+    Raises:
+        UsageError: with both values.
+    """
+    rng = np.random.default_rng(0)
+    size = np.array([_size(row) for row in points.x])
+    aside = replace(points, x=points.x + _ASIDE * size[:, None] * rng.standard_normal(points.x.shape))
+    moved = dict(theta) | {name: theta[name] + _ASIDE * scale[name] * rng.standard_normal() for name in names}
+    for place, values in ((points, theta), (aside, moved)):
+        with np.errstate(all="ignore"):
+            own = jacobian(function, place, values, names, method, scale)
+            expected = jacobian(function.function, place, values, names, method, scale)
+        columns = [(f"state {row}", own.by_state[:, :, row], expected.by_state[:, :, row]) for row in range(size.size)]
+        columns += [
+            (f"parameter {name!r}", own.by_parameter[:, :, i], expected.by_parameter[:, :, i])
+            for i, name in enumerate(names)
+        ]
+        largest = max(np.nanmax(np.abs(right), initial=0.0) for _, _, right in columns)
+        for what, left, right in columns:
+            allowed = _AGREEMENT * np.nanmax(np.abs(right), initial=0.0) + _BLOCK_ROUNDING * largest
+            apart = np.where(np.isfinite(right), ~(np.abs(left - right) <= allowed), False)
+            if apart.any():
+                at, row = np.argwhere(apart)[0].tolist()
+                raise UsageError(
+                    f"{function.what}_jacobian: the derivative of row {row} by {what} is {left[at, row]:.6g} at sample "
+                    f"{at} near the start, where differences of {function.what} give {right[at, row]:.6g}. Correct it, "
+                    "or leave it out: by parameters that are not in the mapping, differences are taken"
+                )
 
 
 def parameter_scales(

@@ -14,7 +14,15 @@ from brv_hypo.likelihood.assessment import assess
 from brv_hypo.likelihood.beginnings import FirstNoise, best_of, chosen, first_noises
 from brv_hypo.likelihood.bridging import bridged, pieces_of, stretches
 from brv_hypo.likelihood.collocation import Model, start_points
-from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
+from brv_hypo.likelihood.derivatives import (
+    Function,
+    Method,
+    check_given,
+    check_shape,
+    choose_method,
+    parameter_scales,
+)
+from brv_hypo.likelihood.given import Derivatives, Given, with_given
 from brv_hypo.likelihood.mesh import finer, refine
 from brv_hypo.likelihood.noise import Kind, least_variance
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
@@ -46,6 +54,8 @@ def fit(
     first_noise: FloatArray | None = None,
     estimate_process_noise: bool = False,
     derivatives: str = "auto",
+    dynamics_jacobian: Derivatives | None = None,
+    outputs_jacobian: Derivatives | None = None,
     max_iterations: int = 50,
     tolerance: float = 1e-5,
     near_start: bool = False,
@@ -88,6 +98,12 @@ def fit(
         first_noise: B that the search begins from with `near_start`, as an earlier fit left it.
         estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
         derivatives: "auto", "complex" or "central".
+        dynamics_jacobian: derivatives of the dynamics, where they are known: (x, u, theta, t) -> pair of those by
+            states (n_states, n_states, n), and a mapping of parameters, courses and tied ones among them, to
+            (n_states, n).
+            By parameters that are left out differences are taken. Checked against differences at the start. Not
+            together with delays.
+        outputs_jacobian: the same of the outputs.
         max_iterations: limit of Gauss-Newton steps.
         tolerance: step, as a fraction of the standard errors, at which the search ends.
         near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
@@ -104,7 +120,7 @@ def fit(
 
     Raises:
         UsageError: arguments that do not fit together: shapes, names, bounds, delays or tails with process noise,
-            functions that are not finite at the start.
+            jacobians that differ from differences, functions that are not finite at the start.
     """
     if mesh_steps is not None and mesh_steps < 1:
         raise UsageError(f"mesh_steps is {mesh_steps}; expected at least 1, or None to have it chosen")
@@ -121,8 +137,14 @@ def fit(
     )
     ties = dict(tied or {})
     check_ties(ties, theta0, per_segment)
+    if delays and not (dynamics_jacobian is None and outputs_jacobian is None):
+        raise UsageError(
+            f"jacobians were given together with delays {list(delays)}: they know nothing of delayed states. Leave "
+            "them out"
+        )
+    known = with_given(dynamics, dynamics_jacobian, "dynamics"), with_given(outputs, outputs_jacobian, "outputs")
     task = _Task(
-        with_ties(dynamics, ties), with_ties(outputs, ties), theta0, process_noise, dict(bounds or {}),
+        with_ties(known[0], ties), with_ties(known[1], ties), theta0, process_noise, dict(bounds or {}),
         tuple(fixed), tuple(per_segment), dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine),
         noise_covariance, first_noise, derivatives, near_start, options,
     )  # fmt: skip
@@ -292,4 +314,7 @@ def _model(
     method: Method = "central" if derivatives == "central" else "complex"
     if derivatives == "auto":
         method = choose_method(functions, points, theta, parameters.base, scale)
+    for function in functions:
+        if isinstance(function, Given):
+            check_given(function, points, theta, parameters.base, method, scale)
     return Model(dynamics, outputs, delays, method, scale, affine)

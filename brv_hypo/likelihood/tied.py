@@ -11,11 +11,14 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Function
+from brv_hypo.likelihood.given import Given
 from brv_hypo.likelihood.result import FitResult
 
 Tie = Callable[[Mapping[str, Any]], Any]
 """Of the free parameters by name; analytic, if derivatives are to be exact."""
 
+_RELATIVE = 1e-5
+"""Central difference for a tie's derivative, against its parameter."""
 _STEP = 1e-3
 """Central difference for the errors of tied parameters, in standard errors."""
 
@@ -25,10 +28,35 @@ def with_ties(function: Function, ties: Mapping[str, Tie]) -> Function:
     if not ties:
         return function
 
-    def completed(x: Any, u: Any, theta: Mapping[str, Any], t: Any, *delayed: Any) -> Any:
-        return function(x, u, dict(theta) | {name: tie(theta) for name, tie in ties.items()}, t, *delayed)
+    def complete(theta: Mapping[str, Any]) -> dict[str, Any]:
+        return dict(theta) | {name: tie(theta) for name, tie in ties.items()}
 
-    return completed
+    def completed(x: Any, u: Any, theta: Mapping[str, Any], t: Any, *delayed: Any) -> Any:
+        return function(x, u, complete(theta), t, *delayed)
+
+    if not isinstance(function, Given):
+        return completed
+
+    def derivatives(x: Any, u: Any, theta: Mapping[str, Any], t: Any) -> tuple[Any, dict[str, Any]]:
+        by_state, found = function.derivatives(x, u, complete(theta), t)
+        total = dict(found)
+        for name in set(found) & set(theta):
+            slopes = {tied: _slope(tie, theta, name) for tied, tie in ties.items()} if np.ndim(theta[name]) == 0 else {}
+            through = {tied: slope for tied, slope in slopes.items() if slope != 0.0}
+            if set(through) <= set(found):
+                total[name] = found[name] + sum(found[tied] * slope for tied, slope in through.items())
+            else:
+                del total[name]  # left to differences
+        return by_state, total
+
+    return Given(completed, derivatives, function.what)
+
+
+def _slope(tie: Tie, theta: Mapping[str, Any], name: str) -> float:
+    """Derivative of a tie by one parameter."""
+    step = _RELATIVE * (abs(float(theta[name])) or 1.0)
+    up, down = (float(tie(dict(theta) | {name: theta[name] + sign * step})) for sign in (1.0, -1.0))
+    return (up - down) / (2.0 * step)
 
 
 def check_ties(ties: Mapping[str, Tie], theta0: Mapping[str, float], per_segment: Collection[str]) -> None:
