@@ -19,6 +19,7 @@ from brv_hypo.likelihood.noise_errors import noise_errors
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.scoring import directions_of
 from brv_hypo.likelihood.search import Options, Outcome, residuals
+from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
@@ -42,6 +43,8 @@ _SAME_ERROR = 0.01
 """Relative change of a standard error at that which counts as none."""
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
+_ROUNDING = 1e-12
+"""The same of rounding."""
 
 Segments = tuple[Sensitivity, ...]
 
@@ -87,11 +90,13 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         taken_out *= pull.spread
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
     noise = noise_errors(problem, iterate, wanted)
+    seen_by_data = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
+    hidden = outcome.status == Status.STALLED and bool(seen_by_data.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
     measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
         status=outcome.status,
-        message=outcome.message,
+        message=outcome.message if not hidden else f"{outcome.message}. {seen_by_data}",
         names=parameters.names,
         theta=theta,
         std_error=_by_name(parameters.names, white),
@@ -108,7 +113,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         process_noise_std_error=noise.process,
         iterations=len(outcome.history),
         history=outcome.history,
-        identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
+        identifiability=seen_by_data,
         whiteness=tests,
         states=tuple(x[:, sampled] for x in iterate.x),
         initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
@@ -222,13 +227,17 @@ def _remarks(
     if not options.estimate_noise:
         return ()
     left, size = (np.sqrt(np.nanmean(rows**2, axis=1)) for rows in (together, y))
-    quiet = [i for i, test in enumerate(tests) if left[i] < _NOISE_FREE * size[i] and not test.white]
+    quiet = [
+        i
+        for i, test in enumerate(tests)
+        if left[i] < _NOISE_FREE * size[i] and not (test.white and left[i] > _ROUNDING * size[i])
+    ]
     if not quiet:
         return ()
     return (
-        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal "
-        "and not white, so that they are the model's and the discretisation's errors. Standard errors say nothing of "
-        "these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
+        "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
+        "nothing of these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
     )
 
 

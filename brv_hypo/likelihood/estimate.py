@@ -10,6 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.algebraic import stateless, still, with_still_state, without_still_state
 from brv_hypo.likelihood.assessment import assess
 from brv_hypo.likelihood.beginnings import FirstNoise, best_of, chosen, first_noises
 from brv_hypo.likelihood.bridging import bridged, pieces_of, stretches
@@ -36,7 +37,7 @@ from brv_hypo.likelihood.tied import Tie, check_ties, completed_result, with_tie
 
 
 def fit(
-    dynamics: Function,
+    dynamics: Function | None,
     outputs: Function,
     segments: Sequence[Segment],
     theta0: Mapping[str, float],
@@ -72,7 +73,8 @@ def fit(
     Args:
         dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs,
             n), theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
-            derivatives; others central differences.
+            derivatives; others central differences. None where the model has no states: then x0 is empty, and
+            outputs sees x of shape (0, n).
         outputs: h(x, u, theta, t) -> (n_outputs, n).
         segments: the record, in one or more continuous stretches.
         theta0: start values by name; 0 is as good a start as any.
@@ -111,8 +113,8 @@ def fit(
         mesh_steps: steps of the dynamics between samples; None raises them from 1 until the estimated effect of the
             discretisation is below a tenth of every standard error, and says so in the status where 32 are not
             enough; with `near_start` it stays at 1.
-        tied: parameters that follow from others, name to function of the others by name; the functions see them in
-            theta, the result carries them with their errors.
+        tied: parameters that follow from others, tied ones before them included, name to function of the others by
+            name; the functions see them in theta, the result carries them with their errors.
         progress: called after each iteration.
 
     Returns:
@@ -142,9 +144,12 @@ def fit(
             f"jacobians were given together with delays {list(delays)}: they know nothing of delayed states. Leave "
             "them out"
         )
-    known = with_given(dynamics, dynamics_jacobian, "dynamics"), with_given(outputs, outputs_jacobian, "outputs")
+    motion = with_given(dynamics or still, dynamics_jacobian, "dynamics")
+    seen = with_given(outputs, outputs_jacobian, "outputs")
+    if dynamics is None:
+        segments, seen = with_still_state(segments), stateless(seen)
     task = _Task(
-        with_ties(known[0], ties), with_ties(known[1], ties), theta0, process_noise, dict(bounds or {}),
+        with_ties(motion, ties), with_ties(seen, ties), theta0, process_noise, dict(bounds or {}),
         tuple(fixed), tuple(per_segment), dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine),
         noise_covariance, first_noise, derivatives, near_start, options,
     )  # fmt: skip
@@ -155,7 +160,7 @@ def fit(
         meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
         result = task.solve(meshed, steps)
     result = replace(result, remarks=(*result.remarks, *stepped_inputs(segments)))
-    return completed_result(result, ties)
+    return completed_result(result if dynamics is not None else without_still_state(result), ties)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,10 @@ _HELD = 2.5
 derivatives of another place, off by less than that way."""
 _HELD_VALUES = 4_000_000
 """Samples times parameters up to which derivatives are kept for that."""
+_TOO_SHORT = 1e-2
+"""Length of a step, in standard errors, below which the merit cannot judge it beside process noise: the states follow
+the objective alone, and where they are not quite there the determinant may rise as they go.
+"""
 _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
@@ -171,9 +175,11 @@ def _advanced(
     penalty: float,
     term: Callable[[Iterate], float] | None,
 ) -> tuple[Iterate, float]:
-    """The whole of a slow step's extrapolation; else as far along the step as the merit falls."""
+    """The whole of a slow step's extrapolation, or of one too short beside process noise for the merit to tell; else as
+    far along the step as the merit falls.
+    """
     further = extrapolation.improved(iterate, step)
-    if further is not step:
+    if further is not step or (term is not None and step.length < _TOO_SHORT):
         return moved(problem, iterate, further, 1.0), 1.0
     return line_search(problem, iterate, step, penalty, term)
 
