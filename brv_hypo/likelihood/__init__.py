@@ -14,9 +14,9 @@ without states), derivatives (complex step, central differences, or given), inte
 of a recursion in time where delays reach far or records are long), step (Gauss-Newton in theta), merit (how far),
 start (smoothed states; cutting: long records in pieces), beginnings (the best of several), bridging (long gaps),
 noise, student (noise with tails), filtering and scoring (B, R, Q; marginal: the states integrated out, by the loops
-of compiled and compiled_band), search, then uncertainty, initial, assessment, noise_errors (covariance, initial
-states, coloured residuals, near-null directions, whiteness, errors of the variances) and discretisation (what the
-mesh does to the estimate), by which mesh asks for finer steps.
+of compiled and compiled_band), search, then uncertainty, initial, assessment, noise_errors, joint_errors (covariance,
+initial states, coloured residuals, near-null directions, whiteness, errors of the variances) and discretisation (what
+the mesh does to the estimate), by which mesh asks for finer steps.
 
 Commands: `python -m brv_hypo.likelihood.benchmark` (speed) and `.study` (coverage, convergence, delays), both
 on the model problems of problems.py.

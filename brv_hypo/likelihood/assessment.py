@@ -80,6 +80,10 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = (
             _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
         )
+    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    noise = noise_errors(problem, iterate, wanted, segments, white)
+    if np.any(problem.process_noise):
+        white = coloured = noise.covariance
     shift = mesh_shift(problem, iterate, segments, white)
     # Only where the motion was too fast for the samples: elsewhere nothing is over before it is measured.
     fast = options.mesh_steps > 1 and bool(rows) and not loose
@@ -88,8 +92,6 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     taken_out = _taken_out(problem, samples, _unknowns(problem, estimated), options)
     if pull is not None:
         taken_out *= pull.spread
-    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
-    noise = noise_errors(problem, iterate, wanted)
     seen_by_data = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
     hidden = outcome.status == Status.STALLED and bool(seen_by_data.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))

@@ -193,8 +193,8 @@ def _jacobian(
 
 
 class Weights(NamedTuple):
-    """One for each derivative by states: of the defects, `before` and `after` (n - 1, n_states, n_states) those of an
-    interval's ends, and of the outputs, `observe` (n, n_outputs, n_states).
+    """One for each derivative by states: of the defects, `before` and `after` (k, n - 1, n_states, n_states) those of
+    an interval's ends, and of the outputs, `observe` (k, n, n_outputs, n_states); k sets of them.
     """
 
     before: FloatArray
@@ -205,8 +205,8 @@ class Weights(NamedTuple):
 def weighted_change(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...], weights: Weights
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the weighted sum of a segment's derivatives by states: by states (n, n_states), and parameters
-    (p,). Without delays.
+    """Derivatives of weighted sums of a segment's derivatives by states: by states (k, n, n_states), and parameters
+    (k, p). Without delays.
 
     Second derivatives of the functions are had from differences of first ones.
     """
@@ -222,10 +222,10 @@ def weighted_change(
     a, a_mid, a_end = (slope.by_state[where].transpose(0, 2, 1) for where in (starts, middles, ends))
     h = place.step[:, None, None]
     through_mid = h / 3 * a_mid
-    of_slope = np.zeros_like(slope.by_state)
-    of_slope[starts] = -h / 6 * weights.before - h / 4 * (through_mid @ weights.before)
-    of_slope[ends] += -h / 6 * weights.after + h / 4 * (through_mid @ weights.after)
-    of_slope[middles] = -h / 3 * (
+    of_slope = np.zeros((len(weights.before), *slope.by_state.shape))
+    of_slope[:, starts] = -h / 6 * weights.before - h / 4 * (through_mid @ weights.before)
+    of_slope[:, ends] += -h / 6 * weights.after + h / 4 * (through_mid @ weights.after)
+    of_slope[:, middles] = -h / 3 * (
         weights.before + weights.after + h / 4 * (weights.before @ a - weights.after @ a_end)
     )
     (by_point, by_theta), (by_state, by_outputs) = (
@@ -235,15 +235,15 @@ def weighted_change(
             (model.outputs, at_samples, weights.observe),
         )
     )
-    middle = by_point[middles, :, None]
-    by_state[:-1] += by_point[starts] + (0.5 * middle + h / 8 * (a @ middle))[:, :, 0]
-    by_state[1:] += (0.5 * middle - h / 8 * (a_end @ middle))[:, :, 0]
+    middle = by_point[:, middles, :, None]
+    by_state[:, :-1] += by_point[:, starts] + (0.5 * middle + h / 8 * (a @ middle))[..., 0]
+    by_state[:, 1:] += (0.5 * middle - h / 8 * (a_end @ middle))[..., 0]
     if grid.jumps:
-        by_state[1:] += by_point[ends]
+        by_state[:, 1:] += by_point[:, ends]
     else:
-        by_state[-1] += by_point[ends][-1]
+        by_state[:, -1] += by_point[:, ends][:, -1]
     moved = h / 8 * (slope.by_parameter[starts] - slope.by_parameter[ends])
-    return by_state, by_theta + by_outputs + np.einsum("nm,nmp->p", by_point[middles], moved)
+    return by_state, by_theta + by_outputs + np.tensordot(by_point[:, middles], moved, 2)
 
 
 def _bent(
@@ -255,12 +255,13 @@ def _bent(
     ignored: frozenset[str],
     weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the sum of weights (points, rows, n_states) times a function's derivatives by states: by states
-    (points, n_states), and parameters (p,).
+    """Derivatives of the sums of weights (k, points, rows, n_states) times a function's derivatives by states: by
+    states (k, points, n_states), and parameters (k, p).
     """
-    by_state, by_parameter = np.zeros(points.x.shape[::-1]), np.zeros(len(names))
+    by_state = np.zeros((len(weights), *points.x.shape[::-1]))
+    by_parameter = np.zeros((len(weights), len(names)))
     size = np.sqrt(np.mean(points.x**2, axis=1))
-    for j in np.flatnonzero(weights.any(axis=(0, 1))).tolist():
+    for j in np.flatnonzero(weights.any(axis=(0, 1, 2))).tolist():
         step = _BEND * (size[j] if size[j] > 0.0 else 1.0)
         shift = np.zeros((len(points.x), 1))
         shift[j] = step
@@ -268,9 +269,9 @@ def _bent(
             _jacobian(model, function, replace(points, x=points.x + s * shift), theta, names, ignored)
             for s in (1.0, -1.0)
         )
-        weight = weights[:, :, j] / (2.0 * step)
-        by_state += np.einsum("na,nam->nm", weight, up.by_state - down.by_state)
-        by_parameter += np.einsum("na,nap->p", weight, up.by_parameter - down.by_parameter)
+        weight = weights[..., j] / (2.0 * step)
+        by_state += np.einsum("kna,nam->knm", weight, up.by_state - down.by_state)
+        by_parameter += np.tensordot(weight, up.by_parameter - down.by_parameter, 2)
     return by_state, by_parameter
 
 

@@ -59,24 +59,9 @@ class Determinant:
     def gradient(self, problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
         """Its derivative by theta, (p,), the states following."""
         if self._gradient is None or self._way > _FAR:
-            self._gradient, self._way = self._gradient_at(problem, iterate, segments), 0.0
+            weights = [run.determinant_weights() for run in self._runs(problem, iterate)]
+            self._gradient, self._way = _by_theta(problem, iterate, segments, weights)[0], 0.0
         return self._gradient
-
-    def _gradient_at(self, problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
-        parameters = problem.parameters
-        gradient = np.zeros(len(parameters.names))
-        for s, (run, segment) in enumerate(zip(self._runs(problem, iterate), segments, strict=True)):
-            theta, index = parameters.of_segment(s, iterate.theta), parameters.segment_index[s]
-            by_state, by_theta = weighted_change(
-                problem.model, problem.grids[s], iterate.x[s], theta, parameters.base, run.determinant_weights()
-            )
-            gradient[index] += by_theta
-            for parameter in np.flatnonzero(~segment.void).tolist():
-                direction = np.zeros(1 + index.size)
-                direction[1 + parameter] = 1.0
-                follow = segment.eliminated.states(direction) * problem.size
-                gradient[index[parameter]] += float(np.sum(by_state * follow))
-        return gradient
 
     def _runs(self, problem: Problem, iterate: Iterate) -> list[_Run]:
         if self._last is None or self._last[0] is not problem or self._last[1] is not iterate:
@@ -119,44 +104,105 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ..
     return tuple(Filtered(run.innovation.T, run.covariance, run.log_det + run.squares) for run in runs)
 
 
+def gradients_elsewhere(
+    problem: Problem,
+    iterate: Iterate,
+    segments: Sequence[Sensitivity],
+    process_noise: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """The determinant's derivatives by theta with other variances, process noises (k, n_states) and covariances (k,
+    n_outputs, n_outputs): (k, p).
+    """
+    weights = []
+    for s in range(len(problem.grids)):
+        motion = _motion(problem, iterate, s)
+        each = [motion.run(q, r).determinant_weights() for q, r in zip(process_noise, covariance, strict=True)]
+        weights.append(Weights(*(np.concatenate(part) for part in zip(*each, strict=True))))
+    return _by_theta(problem, iterate, segments, weights)
+
+
+def _by_theta(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], weights: Sequence[Weights]
+) -> FloatArray:
+    """Derivatives of weighted sums (k) by theta, the states following, (k, p)."""
+    parameters = problem.parameters
+    gradient = np.zeros((len(weights[0].before), len(parameters.names)))
+    for s, (segment, weight) in enumerate(zip(segments, weights, strict=True)):
+        theta, index = parameters.of_segment(s, iterate.theta), parameters.segment_index[s]
+        by_state, by_theta = weighted_change(
+            problem.model, problem.grids[s], iterate.x[s], theta, parameters.base, weight
+        )
+        gradient[:, index] += by_theta
+        for parameter in np.flatnonzero(~segment.void).tolist():
+            direction = np.zeros(1 + index.size)
+            direction[1 + parameter] = 1.0
+            follow = segment.eliminated.states(direction) * problem.size
+            gradient[:, index[parameter]] += np.tensordot(by_state, follow, 2)
+    return gradient
+
+
 @dataclass(frozen=True)
-class _Run:
-    """A filter's run over a segment: `inverse` (n - 1, n_states, n_states) that of the defects' derivatives by the
-    state after, `transition` and `driven` (n - 1, n_states, n_states), `observe` (n, n_outputs, n_states).
+class _Motion:
+    """A segment as a filter takes it: `inverse` (n - 1, n_states, n_states) that of the defects' derivatives by the
+    state after, `transition` (n - 1, n_states, n_states), `shift` (n - 1, n_states), `step` (n - 1,), `residual` (n,
+    n_outputs), `observe` (n, n_outputs, n_states).
     """
 
     inverse: FloatArray
     transition: FloatArray
-    driven: FloatArray
+    shift: FloatArray
+    step: FloatArray
+    residual: FloatArray
     observe: FloatArray
+
+    def run(self, process_noise: FloatArray, covariance: FloatArray) -> _Run:
+        """The filter's, with these variances."""
+        from brv_hypo.likelihood.compiled import filtered  # here: numba takes long to load
+
+        drive = process_noise**2 * self.step[:, None]
+        driven = (self.inverse * drive[:, None, :]) @ self.inverse.transpose(0, 2, 1)
+        found = filtered(self.transition, self.shift, driven, self.residual, self.observe, covariance)
+        return _Run(self, driven, found)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A filter's run over a segment, `driven` (n - 1, n_states, n_states) by process noise."""
+
+    motion: _Motion
+    driven: FloatArray
     filter: Filter
 
     def determinant_weights(self) -> Weights:
-        """Derivatives of half the sum of log det S by those of defects and outputs by states."""
+        """Derivatives of half the sum of log det S by those of defects and outputs by states, one set."""
         from brv_hypo.likelihood.compiled import determinant_derivatives
 
+        motion = self.motion
         by_transition, by_driven, by_observe = determinant_derivatives(
-            self.filter, self.transition, self.driven, self.observe
+            self.filter, motion.transition, self.driven, motion.observe
         )
-        turned = -self.inverse.transpose(0, 2, 1)
-        through = by_transition @ self.transition.transpose(0, 2, 1) + 2.0 * by_driven @ self.driven
-        return Weights(turned @ by_transition, turned @ through, by_observe)
+        turned = -motion.inverse.transpose(0, 2, 1)
+        through = by_transition @ motion.transition.transpose(0, 2, 1) + 2.0 * by_driven @ self.driven
+        return Weights((turned @ by_transition)[None], (turned @ through)[None], by_observe[None])
 
 
 def _filtered(problem: Problem, iterate: Iterate, s: int) -> _Run:
-    from brv_hypo.likelihood.compiled import filtered  # here: numba takes long to load
+    return _motion(problem, iterate, s).run(problem.process_noise, iterate.covariance)
 
+
+def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
     grid, x = problem.grids[s], iterate.x[s]
     linear = linearise_segment(
         problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta), ()
     )
     before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
     inverse = np.asarray(np.linalg.inv(after), dtype=float)
-    transition = np.asarray(-inverse @ before)
-    shift = -(inverse @ linear.defect[:, :, None])[:, :, 0]
-    drive = problem.process_noise**2 * grid.step[:, None]
-    driven = (inverse * drive[:, None, :]) @ inverse.transpose(0, 2, 1)
-    residual = np.where(grid.measured.T, grid.y.T - linear.output, np.nan)
-    observe = np.ascontiguousarray(linear.output_by_state.blocks[:, 0])
-    run = filtered(transition, shift, driven, residual, observe, iterate.covariance)
-    return _Run(inverse, transition, driven, observe, run)
+    return _Motion(
+        inverse,
+        transition=np.asarray(-inverse @ before),
+        shift=-(inverse @ linear.defect[:, :, None])[:, :, 0],
+        step=grid.step,
+        residual=np.where(grid.measured.T, grid.y.T - linear.output, np.nan),
+        observe=np.ascontiguousarray(linear.output_by_state.blocks[:, 0]),
+    )

@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.scoring import Directions, score_of
-from brv_hypo.likelihood.step import Iterate, Problem
+from brv_hypo.likelihood.joint_errors import with_unknown_variances
+from brv_hypo.likelihood.scoring import Directions, marginals, score_of
+from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity
 
 
 @dataclass(frozen=True)
 class NoiseErrors:
     """Standard errors of the standard deviations, `process` (n_states,) per root second and `measurement`
-    (n_outputs,); nan where they were given or vanished, and in output error. `remarks` name those that vanished.
+    (n_outputs,); nan where they were given or vanished, and in output error. `covariance` (p, p) is that of theta, what
+    not knowing the variances adds to it included. `remarks` name those that vanished.
     """
 
     process: FloatArray
     measurement: FloatArray
+    covariance: FloatArray
     remarks: tuple[str, ...] = ()
 
 
-def noise_errors(problem: Problem, iterate: Iterate, directions: Directions) -> NoiseErrors:
-    """Errors from the expected Hessian, theta held."""
+def noise_errors(
+    problem: Problem,
+    iterate: Iterate,
+    directions: Directions,
+    segments: Sequence[Sensitivity],
+    covariance: FloatArray,
+) -> NoiseErrors:
+    """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
     states, outputs = problem.process_noise.size, iterate.covariance.shape[0]
     process, measurement = np.full(states, np.nan), np.full(outputs, np.nan)
-    asked = directions.count > 0 and bool(np.any(problem.process_noise))
-    score = score_of(problem, iterate, directions) if asked else None
+    if not directions.count or not np.any(problem.process_noise):
+        return NoiseErrors(process, measurement, covariance)
+    linear = marginals(problem, iterate)
+    score = score_of(problem, iterate, directions, linear)
     if score is None:
-        return NoiseErrors(process, measurement)
+        return NoiseErrors(process, measurement, covariance)
     gone = score.vanished
     live = np.flatnonzero(~gone)
     spread = np.zeros((directions.count, directions.count))
@@ -47,7 +59,11 @@ def noise_errors(problem: Problem, iterate: Iterate, directions: Directions) -> 
         variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
         measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
         measurement[measurement == 0.0] = np.nan
-    return NoiseErrors(process, measurement, _remarks(directions, gone))
+    if segments:
+        covariance = with_unknown_variances(
+            problem, iterate, directions, linear, segments, spread, covariance
+        )
+    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone))
 
 
 def _remarks(directions: Directions, gone: BoolArray) -> tuple[str, ...]:

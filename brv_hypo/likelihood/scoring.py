@@ -39,7 +39,9 @@ from brv_hypo.likelihood.step import (
 )
 
 _DIFFERENCE = 1e-3
-"""Relative change of a variance for derivatives of log det C: truncation 2e-7, rounding of the second 1e-6."""
+"""Relative change of a variance for second derivatives of log det C: truncation 2e-7, rounding 1e-6."""
+_SMALL_DIFFERENCE = 1e-5
+"""The same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6."""
 _ROUNDING = 1e-4
 """Information on the logarithm of a variance that is no more than rounding: only its gradient is believed."""
 _LARGEST_MOVE = 3.0
@@ -192,9 +194,10 @@ def _moved(
     return problem, iterate, solved, value, np.zeros_like(move)
 
 
-def score_of(problem: Problem, iterate: Iterate, directions: Directions) -> Score | None:
+def score_of(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]
+) -> Score | None:
     """Gradient and expected Hessian; None where the states are not determined."""
-    linear = marginals(problem, iterate)
     solved = _solved(problem, iterate, linear)
     if solved is None:
         return None
@@ -220,10 +223,10 @@ def marginals(
 def _gradient(
     problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal], solved: _Solved
 ) -> FloatArray:
-    unit = _unit(directions)
-    up, down = np.split(_log_dets(problem, iterate, directions, np.concatenate([unit, -unit]), linear), 2)
+    changes = _SMALL_DIFFERENCE * np.concatenate([np.zeros((1, directions.count)), np.eye(directions.count)])
+    middle, *up = _log_dets(problem, iterate, directions, changes, linear)
     squares = _squares((problem, iterate), (problem, iterate), directions, linear, solved)
-    return np.asarray(0.25 * (up - down) / _DIFFERENCE - 0.5 * np.sum(squares, axis=1))
+    return np.asarray(0.5 * (np.array(up) - middle) / _SMALL_DIFFERENCE - 0.5 * np.sum(squares, axis=1))
 
 
 def _information(
@@ -251,7 +254,7 @@ def _further_information(
     before = _squares(here, here, directions, linear, solved)[:, 1:].sum(axis=1)
     rows = []
     for row in _unit(directions):
-        noise, covariance = _changed(problem, iterate, directions, row[None])
+        noise, covariance = changed_variances(problem, iterate, directions, row[None])
         there = replace(problem, process_noise=noise[0]), replace(iterate, covariance=covariance[0])
         found = _solved(*there, linear)
         after = before if found is None else _squares(there, here, directions, linear, found)[:, 1:].sum(axis=1)
@@ -284,7 +287,7 @@ def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArra
     return found
 
 
-def _changed(
+def changed_variances(
     problem: Problem, iterate: Iterate, directions: Directions, changes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Process noises (k, n_states) and covariances (k, n_outputs, n_outputs) after changes (k, unknowns) of the
@@ -301,7 +304,7 @@ def _log_dets(
     problem: Problem, iterate: Iterate, directions: Directions, changes: FloatArray, linear: Sequence[Marginal]
 ) -> FloatArray:
     """log det C after changes (k, unknowns), but for a constant, (k,)."""
-    changed = _changed(problem, iterate, directions, changes)
+    changed = changed_variances(problem, iterate, directions, changes)
     return np.asarray(sum(each.log_dets(*changed) for each in linear))
 
 
