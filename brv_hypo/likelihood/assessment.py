@@ -228,7 +228,10 @@ def _remarks(
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
     if not options.estimate_noise:
         return ()
-    left, size = (np.sqrt(np.nanmean(rows**2, axis=1)) for rows in (together, y))
+    left, size = (
+        np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1))
+        for rows in (together, y)
+    )
     quiet = [
         i
         for i, test in enumerate(tests)

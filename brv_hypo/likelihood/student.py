@@ -23,6 +23,8 @@ from brv_hypo.arrays import FloatArray
 _FIRST_FREEDOM = 4.0
 _LEAST, _MOST = 1.0, 200.0
 """Degrees of freedom: of Cauchy, below which the likelihood of a scale that goes to 0 has no bound; next to Gauss."""
+_LEAST_SLOPE = 1e-3
+"""Mean of psi' below which an output is as good as not measured, or was not."""
 _ROUNDS = 100
 _SAME = 1e-8
 """Relative change of a scale's square at which it has settled."""
@@ -54,8 +56,9 @@ class Influence(NamedTuple):
 
 def first_tails(residual: Sequence[FloatArray], floor: FloatArray) -> tuple[FloatArray, Tails]:
     """Squares of the scales, (n_outputs,), from the median residual, and the weights that follow."""
-    middle = np.nanmedian(np.abs(np.concatenate(residual, axis=1)), axis=1)
-    square = np.maximum((_TO_SIGMA * np.nan_to_num(middle)) ** 2, floor)
+    rows = [row[np.isfinite(row)] for row in np.concatenate(residual, axis=1)]
+    middle = np.array([np.median(np.abs(row)) if row.size else 1.0 for row in rows])
+    square = np.maximum((_TO_SIGMA * middle) ** 2, floor)
     return square, tails_of(residual, square, np.full(square.size, _FIRST_FREEDOM))
 
 
@@ -103,8 +106,9 @@ def influence(residual: Sequence[FloatArray], square: FloatArray, freedom: Float
     scaled = [v / np.sqrt(square)[:, None] for v in residual]
     psi = tuple(np.nan_to_num((f + 1.0) * v / (f + v**2)) for v in scaled)
     together = np.concatenate(scaled, axis=1)
-    slope = np.nanmean((f + 1.0) * (f - together**2) / (f + together**2) ** 2, axis=1)
-    return Influence(psi, slope)
+    slopes = np.nan_to_num((f + 1.0) * (f - together**2) / (f + together**2) ** 2)
+    slope = slopes.sum(axis=1) / np.maximum(np.isfinite(together).sum(axis=1), 1)
+    return Influence(psi, np.maximum(slope, _LEAST_SLOPE))
 
 
 def _scale(v: FloatArray, square: float, freedom: float, floor: float) -> float:

@@ -89,3 +89,20 @@ def test_standard_errors_cover_beside_outliers() -> None:
     assert 0.93 < np.mean(np.abs(scores) <= 1.96) < 0.97
     assert np.sqrt(np.mean(np.square(scores))) < 1.1
     assert np.sqrt(np.mean(np.square(plain))) > 2.0
+
+
+def test_an_output_that_was_never_measured_costs_its_own_parameters_only() -> None:
+    segment = PROBLEM.simulate(300, seed=4)
+    both = np.concatenate([segment.y, np.full((1, 300), np.nan)])
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.concatenate([PROBLEM.outputs(x, u, theta, t), x[:1] + theta["unseen"]])
+
+    found = fit(
+        PROBLEM.dynamics, outputs, [replace(segment, y=both)], START | {"unseen": 0.0}, noise="student"
+    )
+    assert found.converged, found.message
+    assert np.isnan(found.std_error["unseen"])
+    expected = fitted(segment)
+    for name in PROBLEM.truth:
+        assert found.std_error[name] == pytest.approx(expected.std_error[name], rel=1e-3)
