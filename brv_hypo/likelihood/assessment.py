@@ -8,15 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.likelihood import student
 from brv_hypo.likelihood.changing_errors import changing_errors
-from brv_hypo.likelihood.colour import coloured_covariance, inflation
+from brv_hypo.likelihood.colour import coloured_covariance, inflation, white_covariance
 from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.noise_errors import noise_errors
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.scoring import directions_of, noise_errors
+from brv_hypo.likelihood.scoring import directions_of
 from brv_hypo.likelihood.search import Options, Outcome, residuals
+from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.step import (
     Iterate,
     Problem,
@@ -40,6 +43,8 @@ _SAME_ERROR = 0.01
 """Relative change of a standard error at that which counts as none."""
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
+_ROUNDING = 1e-12
+"""The same of rounding."""
 
 Segments = tuple[Sensitivity, ...]
 
@@ -60,8 +65,14 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    segments, loose = _sensitivities(outcome)
+    pull = _influence(iterate, innovations)
+    segments, loose = _sensitivities(outcome if pull is None else _flattened(outcome, pull))
     rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
+    if pull is not None:
+        rows = tuple(
+            np.concatenate([(psi / np.sqrt(pull.slope)[:, None]).T[:, :, None], each[:, :, 1:]], axis=2)
+            for psi, each in zip(pull.psi, rows, strict=False)
+        )
     if segments:
         triangle = information_factor(problem, segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
@@ -69,19 +80,25 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = (
             _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
         )
+    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    noise = noise_errors(problem, iterate, wanted, segments, white)
+    if np.any(problem.process_noise):
+        white = coloured = noise.covariance
     shift = mesh_shift(problem, iterate, segments, white)
     # Only where the motion was too fast for the samples: elsewhere nothing is over before it is measured.
     fast = options.mesh_steps > 1 and bool(rows) and not loose
     changing = changing_errors(problem, iterate, segments, white, estimated) if fast else ()
     starts = by_initial_states(problem, segments)
     taken_out = _taken_out(problem, samples, _unknowns(problem, estimated), options)
-    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
-    noise = noise_errors(problem, iterate, wanted)
+    if pull is not None:
+        taken_out *= pull.spread
+    seen_by_data = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
+    hidden = outcome.status == Status.STALLED and bool(seen_by_data.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
     measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
         status=outcome.status,
-        message=outcome.message,
+        message=outcome.message if not hidden else f"{outcome.message}. {seen_by_data}",
         names=parameters.names,
         theta=theta,
         std_error=_by_name(parameters.names, white),
@@ -98,7 +115,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         process_noise_std_error=noise.process,
         iterations=len(outcome.history),
         history=outcome.history,
-        identifiability=identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names),
+        identifiability=seen_by_data,
         whiteness=tests,
         states=tuple(x[:, sampled] for x in iterate.x),
         initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
@@ -106,11 +123,26 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
+        linear=None if pull else linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
         remarks=(*_remarks(together, measured, tests, options), *noise.remarks, *changing),
+        noise_freedom=None if iterate.tails is None else iterate.tails.freedom,
+        weights=() if iterate.tails is None else tuple(w[:, sampled] for w in iterate.tails.weights),
     )
+
+
+def _influence(iterate: Iterate, innovations: Sequence[FloatArray]) -> student.Influence | None:
+    if iterate.tails is None:
+        return None
+    return student.influence(innovations, np.diag(iterate.covariance), iterate.tails.freedom)
+
+
+def _flattened(outcome: Outcome, pull: student.Influence) -> Outcome:
+    """Every sample of an output weighed by its mean slope: what curves the likelihood of noise with tails."""
+    weights = tuple(np.repeat(pull.slope[:, None], grid.n, axis=1) for grid in outcome.problem.grids)
+    tails = student.Tails(np.full(pull.slope.size, np.inf), weights)
+    return replace(outcome, iterate=replace(outcome.iterate, tails=tails), segments=())
 
 
 def _sampled(starts: Starts, where: slice) -> Starts:
@@ -134,7 +166,8 @@ def _covariances(
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = _unknowns(problem, estimated)
-    white = raw * _taken_out(problem, samples, unknowns, options)
+    taken_out = _taken_out(problem, samples, unknowns, options)
+    white = raw * taken_out
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
@@ -143,7 +176,11 @@ def _covariances(
     sensitivity = [
         _columns(s[:, :, 1:], index, known) for s, index in zip(rows, parameters.segment_index, strict=True)
     ]
-    corrected = coloured_covariance(raw[block], prior, sensitivity, [s[:, :, 0] for s in rows])
+    left = [s[:, :, 0] for s in rows]
+    if options.student:
+        white = np.full_like(raw, np.nan)
+        white[block] = white_covariance(raw[block], prior, sensitivity, left) * taken_out
+    corrected = coloured_covariance(raw[block], prior, sensitivity, left)
     if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
@@ -191,14 +228,21 @@ def _remarks(
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
     if not options.estimate_noise:
         return ()
-    left, size = (np.sqrt(np.nanmean(rows**2, axis=1)) for rows in (together, y))
-    quiet = [i for i, test in enumerate(tests) if left[i] < _NOISE_FREE * size[i] and not test.white]
+    left, size = (
+        np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1))
+        for rows in (together, y)
+    )
+    quiet = [
+        i
+        for i, test in enumerate(tests)
+        if left[i] < _NOISE_FREE * size[i] and not (test.white and left[i] > _ROUNDING * size[i])
+    ]
     if not quiet:
         return ()
     return (
-        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal "
-        "and not white, so that they are the model's and the discretisation's errors. Standard errors say nothing of "
-        "these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
+        "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
+        "nothing of these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
     )
 
 
@@ -227,6 +271,9 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
         return tuple(f.innovations for f in filtered), sum(f.nllf for f in filtered)
     found = residuals(problem, iterate)
     together = np.concatenate(found, axis=1)
+    if iterate.tails is not None:
+        square = np.diag(iterate.covariance)
+        return found, student.negative_log_likelihood(together, square, iterate.tails.freedom)
     return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
 
 

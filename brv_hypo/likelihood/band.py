@@ -23,7 +23,7 @@ from brv_hypo.likelihood.blocks import BlockRows
 from brv_hypo.likelihood.quadratic import Quadratic
 from brv_hypo.likelihood.triangle import residual_last, upper_triangle
 
-_SINGULAR = 1e13
+SINGULAR = 1e13
 """Condition, from the growth of a random right-hand side, at which states count as undetermined."""
 
 
@@ -78,23 +78,10 @@ def eliminate_by_band(problem: Quadratic) -> BandSolution | None:
     probe = np.random.default_rng(0).standard_normal((right.shape[0], 1))
     solution, _ = lapack.dgbtrs(lu, width, width, np.append(right, probe, axis=1), pivots, overwrite_b=1)
     growth = float(np.linalg.norm(solution[:, -1]) / np.linalg.norm(probe))
-    if not growth * norm < _SINGULAR or not np.all(np.isfinite(solution)):
+    if not growth * norm < SINGULAR or not np.all(np.isfinite(solution)):
         return None
     stages = solution[:, :-1].reshape(n, 2, n_states, -1)
     return BandSolution(problem, stages[:, 1], stages[:, 0] * weight)
-
-
-def log_determinant(problem: Quadratic) -> float:
-    """log |det| of the matrix alone, without the rows of free initial states' multipliers; nan where singular."""
-    from scipy.linalg import lapack
-
-    weight = _balance(problem.by_state)
-    band, width = _assemble(problem, weight)
-    lu, _, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    if info != 0:
-        return float("nan")
-    free = int(np.isinf(problem.variance).sum())
-    return float(np.sum(np.log(np.abs(lu[2 * width])))) + free * float(np.log(weight))
 
 
 def _balance(by_state: BlockRows) -> float:

@@ -11,7 +11,7 @@ which is fourth-order accurate and, each state being an unknown, never integrate
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -25,6 +25,9 @@ from brv_hypo.likelihood.segment import Grid, History, LookBack
 
 _AT_ONCE = 8192
 """Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
+
+_BEND = 1e-4
+"""Change of a state, in its size, between the first derivatives whose difference is the second."""
 
 
 @dataclass(frozen=True)
@@ -187,6 +190,89 @@ def _jacobian(
     by_parameter = np.zeros((*found.by_parameter.shape[:2], seen.size))
     by_parameter[:, :, seen] = found.by_parameter
     return found._replace(by_parameter=by_parameter)
+
+
+class Weights(NamedTuple):
+    """One for each derivative by states: of the defects, `before` and `after` (k, n - 1, n_states, n_states) those of
+    an interval's ends, and of the outputs, `observe` (k, n, n_outputs, n_states); k sets of them.
+    """
+
+    before: FloatArray
+    after: FloatArray
+    observe: FloatArray
+
+
+def weighted_change(
+    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...], weights: Weights
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of weighted sums of a segment's derivatives by states: by states (k, n, n_states), and parameters
+    (k, p). Without delays.
+
+    Second derivatives of the functions are had from differences of first ones.
+    """
+    place = _Place.of(grid, slice(None))
+    at_samples = _points(grid, x, {}, place.samples)
+    f = _at_ends(model, grid, x, {}, place, evaluate(model.dynamics, at_samples, theta), theta)
+    jumped = x[:, 1:] if grid.jumps else x[:, :0]
+    everywhere = _points(
+        grid, x, {}, place.everywhere, np.concatenate([x, jumped, _midpoints(place.step, x, *f)], axis=1)
+    )
+    slope = _jacobian(model, model.dynamics, everywhere, theta, names, grid.ignores)
+    starts, middles, ends = place.of_intervals
+    a, a_mid, a_end = (slope.by_state[where].transpose(0, 2, 1) for where in (starts, middles, ends))
+    h = place.step[:, None, None]
+    through_mid = h / 3 * a_mid
+    of_slope = np.zeros((len(weights.before), *slope.by_state.shape))
+    of_slope[:, starts] = -h / 6 * weights.before - h / 4 * (through_mid @ weights.before)
+    of_slope[:, ends] += -h / 6 * weights.after + h / 4 * (through_mid @ weights.after)
+    of_slope[:, middles] = -h / 3 * (
+        weights.before + weights.after + h / 4 * (weights.before @ a - weights.after @ a_end)
+    )
+    (by_point, by_theta), (by_state, by_outputs) = (
+        _bent(model, function, points, theta, names, grid.ignores, weight)
+        for function, points, weight in (
+            (model.dynamics, everywhere, of_slope),
+            (model.outputs, at_samples, weights.observe),
+        )
+    )
+    middle = by_point[:, middles, :, None]
+    by_state[:, :-1] += by_point[:, starts] + (0.5 * middle + h / 8 * (a @ middle))[..., 0]
+    by_state[:, 1:] += (0.5 * middle - h / 8 * (a_end @ middle))[..., 0]
+    if grid.jumps:
+        by_state[:, 1:] += by_point[:, ends]
+    else:
+        by_state[:, -1] += by_point[:, ends][:, -1]
+    moved = h / 8 * (slope.by_parameter[starts] - slope.by_parameter[ends])
+    return by_state, by_theta + by_outputs + np.tensordot(by_point[:, middles], moved, 2)
+
+
+def _bent(
+    model: Model,
+    function: Function,
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    ignored: frozenset[str],
+    weights: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the sums of weights (k, points, rows, n_states) times a function's derivatives by states: by
+    states (k, points, n_states), and parameters (k, p).
+    """
+    by_state = np.zeros((len(weights), *points.x.shape[::-1]))
+    by_parameter = np.zeros((len(weights), len(names)))
+    size = np.sqrt(np.mean(points.x**2, axis=1))
+    for j in np.flatnonzero(weights.any(axis=(0, 1, 2))).tolist():
+        step = _BEND * (size[j] if size[j] > 0.0 else 1.0)
+        shift = np.zeros((len(points.x), 1))
+        shift[j] = step
+        up, down = (
+            _jacobian(model, function, replace(points, x=points.x + s * shift), theta, names, ignored)
+            for s in (1.0, -1.0)
+        )
+        weight = weights[..., j] / (2.0 * step)
+        by_state += np.einsum("kna,nam->knm", weight, up.by_state - down.by_state)
+        by_parameter += np.tensordot(weight, up.by_parameter - down.by_parameter, 2)
+    return by_state, by_parameter
 
 
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:

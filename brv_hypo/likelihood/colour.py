@@ -53,6 +53,20 @@ def coloured_covariance(
     return np.asarray(white @ middle @ white)
 
 
+def white_covariance(
+    white: FloatArray,
+    prior_information: FloatArray,
+    sensitivity: Sequence[FloatArray],
+    residual: Sequence[FloatArray],
+) -> FloatArray:
+    """The same of residuals that are white, but of another variance than 1, (p, p)."""
+    variance = np.diag(autocorrelation(residual)[0])
+    middle = np.diag(prior_information)
+    for s in sensitivity:
+        middle = middle + np.einsum("nap,a,naq->pq", s, variance, s, optimize=True)
+    return np.asarray(white @ middle @ white)
+
+
 def _weighted_products(s: FloatArray, models: Sequence[FloatArray], turn: FloatArray) -> FloatArray:
     """Sum over i and j of S_i' R(i - j) S_j, (p, p), S (n, n_outputs, p)."""
     length = 1 << (2 * len(s) - 1).bit_length()

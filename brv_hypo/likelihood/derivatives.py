@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.course import SampledCourse
+from brv_hypo.likelihood.given import Given, plain
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
@@ -27,6 +29,9 @@ _AGREEMENT = 1e-4
 """Largest relative difference to central differences at which the complex step is believed."""
 _BLOCK_ROUNDING = 1e-8
 """Rounding of central differences, against the largest derivative of a block."""
+
+_ASIDE = 0.1
+"""How far from the start, in sizes, given derivatives are checked."""
 
 _NEXT_TO_ZERO = 1e-8
 """Magnitude of a start value below which it may be meant as 0."""
@@ -86,7 +91,8 @@ def jacobian(
     """Value and first derivatives at all points; weights of a course through that course.
 
     `names` are the parameters to differentiate by; `scale` gives the size of each for central differences;
-    in those of `affine`, or in the courses of these names, the function is, so that one difference is exact.
+    in those of `affine`, or in the courses of these names, the function is, so that one difference is exact. What a
+    `Given` function knows is taken from it.
     """
     n_states = points.x.shape[0]
     theta = _with_courses(points, theta)
@@ -94,17 +100,24 @@ def jacobian(
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
+    by_state: FloatArray | None = None
+    known: Mapping[str, FloatArray] = {}
+    if isinstance(function, Given):
+        by_state, known = function.at(points.x, points.u, theta, points.t)
 
-    def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
-        if straight and method == "central":
-            if not value:
-                value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
-            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
+    def derivative(
+        move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False
+    ) -> FloatArray:
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
             if not value:
                 value.append(moved.real.copy())
             return np.asarray(moved.imag.T / _COMPLEX_STEP)
+        size = size_of()
+        if straight:
+            if not value:
+                value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
+            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         step = _CENTRAL_STEP * size
         return np.asarray(
             (np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step)
@@ -135,24 +148,31 @@ def jacobian(
             function, x, points, dict(theta) | {course.name: theta[course.name] + step}, delayed
         )
 
-    columns = [derivative(along_row(x, row), _size(points.x[row])) for row in range(n_states)]
+    columns = [
+        derivative(along_row(x, row), partial(_size, points.x[row])) if by_state is None else by_state[:, :, row]
+        for row in range(n_states)
+    ]
     through: dict[str, FloatArray] = {}
     for course in points.courses:
         if any(weight in names for weight in course.weights):
-            size = max(_size_of(w, theta, scale) for w in course.weights)
-            own = derivative(along_course(course), size, course.name in affine)
+            size = partial(_largest_size, course.weights, theta, scale)
+            own = known.get(course.name)
+            if own is None:
+                own = derivative(along_course(course), size, course.name in affine)
             for w, shape in zip(course.weights, course.shapes, strict=True):
                 part = own * shape[:, None]
                 through[w] = through[w] + part if w in through else part
     columns += [
         through[name]
         if name in through
-        else derivative(along_parameter(name), _size_of(name, theta, scale), name in affine)
+        else known[name]
+        if name in known
+        else derivative(along_parameter(name), partial(_largest_size, (name,), theta, scale), name in affine)
         for name in names
     ]
     for name, before in delayed.items():
         columns += [
-            derivative(along_row(before.x, row), _size(points.delayed[name].x[row]))
+            derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row]))
             for row in range(n_states)
         ]
     if not value:
@@ -173,7 +193,7 @@ def choose_method(
     scale: Mapping[str, float],
 ) -> Method:
     """The complex step where every function takes it and central differences agree; else those."""
-    for function in functions:
+    for function in map(plain, functions):
         central = jacobian(function, points, theta, names, "central", scale)
         try:
             with warnings.catch_warnings():
@@ -185,6 +205,46 @@ def choose_method(
         if not all(_agree(a, b) for a, b in pairs):
             return "central"
     return "complex"
+
+
+def check_given(
+    function: Given,
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    method: Method,
+    scale: Mapping[str, float],
+) -> None:
+    """Refuse derivatives that differ from the function's own differences, at the start and near it: at the start itself
+    many a term is 0.
+
+    Raises:
+        UsageError: with both values.
+    """
+    rng = np.random.default_rng(0)
+    size = np.array([_size(row) for row in points.x])
+    aside = replace(points, x=points.x + _ASIDE * size[:, None] * rng.standard_normal(points.x.shape))
+    moved = dict(theta) | {name: theta[name] + _ASIDE * scale[name] * rng.standard_normal() for name in names}
+    for place, values in ((points, theta), (aside, moved)):
+        with np.errstate(all="ignore"):
+            own = jacobian(function, place, values, names, method, scale)
+            expected = jacobian(function.function, place, values, names, method, scale)
+        columns = [(f"state {row}", own.by_state[:, :, row], expected.by_state[:, :, row]) for row in range(size.size)]
+        columns += [
+            (f"parameter {name!r}", own.by_parameter[:, :, i], expected.by_parameter[:, :, i])
+            for i, name in enumerate(names)
+        ]
+        largest = max(np.nanmax(np.abs(right), initial=0.0) for _, _, right in columns)
+        for what, left, right in columns:
+            allowed = _AGREEMENT * np.nanmax(np.abs(right), initial=0.0) + _BLOCK_ROUNDING * largest
+            apart = np.where(np.isfinite(right), ~(np.abs(left - right) <= allowed), False)
+            if apart.any():
+                at, row = np.argwhere(apart)[0].tolist()
+                raise UsageError(
+                    f"{function.what}_jacobian: the derivative of row {row} by {what} is {left[at, row]:.6g} at sample "
+                    f"{at} near the start, where differences of {function.what} give {right[at, row]:.6g}. Correct it, "
+                    "or leave it out: by parameters that are not in the mapping, differences are taken"
+                )
 
 
 def parameter_scales(
@@ -256,9 +316,11 @@ def _call(
     return function(x, points.u, theta, points.t)
 
 
-def _size_of(name: str, theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
-    """Size of a parameter, for its difference step."""
-    return max(abs(theta[name]), scale.get(name, 1.0))
+def _largest_size(
+    names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]
+) -> float:
+    """Size of the largest parameter, for a difference step."""
+    return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
 
 
 def _size(row: FloatArray) -> float:

@@ -4,18 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.likelihood.algebraic import stateless, still, with_still_state, without_still_state
 from brv_hypo.likelihood.assessment import assess
 from brv_hypo.likelihood.beginnings import FirstNoise, best_of, chosen, first_noises
 from brv_hypo.likelihood.bridging import bridged, pieces_of, stretches
 from brv_hypo.likelihood.collocation import Model, start_points
-from brv_hypo.likelihood.derivatives import Function, Method, check_shape, choose_method, parameter_scales
+from brv_hypo.likelihood.derivatives import (
+    Function,
+    Method,
+    check_given,
+    check_shape,
+    choose_method,
+    parameter_scales,
+)
+from brv_hypo.likelihood.given import Derivatives, Given, with_given
 from brv_hypo.likelihood.mesh import finer, refine
-from brv_hypo.likelihood.noise import Shape, least_variance
+from brv_hypo.likelihood.noise import Kind, least_variance
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
@@ -27,7 +37,7 @@ from brv_hypo.likelihood.tied import Tie, check_ties, completed_result, with_tie
 
 
 def fit(
-    dynamics: Function,
+    dynamics: Function | None,
     outputs: Function,
     segments: Sequence[Segment],
     theta0: Mapping[str, float],
@@ -40,11 +50,13 @@ def fit(
     delays: Sequence[str] = (),
     reach: Mapping[str, float] | None = None,
     affine: Collection[str] = (),
-    noise: Shape = "diagonal",
+    noise: Kind = "diagonal",
     noise_covariance: FloatArray | None = None,
     first_noise: FloatArray | None = None,
     estimate_process_noise: bool = False,
     derivatives: str = "auto",
+    dynamics_jacobian: Derivatives | None = None,
+    outputs_jacobian: Derivatives | None = None,
     max_iterations: int = 50,
     tolerance: float = 1e-5,
     near_start: bool = False,
@@ -61,7 +73,8 @@ def fit(
     Args:
         dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs,
             n), theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
-            derivatives; others central differences.
+            derivatives; others central differences. None where the model has no states: then x0 is empty, and
+            outputs sees x of shape (0, n).
         outputs: h(x, u, theta, t) -> (n_outputs, n).
         segments: the record, in one or more continuous stretches.
         theta0: start values by name; 0 is as good a start as any.
@@ -79,13 +92,20 @@ def fit(
         reach: largest change in one step by name, for parameters whose effect is linear over a short way only.
         affine: names, or courses, in which both functions are affine, all else held: one evaluation gives their
             derivative.
-        noise: shape of B, "diagonal" or "full".
+        noise: shape of B, "diagonal" or "full"; or "student": noise with tails, outliers among it, Student's t with
+            scale and degrees of freedom of each output found. Not together with process noise.
         noise_covariance: B where it is known, (n_outputs, n_outputs); else it is estimated by Eq. 3.11. Where the
             residuals are then not white, the search begins again from other first guesses of it, and the best
             likelihood wins (`beginnings`).
         first_noise: B that the search begins from with `near_start`, as an earlier fit left it.
         estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
         derivatives: "auto", "complex" or "central".
+        dynamics_jacobian: derivatives of the dynamics, where they are known: (x, u, theta, t) -> pair of those by
+            states (n_states, n_states, n), and a mapping of parameters, courses and tied ones among them, to
+            (n_states, n).
+            By parameters that are left out differences are taken. Checked against differences at the start. Not
+            together with delays.
+        outputs_jacobian: the same of the outputs.
         max_iterations: limit of Gauss-Newton steps.
         tolerance: step, as a fraction of the standard errors, at which the search ends.
         near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
@@ -93,32 +113,43 @@ def fit(
         mesh_steps: steps of the dynamics between samples; None raises them from 1 until the estimated effect of the
             discretisation is below a tenth of every standard error, and says so in the status where 32 are not
             enough; with `near_start` it stays at 1.
-        tied: parameters that follow from others, name to function of the others by name; the functions see them in
-            theta, the result carries them with their errors.
+        tied: parameters that follow from others, tied ones before them included, name to function of the others by
+            name; the functions see them in theta, the result carries them with their errors.
         progress: called after each iteration.
 
     Returns:
         The estimate, its errors and a status; failure to converge is a status, not an exception.
 
     Raises:
-        UsageError: arguments that do not fit together: shapes, names, bounds, delays with process noise,
-            functions that are not finite at the start.
+        UsageError: arguments that do not fit together: shapes, names, bounds, delays or tails with process noise,
+            jacobians that differ from differences, functions that are not finite at the start.
     """
     if mesh_steps is not None and mesh_steps < 1:
         raise UsageError(f"mesh_steps is {mesh_steps}; expected at least 1, or None to have it chosen")
 
+    _check_noise(noise, process_noise)
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
-        noise=noise,
+        noise="full" if noise == "full" else "diagonal",
+        student=noise == "student",
         estimate_noise=noise_covariance is None,
         estimate_process_noise=estimate_process_noise,
         progress=progress,
     )
     ties = dict(tied or {})
     check_ties(ties, theta0, per_segment)
+    if delays and not (dynamics_jacobian is None and outputs_jacobian is None):
+        raise UsageError(
+            f"jacobians were given together with delays {list(delays)}: they know nothing of delayed states. Leave "
+            "them out"
+        )
+    motion = with_given(dynamics or still, dynamics_jacobian, "dynamics")
+    seen = with_given(outputs, outputs_jacobian, "outputs")
+    if dynamics is None:
+        segments, seen = with_still_state(segments), stateless(seen)
     task = _Task(
-        with_ties(dynamics, ties), with_ties(outputs, ties), theta0, process_noise, dict(bounds or {}),
+        with_ties(motion, ties), with_ties(seen, ties), theta0, process_noise, dict(bounds or {}),
         tuple(fixed), tuple(per_segment), dict(priors or {}), tuple(delays), dict(reach or {}), frozenset(affine),
         noise_covariance, first_noise, derivatives, near_start, options,
     )  # fmt: skip
@@ -129,7 +160,7 @@ def fit(
         meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
         result = task.solve(meshed, steps)
     result = replace(result, remarks=(*result.remarks, *stepped_inputs(segments)))
-    return completed_result(result, ties)
+    return completed_result(result if dynamics is not None else without_still_state(result), ties)
 
 
 @dataclass(frozen=True)
@@ -210,6 +241,16 @@ class _Task:
         return best_of(tried, run, y.shape[1], known is not None), model
 
 
+def _check_noise(noise: str, process_noise: Sequence[float] | FloatArray | None) -> None:
+    if noise not in get_args(Kind):
+        raise UsageError(f"noise is {noise!r}; expected one of {list(get_args(Kind))}")
+    if noise == "student" and process_noise is not None and np.any(process_noise):
+        raise UsageError(
+            f"noise 'student' was given together with process noise {process_noise}: the likelihood of states that "
+            "noise drives is had for Gaussian noise only. Leave process_noise out, or mark outliers as nan in y"
+        )
+
+
 def _driving(process_noise: Sequence[float] | FloatArray | None, n_states: int) -> FloatArray:
     """Process noise of each state, (n_states,)."""
     driving = np.zeros(n_states) if process_noise is None else np.asarray(process_noise, dtype=float)
@@ -278,4 +319,7 @@ def _model(
     method: Method = "central" if derivatives == "central" else "complex"
     if derivatives == "auto":
         method = choose_method(functions, points, theta, parameters.base, scale)
+    for function in functions:
+        if isinstance(function, Given):
+            check_given(function, points, theta, parameters.base, method, scale)
     return Model(dynamics, outputs, delays, method, scale, affine)

@@ -3,58 +3,75 @@
 With Q > 0 the least-squares states are the smoothed ones, and the likelihood of theta is theirs times a
 determinant. For linear dynamics, and to the order of Laplace's approximation otherwise,
 
-    NLLF = objective + 1/2 log|det K(Q)| - 1/2 log|det K(0)| + 1/2 sum log det R
+    NLLF = objective + 1/2 sum over samples of log det S - log det R
 
-with K the matrix of `band` and the initial state held. The last determinant is that of the dynamics
-alone: the square of that of D, which without delays is block triangular. At Q = 0 the two cancel and output
-error remains. Q and R are found in `scoring`.
+with S the covariance of the innovations of a Kalman filter about the smoothed states, the initial state held (Schweppe,
+IEEE Trans. Information Theory 11 (1965) 61). At Q = 0 the sum vanishes and output error remains. Q and R are found in
+`scoring`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.band import log_determinant
-from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.quadratic import Quadratic
-from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, information_factor, quadratic_of
+from brv_hypo.likelihood.collocation import Weights, evaluate_segment, linearise_segment, weighted_change
+from brv_hypo.likelihood.noise import log_determinants
+from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity
 
-_STEP = 1e-2
-"""Central difference in standard errors of a parameter."""
+if TYPE_CHECKING:
+    from brv_hypo.likelihood.compiled import Filter
 
 
-def determinant_term(problem: Problem, iterate: Iterate) -> float:
-    """What integrating the states out adds to the objective; 0 for output error."""
-    if not np.any(problem.process_noise):
-        return 0.0
-    linear = linearised_states(problem, iterate)
-    exact = sum(2.0 * float(np.linalg.slogdet(each.defect_by_state.blocks[:, 1])[1].sum()) for each in linear)
-    return 0.5 * (_determinant(_held(problem, iterate, linear)) - exact)
+_FAR = 1e-3
+"""Way in standard errors over which the gradient is held. It turns with the logarithm of the information, so that the
+estimate is off by that way over the root of the samples.
+"""
+
+
+class Determinant:
+    """What integrating the states out adds to the objective; knows the filter's run where it was asked for last, and
+    the gradient from near by.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[Problem, Iterate, list[_Run]] | None = None
+        self._gradient: FloatArray | None = None
+        self._way = 0.0
+
+    def moved(self, length: float) -> None:
+        """The search takes a step of this length, in standard errors."""
+        self._way += length
+
+    def term(self, problem: Problem, iterate: Iterate) -> float:
+        """It; 0 for output error."""
+        if not np.any(problem.process_noise):
+            return 0.0
+        return sum(
+            run.filter.log_det - 0.5 * log_determinants(grid.measured, iterate.covariance)
+            for run, grid in zip(self._runs(problem, iterate), problem.grids, strict=True)
+        )
+
+    def gradient(self, problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
+        """Its derivative by theta, (p,), the states following."""
+        if self._gradient is None or self._way > _FAR:
+            weights = [run.determinant_weights() for run in self._runs(problem, iterate)]
+            self._gradient, self._way = _by_theta(problem, iterate, segments, weights)[0], 0.0
+        return self._gradient
+
+    def _runs(self, problem: Problem, iterate: Iterate) -> list[_Run]:
+        if self._last is None or self._last[0] is not problem or self._last[1] is not iterate:
+            self._last = problem, iterate, [_filtered(problem, iterate, s) for s in range(len(problem.grids))]
+        return self._last[2]
 
 
 def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
     """Half the weighted sum of squares of the process noise."""
     return 0.5 * float(np.sum(_disturbance_squares(problem, iterate)))
-
-
-def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
-    """Its derivative by theta, (p,), the states following."""
-    parameters = problem.parameters
-    p = len(parameters.names)
-    norm = np.linalg.norm(information_factor(problem, segments)[:, :p], axis=0)
-    gradient = np.zeros(p)
-    for i in np.flatnonzero(norm > 0).tolist():
-        step = _STEP / norm[i]
-        ends = [
-            determinant_term(problem, _displaced(problem, iterate, segments, i, sign * step))
-            for sign in (1, -1)
-        ]
-        gradient[i] = (ends[0] - ends[1]) / (2 * step)
-    return gradient
 
 
 def _disturbance_squares(problem: Problem, iterate: Iterate) -> FloatArray:
@@ -66,44 +83,6 @@ def _disturbance_squares(problem: Problem, iterate: Iterate) -> FloatArray:
         squares = np.sum(defect**2 / grid.step[:, None], axis=0)
         total[driven] += squares[driven] / problem.process_noise[driven] ** 2
     return total
-
-
-def _determinant(held: Sequence[Quadratic]) -> float:
-    """log|det K| over all segments."""
-    return float(sum(log_determinant(q) for q in held))
-
-
-def linearised_states(problem: Problem, iterate: Iterate) -> list[Linearisation]:
-    """Every segment about its states, without derivatives by theta."""
-    return [
-        linearise_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta), ())
-        for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True))
-    ]
-
-
-def _held(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> list[Quadratic]:
-    """The quadratic problem of every segment, its initial state held."""
-    found = []
-    for grid, x, linearisation in zip(problem.grids, iterate.x, linear, strict=True):
-        quadratic = quadratic_of(problem, grid, x, [(slice(None), linearisation)], iterate.covariance)
-        variance = quadratic.variance.copy()
-        variance[0] = 0.0
-        found.append(replace(quadratic, variance=variance))
-    return found
-
-
-def _displaced(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], parameter: int, step: float
-) -> Iterate:
-    """The iterate with one parameter moved and the states following."""
-    theta = iterate.theta.copy()
-    theta[parameter] += step
-    states = []
-    for x, segment, index in zip(iterate.x, segments, problem.parameters.segment_index, strict=True):
-        direction = np.concatenate([[0.0], (index == parameter).astype(float)])
-        follow = segment.eliminated.states(direction).T * problem.size[:, None]
-        states.append(x + step * follow)
-    return replace(iterate, theta=theta, x=tuple(states))
 
 
 @dataclass(frozen=True)
@@ -121,47 +100,109 @@ class Filtered:
 
 def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ...]:
     """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on."""
-    found = []
-    for grid, linear in zip(problem.grids, linearised_states(problem, iterate), strict=True):
-        after = np.linalg.inv(linear.defect_by_state.blocks[:, 1])
-        transition = -after @ linear.defect_by_state.blocks[:, 0]
-        shift = -(after @ linear.defect[:, :, None])[:, :, 0]
-        drive = problem.process_noise**2 * grid.step[:, None]
-        driven = (after * drive[:, None, :]) @ after.transpose(0, 2, 1)
-        residual = grid.y.T - linear.output
-        observe = linear.output_by_state.blocks[:, 0]
-        found.append(_filter(transition, shift, driven, residual, observe, iterate.covariance))
-    return tuple(found)
+    runs = [_filtered(problem, iterate, s).filter for s in range(len(problem.grids))]
+    return tuple(Filtered(run.innovation.T, run.covariance, run.log_det + run.squares) for run in runs)
 
 
-def _filter(
-    transition: FloatArray,
-    shift: FloatArray,
-    driven: FloatArray,
-    residual: FloatArray,
-    observe: FloatArray,
-    noise: FloatArray,
-) -> Filtered:
-    n, n_outputs = residual.shape
-    n_states = transition.shape[1]
-    mean, spread = np.zeros(n_states), np.zeros((n_states, n_states))
-    innovations = np.full((n, n_outputs), np.nan)
-    covariance = np.empty((n, n_outputs, n_outputs))
-    total = 0.0
-    for k in range(n):
-        if k > 0:
-            mean = transition[k - 1] @ mean + shift[k - 1]
-            spread = transition[k - 1] @ spread @ transition[k - 1].T + driven[k - 1]
-        h = observe[k]
-        covariance[k] = h @ spread @ h.T + noise
-        innovations[k] = residual[k] - h @ mean
-        seen = np.isfinite(innovations[k])
-        if not seen.any():
-            continue
-        b, v, h = covariance[k][np.ix_(seen, seen)], innovations[k][seen], h[seen]
-        gain = np.linalg.solve(b, h @ spread).T
-        mean = mean + gain @ v
-        keep = np.eye(n_states) - gain @ h
-        spread = keep @ spread @ keep.T + gain @ noise[np.ix_(seen, seen)] @ gain.T
-        total += 0.5 * float(v @ np.linalg.solve(b, v) + np.linalg.slogdet(b)[1])
-    return Filtered(innovations.T, covariance, total)
+def gradients_elsewhere(
+    problem: Problem,
+    iterate: Iterate,
+    segments: Sequence[Sensitivity],
+    process_noise: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """The determinant's derivatives by theta with other variances, process noises (k, n_states) and covariances (k,
+    n_outputs, n_outputs): (k, p).
+    """
+    weights = []
+    for s in range(len(problem.grids)):
+        motion = _motion(problem, iterate, s)
+        each = [motion.run(q, r).determinant_weights() for q, r in zip(process_noise, covariance, strict=True)]
+        weights.append(Weights(*(np.concatenate(part) for part in zip(*each, strict=True))))
+    return _by_theta(problem, iterate, segments, weights)
+
+
+def _by_theta(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], weights: Sequence[Weights]
+) -> FloatArray:
+    """Derivatives of weighted sums (k) by theta, the states following, (k, p)."""
+    parameters = problem.parameters
+    gradient = np.zeros((len(weights[0].before), len(parameters.names)))
+    for s, (segment, weight) in enumerate(zip(segments, weights, strict=True)):
+        theta, index = parameters.of_segment(s, iterate.theta), parameters.segment_index[s]
+        by_state, by_theta = weighted_change(
+            problem.model, problem.grids[s], iterate.x[s], theta, parameters.base, weight
+        )
+        gradient[:, index] += by_theta
+        for parameter in np.flatnonzero(~segment.void).tolist():
+            direction = np.zeros(1 + index.size)
+            direction[1 + parameter] = 1.0
+            follow = segment.eliminated.states(direction) * problem.size
+            gradient[:, index[parameter]] += np.tensordot(by_state, follow, 2)
+    return gradient
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A segment as a filter takes it: `inverse` (n - 1, n_states, n_states) that of the defects' derivatives by the
+    state after, `transition` (n - 1, n_states, n_states), `shift` (n - 1, n_states), `step` (n - 1,), `residual` (n,
+    n_outputs), `observe` (n, n_outputs, n_states).
+    """
+
+    inverse: FloatArray
+    transition: FloatArray
+    shift: FloatArray
+    step: FloatArray
+    residual: FloatArray
+    observe: FloatArray
+
+    def run(self, process_noise: FloatArray, covariance: FloatArray) -> _Run:
+        """The filter's, with these variances."""
+        from brv_hypo.likelihood.compiled import filtered  # here: numba takes long to load
+
+        drive = process_noise**2 * self.step[:, None]
+        driven = (self.inverse * drive[:, None, :]) @ self.inverse.transpose(0, 2, 1)
+        found = filtered(self.transition, self.shift, driven, self.residual, self.observe, covariance)
+        return _Run(self, driven, found)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A filter's run over a segment, `driven` (n - 1, n_states, n_states) by process noise."""
+
+    motion: _Motion
+    driven: FloatArray
+    filter: Filter
+
+    def determinant_weights(self) -> Weights:
+        """Derivatives of half the sum of log det S by those of defects and outputs by states, one set."""
+        from brv_hypo.likelihood.compiled import determinant_derivatives
+
+        motion = self.motion
+        by_transition, by_driven, by_observe = determinant_derivatives(
+            self.filter, motion.transition, self.driven, motion.observe
+        )
+        turned = -motion.inverse.transpose(0, 2, 1)
+        through = by_transition @ motion.transition.transpose(0, 2, 1) + 2.0 * by_driven @ self.driven
+        return Weights((turned @ by_transition)[None], (turned @ through)[None], by_observe[None])
+
+
+def _filtered(problem: Problem, iterate: Iterate, s: int) -> _Run:
+    return _motion(problem, iterate, s).run(problem.process_noise, iterate.covariance)
+
+
+def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
+    grid, x = problem.grids[s], iterate.x[s]
+    linear = linearise_segment(
+        problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta), ()
+    )
+    before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
+    inverse = np.asarray(np.linalg.inv(after), dtype=float)
+    return _Motion(
+        inverse,
+        transition=np.asarray(-inverse @ before),
+        shift=-(inverse @ linear.defect[:, :, None])[:, :, 0],
+        step=grid.step,
+        residual=np.where(grid.measured.T, grid.y.T - linear.output, np.nan),
+        observe=np.ascontiguousarray(linear.output_by_state.blocks[:, 0]),
+    )

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 _CORRELATED = 0.5
 """Least correlation that is listed."""
 _MOST_CORRELATIONS = 10
+_FAR = 0.5
+"""Weight below which a sample is counted as far off."""
 
 
 def fit_report(result: FitResult) -> str:
@@ -60,12 +62,21 @@ def _noise(result: FitResult) -> list[str]:
     ):
         spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
         colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
-        found.append(f"    output {i}: {np.sqrt(variance):.4g}{spread}, innovations {colour}")
+        found.append(f"    output {i}: {np.sqrt(variance):.4g}{spread}{_tails(result, i)}, innovations {colour}")
     for i, (size, error) in enumerate(zip(result.process_noise, result.process_noise_std_error, strict=True)):
         if size > 0.0:
             spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
             found.append(f"    state {i} is driven by {size:.4g}{spread} per root second")
     return found
+
+
+def _tails(result: FitResult, output: int) -> str:
+    """Degrees of freedom of an output's noise, and how many samples hardly count."""
+    if result.noise_freedom is None:
+        return ""
+    weights = np.concatenate([each[output] for each in result.weights])
+    freedom, far = result.noise_freedom[output], int(np.sum(weights < _FAR))
+    return f" (scale of Student's t, {freedom:.3g} degrees of freedom; {far} samples weigh less than {_FAR:g})"
 
 
 def _parameters(result: FitResult) -> list[str]:

@@ -69,11 +69,16 @@ class FitResult(Tabular):
         derivatives: how the functions were differentiated.
         samples: number of measured values, all outputs and segments.
         linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
-            the samples; None with process noise.
+            the samples; None with process noise, and noise "student".
         mesh_shift: how far the discretisation moves an estimate at most, in standard errors, by an estimate of the
             dynamics' errors between samples; nan where that is not known (delays, records of many thousand samples).
         mesh_steps: steps of the dynamics between samples.
         beginnings: the searches that were compared, the first of them first; this is the best of them.
+        noise_freedom: with noise "student", degrees of freedom of each output's, (n_outputs,): 200, at most, is next to
+            Gaussian. `noise_covariance` then has the squares of the scales, and standard errors are those of an
+            M-estimator, which outliers do not falsify.
+        weights: with noise "student", what each sample counts, by segment, (n_outputs, n): about 1, next to 0 for
+            outliers; 1 in gaps.
         remarks: what makes the errors mean something else than they say, though the search converged.
     """
 
@@ -106,6 +111,8 @@ class FitResult(Tabular):
     mesh_steps: int = 1
     beginnings: tuple[Beginning, ...] = ()
     remarks: tuple[str, ...] = ()
+    noise_freedom: FloatArray | None = None
+    weights: tuple[FloatArray, ...] = ()
 
     __repr__ = Tabular.__repr__
 
@@ -134,12 +141,13 @@ class FitResult(Tabular):
         """Estimate by name where the marked samples, (n,) a segment, take no part, to first order.
 
         Raises:
-            UsageError: with process noise, or masks that do not fit.
+            UsageError: with process noise or noise "student", or masks that do not fit.
         """
         if self.linear is None:
             raise UsageError(
-                f"a fit of status {self.status!r} with process noise {self.process_noise} cannot say what it "
-                "would be without some samples: expected one without process noise whose states are determined. "
+                f"a fit of status {self.status!r} with process noise {self.process_noise} and noise of "
+                f"{self.noise_freedom} degrees of freedom cannot say what it would be without some samples: expected "
+                "one without process noise, of Gaussian noise, whose states are determined. "
                 "Fit again, the samples as nan in y"
             )
         change = dict(zip(self.names, self.linear.change_without(left_out).tolist(), strict=True))

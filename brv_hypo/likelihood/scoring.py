@@ -2,7 +2,7 @@
 
 With the states integrated out the outputs are Gaussian with covariance C(Q, R), linear in the variances, and
 
-    NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (see `filtering`)
+    NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (K: see `band`)
 
 Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson & Thompson, Biometrika
 58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the residuals,
@@ -19,41 +19,44 @@ integrated out too: fitted, they would take their share of the residuals, and th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.band import log_determinant
-from brv_hypo.likelihood.collocation import Linearisation, linearise_segment
-from brv_hypo.likelihood.elimination import eliminate
-from brv_hypo.likelihood.noise import Shape, log_determinants, whitening
+from brv_hypo.likelihood.marginal import Integrated, Marginal
+from brv_hypo.likelihood.noise import Shape
 from brv_hypo.likelihood.step import (
     Iterate,
+    Parts,
     Problem,
     Sensitivity,
+    Triangular,
     information_factor,
-    quadratic_of,
-    sensitivity_of,
+    is_long,
+    linearised,
 )
 
 _DIFFERENCE = 1e-3
-"""Relative change of a variance for derivatives of log det C: truncation 2e-7, rounding of the second 1e-6."""
+"""Relative change of a variance for second derivatives of log det C: truncation 2e-7, rounding 1e-6."""
+_SMALL_DIFFERENCE = 1e-5
+"""The same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6."""
 _ROUNDING = 1e-4
 """Information on the logarithm of a variance that is no more than rounding: only its gradient is believed."""
 _LARGEST_MOVE = 3.0
 """Largest change of the logarithm of a variance in one step."""
 _HALVINGS = 5
+_SCORINGS = 6
+"""Steps on one linearisation at most."""
+_CURVED = 0.1
+"""Least curvature of the likelihood along a step, against that expected, from which the Hessian learns."""
 _VANISHED = 1e-2
 """NLLF that a variance has left to win on its way to 0 below which it counts as 0."""
 _UNSEEN = 1e-10
 """Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
 _COUPLED = 12
 """Variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R."""
-
-
-Measure = Callable[[Problem, Iterate, Sequence[Linearisation]], float]
 
 
 @dataclass(frozen=True)
@@ -113,131 +116,155 @@ def directions_of(
 
 
 @dataclass(frozen=True)
-class NoiseErrors:
-    """Standard errors of the standard deviations, `process` (n_states,) per root second and `measurement`
-    (n_outputs,); nan where they were given or vanished, and in output error. `remarks` name those that vanished.
+class Scored:
+    """Where scoring led; the length of its first and of its last step, in standard errors; the Hessian it ended with;
+    the sensitivities there, none where the states are not determined or too many to be kept.
     """
 
-    process: FloatArray
-    measurement: FloatArray
-    remarks: tuple[str, ...] = ()
+    problem: Problem
+    iterate: Iterate
+    first: float = 0.0
+    last: float = 0.0
+    information: FloatArray | None = None
+    segments: tuple[Sensitivity, ...] = ()
 
 
-def noise_errors(problem: Problem, iterate: Iterate, directions: Directions) -> NoiseErrors:
-    """Errors from the expected Hessian, theta held."""
-    states, outputs = problem.process_noise.size, iterate.covariance.shape[0]
-    process, measurement = np.full(states, np.nan), np.full(outputs, np.nan)
-    asked = directions.count > 0 and bool(np.any(problem.process_noise))
-    score = score_of(problem, iterate, directions) if asked else None
-    if score is None:
-        return NoiseErrors(process, measurement)
-    gone = score.vanished
-    live = np.flatnonzero(~gone)
-    spread = np.zeros((directions.count, directions.count))
-    spread[np.ix_(live, live)] = np.linalg.pinv(score.information[np.ix_(live, live)], rcond=1e-12)
-    driven = list(directions.driven)
-    known = ~gone[: len(driven)]
-    error = 0.5 * problem.process_noise[driven] * np.sqrt(np.maximum(np.diag(spread)[: len(driven)], 0.0))
-    process[driven] = np.where(known, error, np.nan)
-    if directions.entries:
-        root = np.linalg.cholesky(iterate.covariance)
-        twice = [1.0 if a == b else 2.0 for a, b in directions.entries]
-        change = np.stack(
-            [w * root[:, a] * root[:, b] for w, (a, b) in zip(twice, directions.entries, strict=True)], 1
-        )
-        variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
-        measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
-        measurement[measurement == 0.0] = np.nan
-    return NoiseErrors(process, measurement, _remarks(directions, gone))
-
-
-def _remarks(directions: Directions, gone: BoolArray) -> tuple[str, ...]:
-    """What went to 0, by state and output."""
-    states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
-    lost = gone[len(directions.driven) :]
-    outputs = [a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b]
-    found = []
-    if states:
-        found.append(
-            f"the process noise of states {states} went to 0: their dynamics are exact as far as the data say. Leave "
-            "it out (0 in process_noise), where the fit is also faster"
-        )
-    if outputs:
-        found.append(
-            f"the measurement noise of outputs {outputs} went to 0: process noise explains all that is left of them. "
-            "Likely causes: sensors far better than the motion is smooth, or too slow a rate to tell the two apart. "
-            "Give noise_covariance where it is known"
-        )
-    return tuple(found)
-
-
-def scored(problem: Problem, iterate: Iterate, directions: Directions) -> tuple[Problem, Iterate, float]:
-    """Both after one scoring step, the states still where they were, and the step's length in standard errors.
-
-    The step is that of the likelihood's Hessian, which is had sooner than the restricted one's and nearly as good.
-    """
-    linear = _linearised(problem, iterate)
-    solved = _solved(problem, iterate, linear)
-    if solved is None or not directions.count:
-        return problem, iterate, 0.0
-    score = _score(problem, iterate, directions, linear, solved, _nothing)
-    move = score.step()
-    before = _value(problem, iterate, linear, solved)
-    for _ in range(_HALVINGS):
-        trial = moved_noise(problem, iterate, directions, move)
-        if _value(*trial, linear, _solved(*trial, linear)) <= before + 1e-10 * abs(before):
-            return *trial, score.length(move)
-        move = 0.5 * move
-    return problem, iterate, 0.0
-
-
-def score_of(problem: Problem, iterate: Iterate, directions: Directions) -> Score | None:
-    """Gradient and expected Hessian; None where the states are not determined."""
-    linear = _linearised(problem, iterate)
-    solved = _solved(problem, iterate, linear)
-    if solved is None:
-        return None
-    return _score(problem, iterate, directions, linear, solved, _log_det_of_information)
-
-
-def _linearised(problem: Problem, iterate: Iterate) -> list[Linearisation]:
-    """Every segment about its states."""
-    parameters = problem.parameters
-    return [
-        linearise_segment(problem.model, grid, x, parameters.of_segment(s, iterate.theta), parameters.base)
-        for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True))
-    ]
-
-
-def _score(
+def scored(
     problem: Problem,
     iterate: Iterate,
     directions: Directions,
-    linear: Sequence[Linearisation],
-    solved: _Solved,
-    measure: Measure,
-) -> Score:
-    """The gradient, and the expected Hessian from second differences of `measure`."""
-    count, h = directions.count, _DIFFERENCE
-    unit = h * np.eye(count)
+    enough: float,
+    held: Sequence[Parts] | None = None,
+    information: FloatArray | None = None,
+) -> Scored:
+    """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
 
-    def at(change: FloatArray) -> tuple[float, float]:
-        changed = _changed(problem, iterate, directions, change)
-        plain = _log_det(*changed, linear)
-        return plain, plain + measure(*changed, linear)
+    `held` is the linearisation, where it is known, `information` the Hessian from near by. It is that of the
+    likelihood, which is had sooner than the restricted one's and nearly as good, kept up by the gradients (BFGS).
+    """
+    linear = marginals(problem, iterate, held)
+    solved = _solved(problem, iterate, linear)
+    if solved is None:
+        return Scored(problem, iterate)
+    lengths = []
+    score: Score | None = None
+    move = np.zeros(directions.count)
+    value = _value(problem, iterate, linear, solved)
+    for _ in range(_SCORINGS if directions.count else 0):
+        gradient = _gradient(problem, iterate, directions, linear, solved)
+        if information is None:
+            information = _information(problem, iterate, directions, linear)
+        if score is not None:
+            information = _updated(information, gradient - score.gradient, move)
+        score = Score(directions, gradient, information)
+        problem, iterate, solved, value, move = _moved(problem, iterate, score, linear, solved, value)
+        lengths.append(score.length(move))
+        if lengths[-1] < enough:
+            break
+    kept = () if is_long(problem) else solved.segments
+    segments = (
+        each.sensitivity(problem, iterate.covariance, found) for each, found in zip(linear, kept, strict=False)
+    )
+    first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
+    return Scored(problem, iterate, first, last, information, tuple(segments))
 
-    middle = at(np.zeros(count))[1]
-    ends = np.array([[at(sign * row) for row in unit] for sign in (1, -1)])
-    up, down = ends[..., 1]
-    second = np.diag((up - 2.0 * middle + down) / h**2)
+
+def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
+    """The Hessian that agrees with the change of the gradient over a move, where it is positive-definite then."""
+    along, pull = float(change @ move), information @ move
+    if not along > _CURVED * float(pull @ move):
+        return information
+    return np.asarray(
+        information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move)
+    )
+
+
+def _moved(
+    problem: Problem, iterate: Iterate, score: Score, linear: Sequence[Marginal], solved: _Solved, value: float
+) -> tuple[Problem, Iterate, _Solved, float, FloatArray]:
+    """As far along the score's step as the likelihood rises, its negative there, and the move."""
+    move = score.step()
+    for _ in range(_HALVINGS):
+        trial = moved_noise(problem, iterate, score.directions, move)
+        found = _solved(*trial, linear)
+        after = np.inf if found is None else _value(*trial, linear, found)
+        if found is not None and after <= value + 1e-10 * abs(value):
+            return *trial, found, after, move
+        move = 0.5 * move
+    return problem, iterate, solved, value, np.zeros_like(move)
+
+
+def score_of(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]
+) -> Score | None:
+    """Gradient and expected Hessian; None where the states are not determined."""
+    solved = _solved(problem, iterate, linear)
+    if solved is None:
+        return None
+    return Score(
+        directions,
+        _gradient(problem, iterate, directions, linear, solved),
+        _information(problem, iterate, directions, linear)
+        + _further_information(problem, iterate, directions, linear, solved),
+    )
+
+
+def marginals(
+    problem: Problem, iterate: Iterate, held: Sequence[Parts] | None = None
+) -> tuple[Marginal, ...]:
+    """Every segment about its states."""
+    known = linearised(problem, iterate) if held is None else held
+    return tuple(
+        Marginal(problem, grid, x, parts)
+        for grid, x, parts in zip(problem.grids, iterate.x, known, strict=True)
+    )
+
+
+def _gradient(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal], solved: _Solved
+) -> FloatArray:
+    changes = _SMALL_DIFFERENCE * np.concatenate([np.zeros((1, directions.count)), np.eye(directions.count)])
+    middle, *up = _log_dets(problem, iterate, directions, changes, linear)
+    squares = _squares((problem, iterate), (problem, iterate), directions, linear, solved)
+    return np.asarray(0.5 * (np.array(up) - middle) / _SMALL_DIFFERENCE - 0.5 * np.sum(squares, axis=1))
+
+
+def _information(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]
+) -> FloatArray:
+    """The expected Hessian, from second differences of log det C."""
+    count, unit = directions.count, _unit(directions)
     coupled = count if count <= _COUPLED else len(directions.driven) + problem.grids[0].y.shape[0]
-    for a in range(min(coupled, count)):
-        for b in range(a):
-            both = at(unit[a] + unit[b])[1]
-            second[a, b] = second[b, a] = (both - up[a] - up[b] + middle) / h**2
-    slope = (ends[0, :, 0] - ends[1, :, 0]) / (2.0 * h)
-    gradient = 0.5 * slope - 0.5 * _squares(problem, iterate, directions, solved)
-    return Score(directions, gradient, -0.5 * second)
+    pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
+    both = unit[pairs[:, 0]] + unit[pairs[:, 1]]
+    changes = np.concatenate([np.zeros((1, count)), unit, -unit, both])
+    found = _log_dets(problem, iterate, directions, changes, linear)
+    middle, up, down = found[0], found[1 : 1 + count], found[1 + count : 1 + 2 * count]
+    second = np.diag(up - 2.0 * middle + down)
+    for (a, b), value in zip(pairs, found[1 + 2 * count :], strict=True):
+        second[a, b] = second[b, a] = value - up[a] - up[b] + middle
+    return np.asarray(-0.5 * second / _DIFFERENCE**2)
+
+
+def _further_information(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal], solved: _Solved
+) -> FloatArray:
+    """What integrating theta out adds: the same of log det I(theta), from differences of its gradient."""
+    here = (problem, iterate)
+    before = _squares(here, here, directions, linear, solved)[:, 1:].sum(axis=1)
+    rows = []
+    for row in _unit(directions):
+        noise, covariance = changed_variances(problem, iterate, directions, row[None])
+        there = replace(problem, process_noise=noise[0]), replace(iterate, covariance=covariance[0])
+        found = _solved(*there, linear)
+        after = before if found is None else _squares(there, here, directions, linear, found)[:, 1:].sum(axis=1)
+        rows.append(0.5 * (after - before) / _DIFFERENCE)
+    return np.asarray(0.5 * (np.array(rows) + np.array(rows).T))
+
+
+def _unit(directions: Directions) -> FloatArray:
+    """The changes by which derivatives are had, one a row."""
+    return _DIFFERENCE * np.eye(directions.count)
 
 
 def moved_noise(
@@ -260,35 +287,25 @@ def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArra
     return found
 
 
-def _changed(
-    problem: Problem, iterate: Iterate, directions: Directions, change: FloatArray
-) -> tuple[Problem, Iterate]:
-    """Variances changed on straight lines: Q (1 + s), F (1 + S) F'."""
-    factor = np.ones_like(problem.process_noise)
-    factor[list(directions.driven)] += change[: len(directions.driven)]
+def changed_variances(
+    problem: Problem, iterate: Iterate, directions: Directions, changes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Process noises (k, n_states) and covariances (k, n_outputs, n_outputs) after changes (k, unknowns) of the
+    variances on straight lines: Q (1 + s), F (1 + S) F'.
+    """
+    factor = np.ones((len(changes), problem.process_noise.size))
+    factor[:, list(directions.driven)] += changes[:, : len(directions.driven)]
     root = np.linalg.cholesky(iterate.covariance)
-    covariance = iterate.covariance + root @ _symmetric(directions, change, len(root)) @ root.T
-    changed = replace(problem, process_noise=problem.process_noise * np.sqrt(factor))
-    return changed, replace(iterate, covariance=covariance)
+    turned = np.array([_symmetric(directions, change, len(root)) for change in changes])
+    return problem.process_noise * np.sqrt(factor), iterate.covariance + root @ turned @ root.T
 
 
-def _log_det(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
-    """log det C but for a constant."""
-    total = 0.0
-    for grid, x, each in zip(problem.grids, iterate.x, linear, strict=True):
-        total += log_determinant(quadratic_of(problem, grid, x, [(slice(None), each)], iterate.covariance))
-        total += log_determinants(grid.measured, iterate.covariance)
-    return total
-
-
-def _log_det_of_information(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
-    """log det I(theta); nan where the states are not determined."""
-    solved = _solved(problem, iterate, linear)
-    return float("nan") if solved is None else solved.log_det
-
-
-def _nothing(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> float:
-    return 0.0
+def _log_dets(
+    problem: Problem, iterate: Iterate, directions: Directions, changes: FloatArray, linear: Sequence[Marginal]
+) -> FloatArray:
+    """log det C after changes (k, unknowns), but for a constant, (k,)."""
+    changed = changed_variances(problem, iterate, directions, changes)
+    return np.asarray(sum(each.log_dets(*changed) for each in linear))
 
 
 @dataclass(frozen=True)
@@ -303,32 +320,30 @@ class _Solved:
     log_det: float
     outputs: tuple[FloatArray, ...]
     noise: tuple[FloatArray, ...]
+    segments: tuple[Integrated, ...]
 
 
-def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]) -> _Solved | None:
+def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _Solved | None:
     segments = []
-    for grid, x, each in zip(problem.grids, iterate.x, linear, strict=True):
-        found = eliminate(quadratic_of(problem, grid, x, [(slice(None), each)], iterate.covariance))
+    for each in linear:
+        found = each.integrated(problem.process_noise, iterate.covariance)
         if found is None:
             return None
-        segments.append(sensitivity_of(found))
+        segments.append(found)
     combinations, log_det = _orthonormal(problem, iterate, segments)
     outputs, noise = [], []
     for segment, index in zip(segments, problem.parameters.segment_index, strict=True):
-        seen, driven = segment.eliminated.rows()
         turn = np.zeros((1 + index.size, 1 + combinations.shape[1]))
         turn[0, 0] = 1.0
         turn[1:, 1:] = np.where(segment.void[:, None], 0.0, combinations[index])
-        outputs.append(seen @ turn)
-        noise.append(
-            np.zeros((*segment.eliminated.problem.defect.shape, 1)) if driven is None else driven @ turn
-        )
+        outputs.append(segment.outputs @ turn)
+        noise.append(segment.noise @ turn)
     total = sum(float(np.sum(rows[:, :, 0] ** 2)) for rows in (*outputs, *noise))
-    return _Solved(0.5 * total, log_det, tuple(outputs), tuple(noise))
+    return _Solved(0.5 * total, log_det, tuple(outputs), tuple(noise), tuple(segments))
 
 
 def _orthonormal(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]
+    problem: Problem, iterate: Iterate, segments: Sequence[Triangular]
 ) -> tuple[FloatArray, float]:
     """Combinations of theta (p, k) of unit information, priors in it, and log det I(theta), over what the data and
     the bounds leave free.
@@ -347,25 +362,31 @@ def _orthonormal(
     return combinations, 2.0 * float(np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
 
 
-def _squares(problem: Problem, iterate: Iterate, directions: Directions, solved: _Solved) -> FloatArray:
-    """Minus twice the derivative of objective and 1/2 log det I(theta) by the unknowns, (k,)."""
-    driven = sum(np.sum(rows[1:] ** 2, axis=(0, 2)) for rows in solved.noise)
-    root = np.linalg.cholesky(iterate.covariance)
-    seen = np.zeros_like(root)
-    for grid, rows in zip(problem.grids, solved.outputs, strict=True):
-        weighted = root.T @ np.einsum(
-            "nja,njk->ank", whitening(iterate.covariance, grid.measured), rows
-        ).reshape(len(root), -1)
-        seen += weighted @ weighted.T
+def _squares(
+    there: tuple[Problem, Iterate],
+    here: tuple[Problem, Iterate],
+    directions: Directions,
+    linear: Sequence[Marginal],
+    solved: _Solved,
+) -> FloatArray:
+    """Minus twice the derivative of the objective (first column), and minus that of log det I(theta) (the sum of the
+    others), by the unknowns of `here`, (unknowns, 1 + k), at the variances of `there`, for which `solved` is.
+    """
+    ratio = here[0].process_noise[list(directions.driven)] / there[0].process_noise[list(directions.driven)]
+    driven = sum(np.sum(rows[1:] ** 2, axis=0) for rows in solved.noise)
+    root = np.linalg.cholesky(here[1].covariance)
+    seen = np.zeros((*root.shape, solved.outputs[0].shape[2]))
+    for each, rows in zip(linear, solved.outputs, strict=True):
+        weighed = root.T @ each.weighed(rows, there[1].covariance)
+        seen += np.einsum("nak,nbk->abk", weighed, weighed)
     measured = [seen[a, b] * (1.0 if a == b else 2.0) for a, b in directions.entries]
-    return np.concatenate([np.asarray(driven)[list(directions.driven)], measured])
+    return np.array([*(ratio[:, None] ** 2 * np.asarray(driven)[list(directions.driven)]), *measured])
 
 
-def _value(
-    problem: Problem, iterate: Iterate, linear: Sequence[Linearisation], solved: _Solved | None
-) -> float:
-    """Restricted NLLF but for a constant, priors left out; infinite where the states are not determined."""
-    if solved is None:
-        return float("inf")
-    total = solved.objective + 0.5 * (_log_det(problem, iterate, linear) + solved.log_det)
+def _value(problem: Problem, iterate: Iterate, linear: Sequence[Marginal], solved: _Solved) -> float:
+    """Restricted NLLF but for a constant, priors left out; infinite where it is not finite."""
+    log_det = sum(
+        float(each.log_dets(problem.process_noise[None], iterate.covariance[None])[0]) for each in linear
+    )
+    total = solved.objective + 0.5 * (log_det + solved.log_det)
     return total if np.isfinite(total) else float("inf")

@@ -11,16 +11,13 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood import student
 from brv_hypo.likelihood.acceleration import Extrapolation
 from brv_hypo.likelihood.collocation import evaluate_segment
-from brv_hypo.likelihood.filtering import (
-    determinant_gradient,
-    determinant_term,
-    disturbance_cost,
-)
+from brv_hypo.likelihood.filtering import Determinant, disturbance_cost
 from brv_hypo.likelihood.merit import line_search
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.scoring import directions_of, scored
+from brv_hypo.likelihood.scoring import Directions, directions_of, scored
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.step import (
     Iterate,
@@ -42,6 +39,10 @@ _SETTLED_CHANGE = 2e-3
 """Relative change of a noise variance that counts as settled."""
 _SETTLED_MOVE = 0.05
 """The same with process noise, in standard errors of the variances' logarithms."""
+_LINEAR = 0.5
+"""Change of the objective against the promised one at which the states are where the variances want them."""
+_FEW, _FRACTION = 1e-4, 1e-2
+"""Step, in the same, that ends them for one linearisation, or as a fraction of the step before."""
 _NOISE_STEPS = 10
 _NEAR_NOISE = 1.0
 """Steps that bring process noise near its estimate before theta moves, and how near, in standard errors."""
@@ -54,6 +55,10 @@ _HELD = 2.5
 derivatives of another place, off by less than that way."""
 _HELD_VALUES = 4_000_000
 """Samples times parameters up to which derivatives are kept for that."""
+_TOO_SHORT = 1e-2
+"""Length of a step, in standard errors, below which the merit cannot judge it beside process noise: the states follow
+the objective alone, and where they are not quite there the determinant may rise as they go.
+"""
 _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
@@ -73,13 +78,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class Options:
-    """How the search runs; see `fit`."""
+    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal."""
 
     max_iterations: int
     tolerance: float
     noise: Shape
     estimate_noise: bool
     estimate_process_noise: bool
+    student: bool = False
     progress: Callable[[Progress], None] | None = None
     mesh_steps: int = 1
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -105,10 +111,13 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     if options.estimate_process_noise:
         problem, iterate = _noise_first(problem, iterate, options)
+    if options.student:
+        iterate = _with_tails(problem, iterate, options)
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
     derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
     extrapolation = Extrapolation(problem)
+    noise, determinant = _Noise(options), Determinant()
 
     def ended(status: Status, detail: str = "") -> Outcome:
         message = f"{detail}: {status.message}" if detail else status.message
@@ -116,15 +125,18 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
 
     for iteration in range(1, options.max_iterations + 1):
         try:
-            segments, unseen = _sensitivities(problem, iterate, derivatives.at(iterate))
+            segments, unseen = noise.segments, None
+            if not segments:
+                segments, unseen = _sensitivities(problem, iterate, derivatives.at(iterate))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
-        step = _step(problem, iterate, segments)
+        step = _step(problem, iterate, segments, determinant)
         derivatives.moved(step.length)
+        determinant.moved(step.length)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
-        term = partial(determinant_term, problem) if np.any(problem.process_noise) else None
+        term = partial(determinant.term, problem) if np.any(problem.process_noise) else None
         following, fraction = _advanced(problem, iterate, step, extrapolation, penalty, term)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
@@ -134,11 +146,11 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         creeping = creeping + 1 if fraction < _CREEP and step.length < 1.0 else 0
         if creeping == _CREEPING_STEPS:
             return ended(Status.STALLED)
-        problem, iterate, noise_settled = _update_noise(problem, following, options)
+        problem, iterate, noise_settled = noise.updated(problem, following, derivatives, step.length)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
             Progress(
-                iteration, negative_log_likelihood_of(problem, iterate), violation, step.length, fraction
+                iteration, _nllf(problem, iterate, determinant), violation, step.length, fraction
             )
         )
         if options.progress is not None:
@@ -163,9 +175,11 @@ def _advanced(
     penalty: float,
     term: Callable[[Iterate], float] | None,
 ) -> tuple[Iterate, float]:
-    """The whole of a slow step's extrapolation; else as far along the step as the merit falls."""
+    """The whole of a slow step's extrapolation, or of one too short beside process noise for the merit to tell; else as
+    far along the step as the merit falls.
+    """
     further = extrapolation.improved(iterate, step)
-    if further is not step:
+    if further is not step or (term is not None and step.length < _TOO_SHORT):
         return moved(problem, iterate, further, 1.0), 1.0
     return line_search(problem, iterate, step, penalty, term)
 
@@ -179,37 +193,44 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
     return tuple(found)
 
 
-def negative_log_likelihood_of(problem: Problem, iterate: Iterate) -> float:
+def _nllf(problem: Problem, iterate: Iterate, determinant: Determinant) -> float:
     """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
+    if iterate.tails is not None:
+        return student.negative_log_likelihood(difference, np.diag(iterate.covariance), iterate.tails.freedom)
     fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
     if not np.any(problem.process_noise):
         return fit
-    return fit + disturbance_cost(problem, iterate) + determinant_term(problem, iterate)
+    return fit + disturbance_cost(problem, iterate) + determinant.term(problem, iterate)
 
 
-def _step(problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...]) -> Step:
-    gradient = determinant_gradient(problem, iterate, segments) if np.any(problem.process_noise) else None
+def _step(
+    problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...], determinant: Determinant
+) -> Step:
+    noisy = bool(np.any(problem.process_noise))
+    gradient = determinant.gradient(problem, iterate, segments) if noisy else None
     return gauss_newton_step(problem, iterate, segments, gradient)
 
 
 class _HeldDerivatives:
     """Derivatives of dynamics and outputs, taken anew once the search has gone `far` (standard errors) since.
 
-    Each costs as much as many evaluations. None are held beside process noise, whose states may follow anything.
+    Each costs as much as many evaluations. Beside process noise, whose states may follow anything, they hold where they
+    were taken.
     """
 
     def __init__(self, problem: Problem, far: float) -> None:
         self._problem, self._far = problem, far
         samples = sum(grid.n for grid in problem.grids)
-        small = samples * len(problem.parameters.base) <= _HELD_VALUES
-        self._holds = small and not np.any(problem.process_noise)
+        self._holds = samples * len(problem.parameters.base) <= _HELD_VALUES
+        if np.any(problem.process_noise):
+            self._far = 0.0
         self._known: tuple[Parts, ...] | None = None
         self._way = 0.0
 
     def at(self, iterate: Iterate) -> tuple[Parts, ...] | None:
         """Those that hold at the iterate; None where none are held."""
-        if self._holds and (self._known is None or not self._way < self._far):
+        if self._holds and (self._known is None or not self._way <= self._far):
             self._known, self._way = linearised(self._problem, iterate), 0.0
         return self._known
 
@@ -233,31 +254,77 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
     Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
     """
-    for how in (replace(options, estimate_noise=False), options):
+    for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
+            held = _HeldDerivatives(problem, 0.0).at(iterate)
+            found = scored(problem, iterate, _wanted(problem, options, estimate_noise), _NEAR_NOISE, held)
+            problem, iterate = found.problem, found.iterate
             try:
-                segments = sensitivities(problem, iterate)
+                segments = found.segments or sensitivities(problem, iterate, held=held)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
-            iterate = moved(problem, iterate, gauss_newton_step(problem, iterate, segments, frozen=True), 1.0)
-            problem, iterate, near = _update_noise(problem, iterate, how, _NEAR_NOISE)
-            if near:
+            step = gauss_newton_step(problem, iterate, segments, frozen=True)
+            before = objective(problem, iterate)[0]
+            iterate = moved(problem, iterate, step, 1.0)
+            unforeseen = abs(objective(problem, iterate)[0] - before - step.decrease)
+            if found.last < _NEAR_NOISE and unforeseen < _LINEAR:
                 break
     return problem, iterate
 
 
-def _update_noise(
-    problem: Problem, iterate: Iterate, options: Options, enough: float = _SETTLED_MOVE
-) -> tuple[Problem, Iterate, bool]:
-    """Noise covariance by Eq. 3.11 or, with process noise, the variances of both; and whether they have settled."""
-    if np.any(problem.process_noise):
-        wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
-        problem, iterate, move = scored(problem, iterate, wanted)
-        return problem, iterate, move < enough
+def _wanted(problem: Problem, options: Options, estimate_noise: bool) -> Directions:
+    return directions_of(problem, options.noise, estimate_noise, options.estimate_process_noise)
+
+
+class _Noise:
+    """Noise covariance by Eq. 3.11 or, with process noise, the variances of both."""
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self._information: FloatArray | None = None
+        self.segments: tuple[Sensitivity, ...] = ()
+        """Sensitivities where the search stands, if it is known."""
+
+    def updated(
+        self, problem: Problem, iterate: Iterate, derivatives: _HeldDerivatives, length: float
+    ) -> tuple[Problem, Iterate, bool]:
+        """Both with new variances, after a step of this length, and whether these have settled."""
+        options = self._options
+        if not np.any(problem.process_noise):
+            return problem, *_estimated(problem, iterate, options)
+        wanted = _wanted(problem, options, options.estimate_noise)
+        if not wanted.count:
+            return problem, iterate, True
+        enough = max(_FEW, _FRACTION * length)
+        found = scored(problem, iterate, wanted, enough, derivatives.at(iterate), self._information)
+        self.segments = found.segments
+        self._information = found.information if found.first < _NEAR_NOISE else None
+        return found.problem, found.iterate, found.first < _SETTLED_MOVE
+
+
+def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
+    if iterate.tails is not None:
+        return _with_new_tails(problem, iterate, options)
     if not options.estimate_noise:
-        return problem, iterate, True
+        return iterate, True
     difference = np.concatenate(residuals(problem, iterate), axis=1)
     old = iterate.covariance
     new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
     change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
-    return problem, replace(iterate, covariance=new), change < _SETTLED_CHANGE
+    return replace(iterate, covariance=new), change < _SETTLED_CHANGE
+
+
+def _with_tails(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
+    """The first scales and weights; scales stay where they were given."""
+    square, tails = student.first_tails(residuals(problem, iterate), options.floor)
+    covariance = np.diag(square) if options.estimate_noise else iterate.covariance
+    return replace(iterate, covariance=covariance, tails=tails)
+
+
+def _with_new_tails(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
+    found, old = residuals(problem, iterate), np.diag(iterate.covariance)
+    together = np.concatenate(found, axis=1)
+    square, freedom = student.fitted(together, old, options.floor, not options.estimate_noise)
+    tails = student.tails_of(found, square, freedom)
+    settled = float(np.max(np.abs(square / old - 1.0))) < _SETTLED_CHANGE
+    return replace(iterate, covariance=np.diag(square), tails=tails), settled

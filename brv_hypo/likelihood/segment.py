@@ -37,7 +37,8 @@ class Segment:
         t: sample times, (n,), s, increasing; at least six.
         u: known inputs, (n_inputs, n); (0, n) where there are none.
         y: measured outputs, (n_outputs, n); NaN where one was not measured.
-        x0: guess of the initial state, (n_states,), or of the whole history, (n_states, n).
+        x0: guess of the initial state, (n_states,), or of the whole history, (n_states, n); empty for a model without
+            states.
         x0_std: how well the initial state is known: infinity leaves it free (the default), 0 holds it at
             x0, anything between is a Gaussian prior; scalar or (n_states,).
         u_mid: inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out.
@@ -262,8 +263,7 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
     if x0.ndim in (1, 2) and x0.shape[0] == 0:
         raise UsageError(
             f"segment {number}: x0 is empty, so that the model has no states; expected at least one. For a model "
-            "without dynamics use regression, or give it one state that stands still: dynamics of zeros, x0 = [0], "
-            "x0_std = 0"
+            "without states give None as dynamics"
         )
     if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
         raise UsageError(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
+from brv_hypo.likelihood.recalled import Recalled
 from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.student import Tails
 from brv_hypo.likelihood.triangle import upper_triangle
 
 _RANK_TOLERANCE = 1e-10
@@ -57,11 +60,18 @@ class Problem:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance."""
+    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance; where the noise has
+    `tails`, the squares of its scales on the diagonal.
+    """
 
     x: tuple[FloatArray, ...]
     theta: FloatArray
     covariance: FloatArray
+    tails: Tails | None = None
+
+    def weights(self, s: int) -> FloatArray | None:
+        """What the samples of segment s weigh, (n_outputs, n); None where all weigh 1."""
+        return None if self.tails is None else self.tails.weights[s]
 
 
 @dataclass(frozen=True)
@@ -148,7 +158,7 @@ def sensitivities(
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
-    noisy = sum(grid.n for grid in problem.grids) > _MANY and bool(np.any(problem.process_noise))
+    noisy = is_long(problem) and bool(np.any(problem.process_noise))
     found = []
     for s in range(len(problem.grids)):
         again = partial(_eliminated, problem, iterate, s, anchored, None if held is None else held[s])
@@ -158,39 +168,9 @@ def sensitivities(
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class Recalled:
-    """States eliminated again whenever they are asked for: many samples with process noise take much memory.
-
-    See `Eliminated`.
-    """
-
-    again: Callable[[], Eliminated]
-
-    @property
-    def problem(self) -> Quadratic:
-        """See `Eliminated`."""
-        return self.again().problem
-
-    def states(self, weights: FloatArray) -> FloatArray:
-        """See `Eliminated`."""
-        return self.again().states(weights)
-
-    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Eliminated`."""
-        return self.again().step(weights)
-
-    def at_start(self) -> FloatArray:
-        """See `Eliminated`."""
-        return self.again().at_start()
-
-    def rows(self) -> tuple[FloatArray, FloatArray | None]:
-        """See `Eliminated`."""
-        return self.again().rows()
-
-    def triangle(self) -> FloatArray:
-        """See `Eliminated`."""
-        return self.again().triangle()
+def is_long(problem: Problem) -> bool:
+    """Whether eliminated states with process noise take too much memory to be kept."""
+    return sum(grid.n for grid in problem.grids) > _MANY
 
 
 def _eliminated(
@@ -198,7 +178,9 @@ def _eliminated(
 ) -> Eliminated:
     """Segment s linearised and its states eliminated."""
     linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
-    quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
+    quadratic = quadratic_of(
+        problem, problem.grids[s], iterate.x[s], linear, iterate.covariance, iterate.weights(s)
+    )
     if not quadratic.exact:
         quadratic = _memoryless(quadratic)
     if anchored:
@@ -209,7 +191,15 @@ def _eliminated(
     return eliminated
 
 
-def information_factor(problem: Problem, segments: Sequence[Sensitivity]) -> FloatArray:
+class Triangular(Protocol):
+    """A segment whose states are eliminated."""
+
+    @property
+    def triangle(self) -> FloatArray:
+        """See `Sensitivity`."""
+
+
+def information_factor(problem: Problem, segments: Sequence[Triangular]) -> FloatArray:
     """Upper triangle of [J_p r] over all segments, (p + 1, p + 1).
 
     Its first p columns factor the information matrix.
@@ -271,9 +261,9 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         theta = problem.parameters.of_segment(s, iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
-        whitener = whitening(iterate.covariance, grid.measured)
+        whitener = _whitener(iterate.covariance, grid, iterate.weights(s), slice(None))
         residual = _whitened(whitener, grid, output, slice(None))
-        scaled = np.concatenate([_start_defect(problem, grid, x), defect / problem.size])
+        scaled = np.concatenate([start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
         tight = variance == 0
         loose = ~tight & np.isfinite(variance)
@@ -298,6 +288,7 @@ def quadratic_of(
     x: FloatArray,
     linear: Iterable[tuple[slice, Linearisation]],
     covariance: FloatArray,
+    weights: FloatArray | None = None,
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
@@ -305,14 +296,14 @@ def quadratic_of(
     outputs, dynamics = [], []
     for part, each in linear:
         first = part.indices(grid.n)[0]
-        whitener = whitening(covariance, grid.measured[:, part])
+        whitener = _whitener(covariance, grid, weights, part)
         rows.put("residual", first, _whitened(whitener, grid, each.output, part))
         rows.put("by_parameter", first, whitener @ each.output_by_parameter)
         rows.put("defect", first + 1, each.defect / size)
         rows.put("defect_by_parameter", first + 1, each.defect_by_parameter / size[:, None])
         outputs.append(each.output_by_state.turned(whitener, size))
         dynamics.append(each.defect_by_state.turned(1.0 / size, size))
-    rows.put("defect", 0, _start_defect(problem, grid, x))
+    rows.put("defect", 0, start_defect(problem, grid, x))
     return Quadratic(
         by_state=BlockRows.joined(outputs),
         defect_by_state=BlockRows.joined(dynamics),
@@ -335,6 +326,12 @@ class _Rows:
         self.filled[name][first : first + len(values)] = values
 
 
+def _whitener(covariance: FloatArray, grid: Grid, weights: FloatArray | None, part: slice) -> FloatArray:
+    """See `whitening`, of a part; `weights` (n_outputs, n) multiply the outputs' squares."""
+    found = whitening(covariance, grid.measured[:, part])
+    return found if weights is None else np.sqrt(weights.T[part])[:, :, None] * found
+
+
 def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
     """Whitened predicted minus measured output of a part, (samples, n_outputs), zero in gaps."""
     difference = np.where(grid.measured.T[part], output - grid.y.T[part], 0.0)
@@ -344,11 +341,15 @@ def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice)
 def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
     """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
     triangle = eliminated.triangle()
-    left = np.sum(triangle[:, :-1] ** 2, axis=0)
     direct = eliminated.problem.by_parameter
-    void = left <= _ROUNDING**2 * np.einsum("nap,nap->p", direct, direct)
+    void = unseen_columns(triangle, np.einsum("nap,nap->p", direct, direct))
     triangle[:, :-1][:, void] = 0.0
     return Sensitivity(eliminated, triangle, void)
+
+
+def unseen_columns(triangle: FloatArray, direct: FloatArray) -> BoolArray:
+    """Parameters, (p,), of whose derivatives, of squares `direct` (p,) with the states held, these leave rounding."""
+    return np.asarray(np.sum(triangle[:, :-1] ** 2, axis=0) <= _ROUNDING**2 * direct)
 
 
 def _memoryless(quadratic: Quadratic) -> Quadratic:
@@ -366,7 +367,8 @@ def _anchor(quadratic: Quadratic) -> Quadratic:
     return replace(quadratic, defect=defect, variance=variance)
 
 
-def _start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
+def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
+    """Initial state less its guess, in its size, (1, n_states)."""
     start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
     return ((x[:, 0] - start) / problem.size)[None]
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.band import eliminate_by_band, log_determinant
+from brv_hypo.likelihood.band import eliminate_by_band
 from brv_hypo.likelihood.blocks import BlockRows, Coupling
+from brv_hypo.likelihood.compiled_band import LinearModel, Variances, log_determinant, solved
 from brv_hypo.likelihood.condensation import condense
 from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
@@ -105,14 +106,32 @@ def test_it_solves_the_same_system_as_dense_algebra(seed: int, n: int, n_states:
         np.testing.assert_allclose(multipliers, expected[n * n_states :], rtol=1e-6, atol=1e-8 * size)
 
 
+def compiled_model(problem: Quadratic) -> tuple[LinearModel, Variances]:
+    """The same problem as the compiled band takes it, every sample measured by one pattern."""
+    n = len(problem.defect)
+    model = LinearModel(
+        problem.defect_by_state.blocks, problem.by_state.blocks[:, 0], problem.direct(), problem.defects(),
+        np.ones(n - 1), np.zeros(n, dtype=np.int64),
+    )  # fmt: skip
+    q = problem.residual.shape[1]
+    return model, Variances(problem.variance[0], problem.variance[1], np.eye(q)[None])
+
+
 @pytest.mark.parametrize("variance", [0.0, 0.3])
-def test_the_determinant_is_that_of_the_dense_matrix(variance: float) -> None:
-    problem = random_problem(5, 8, 2, 2, variance)
-    held = problem.variance.copy()
-    held[0] = 0.0
-    held_problem = Quadratic(**{**problem.__dict__, "variance": held})
-    matrix, _ = dense_matrix(problem, held=True)
-    assert log_determinant(held_problem) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
+@pytest.mark.parametrize("held", [True, False])
+def test_the_compiled_band_is_that_of_dense_algebra(variance: float, held: bool) -> None:
+    problem = random_problem(5, 8, 2, 0, variance)
+    if held:
+        start = problem.variance.copy()
+        start[0] = 0.0
+        problem = Quadratic(**{**problem.__dict__, "variance": start})
+    matrix, right = dense_matrix(problem, held)
+    model, variances = compiled_model(problem)
+    expected = np.linalg.solve(matrix, right)
+    states, _, condition = solved(model, variances, np.ones(2 * problem.defect.size))
+    np.testing.assert_allclose(states.reshape(16, -1), expected[:16], rtol=1e-9, atol=1e-11)
+    assert 1.0 < condition < 1e6
+    assert log_determinant(model, variances) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
 
 
 @pytest.mark.parametrize("rate", [-40.0, 40.0])

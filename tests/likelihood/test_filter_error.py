@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood import FitResult, Segment, fit
-from brv_hypo.likelihood.problems import short_period
+from brv_hypo.likelihood.problems import ModelProblem, short_period
 
 DRIVE = np.array([0.005, 0.03])
 BUMPY = replace(short_period(), process_noise=DRIVE)
@@ -228,3 +228,53 @@ def test_measurement_noise_makes_up_for_what_the_fit_took_out() -> None:
     assert 300.0 * np.sum(1.0 - 1.0 / ratio) == pytest.approx(10.0, abs=0.2)
     for name in quiet.truth:
         assert nearly.std_error[name] == pytest.approx(plain.std_error[name], rel=0.02)
+
+
+@pytest.mark.parametrize("seed", [2, 12])
+def test_nonlinear_motion_in_noise_converges(seed: int) -> None:
+    """Of steps this short the merit cannot tell whether they help: the determinant goes with the states too."""
+
+    def oscillator(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.stack([x[1], theta["mu"] * (1 - x[0] ** 2) * x[1] - theta["k"] * x[0]])
+
+    truth = {"mu": 1.0, "k": 1.0}
+    problem = ModelProblem(
+        oscillator, lambda x, u, theta, t: x[:1], truth, lambda t: np.zeros((0, t.size)), np.array([1.0, 0.0]),
+        np.array([0.1]), 10.0, process_noise=np.array([0.0, 0.2]), guess=np.array([1.0, 0.0]),
+    )  # fmt: skip
+    result = fit(
+        oscillator, problem.outputs, [problem.simulate(300, seed)], {"mu": 0.5, "k": 0.7}, [0.0, 0.5],
+        estimate_process_noise=True,
+    )  # fmt: skip
+    assert result.converged, result.message
+    assert result.iterations <= 10
+    assert all(abs(result.theta[k] - v) < 4 * result.std_error[k] for k, v in truth.items())
+
+
+def test_errors_hold_what_the_noise_is_not_known_by() -> None:
+    """With one variance unknown: its error times what the parameters move as it does, by fits with it held."""
+
+    def spring(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return np.stack([x[1], theta["a"] * x[0] + theta["b"] * x[1] + u[0]])
+
+    sigma, drive, truth = np.array([0.02, 0.05]), np.array([0.0, 0.1]), {"a": -4.0, "b": -1.0}
+    problem = ModelProblem(
+        spring, lambda x, u, theta, t: x, truth, lambda t: 0.3 * np.sin(2.1 * t)[None], np.array([0.1, 0.0]), sigma,
+        25.0, process_noise=drive,
+    )  # fmt: skip
+    segment = problem.simulate(150, seed=2)
+
+    def fitted(size: FloatArray, estimate: bool = False) -> FitResult:
+        return fit(
+            spring, problem.outputs, [segment], truth, size, noise_covariance=np.diag(sigma**2), tolerance=1e-7,
+            estimate_process_noise=estimate,
+        )  # fmt: skip
+
+    found = fitted(drive, estimate=True)
+    assert found.converged
+    alone, up, down = (fitted(found.process_noise * factor) for factor in (1.0, 1.02, 1 / 1.02))
+    relative = found.process_noise_std_error[1] / found.process_noise[1]
+    slope = (up.theta["b"] - down.theta["b"]) / (2 * np.log(1.02))
+    added = np.sqrt(found.std_error["b"] ** 2 - alone.std_error["b"] ** 2)
+    assert added > 0.2 * alone.std_error["b"]
+    assert added == pytest.approx(abs(slope) * relative, rel=0.1)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import curve_fit
 
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, fit, profile_interval
@@ -52,6 +53,14 @@ def test_a_constraint_takes_a_freedom_away() -> None:
     assert half.theta["gain"] == 0.5 * half.theta["rate"]
     assert half.std_error["gain"] == pytest.approx(0.5 * half.std_error["rate"])
     assert half.nllf >= PLAIN.nllf - 1e-6
+
+
+def test_a_tied_parameter_may_follow_from_another() -> None:
+    ties = {"tau": lambda theta: 2.0 * theta["half"], "rate": lambda theta: 1.0 / theta["tau"]}
+    tied = fit(decay, seen, [SEGMENT], {"half": 1.0, "gain": 0.5}, tied=ties)
+    assert tied.theta["rate"] == pytest.approx(PLAIN.theta["rate"], rel=1e-5)
+    assert tied.std_error["rate"] == pytest.approx(PLAIN.std_error["rate"], rel=1e-3)
+    assert tied.std_error["tau"] == pytest.approx(2.0 * tied.std_error["half"], rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -152,3 +161,29 @@ def test_a_table_by_parameter_and_a_pickle() -> None:
     assert again.theta_without([np.arange(TIMES.size) > 50]) == PLAIN.theta_without(
         [np.arange(TIMES.size) > 50]
     )
+
+
+def test_a_model_without_states_is_fitted() -> None:
+    t = np.arange(60.0)
+    y = 3.0 * np.exp(-0.1 * t) + 0.05 * np.random.default_rng(0).standard_normal(60)
+    segment = Segment(t, np.zeros((0, 60)), y[None], np.zeros(0))
+
+    def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        assert x.shape == (0, t.size)
+        return (theta["a"] * np.exp(-theta["b"] * t))[None]
+
+    def of_outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        e = np.exp(-theta["b"] * t)[None]
+        return np.zeros((1, 0, t.size)), {"a": e, "b": -t * theta["a"] * e}
+
+    result = fit(None, outputs, [segment], {"a": 1.0, "b": 0.5})
+    assert result.converged
+    assert result.states[0].shape == (0, 60)
+    best, covariance = curve_fit(lambda t, a, b: a * np.exp(-b * t), t, y, (1.0, 0.5))
+    assert [result.theta["a"], result.theta["b"]] == pytest.approx(best, rel=1e-5)
+    error = np.sqrt(np.diag(covariance))
+    assert list(result.std_error.values()) == pytest.approx(error, rel=1e-3)
+    given = fit(None, outputs, [segment], {"a": 1.0, "b": 0.5}, outputs_jacobian=of_outputs)
+    assert given.theta == pytest.approx(result.theta, rel=1e-6)
+    with pytest.raises(UsageError, match="dynamics is None"):
+        fit(None, outputs, [SEGMENT], {"a": 1.0, "b": 0.5})

@@ -1,0 +1,73 @@
+"""What integrating the states out adds: its gradient against differences, its value against dense algebra."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.likelihood.collocation import Model
+from brv_hypo.likelihood.filtering import Determinant
+from brv_hypo.likelihood.parameters import build_parameters
+from brv_hypo.likelihood.segment import Hold, Segment, build_grid
+from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, sensitivities
+
+THETA = {"mu": 0.8, "gain": 1.3, "slope": 0.4}
+
+
+def oscillator(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    return np.stack([x[1], theta["mu"] * (1 - x[0] ** 2) * x[1] - x[0] + theta["gain"] * x[1] * u[0]])
+
+
+def bent(x: Any, u: Any, theta: Any, t: Any) -> Any:
+    return np.stack([np.exp(theta["slope"] * x[0]), x[0] * x[1]])
+
+
+def place(hold: Hold, method: Any) -> tuple[Problem, Iterate]:
+    """Two segments with gaps, states anywhere near a motion."""
+    rng = np.random.default_rng(0)
+    segments = []
+    for n in (15, 12):
+        t = 0.3 * np.arange(n)
+        y = rng.standard_normal((2, n))
+        y[0, 3:6], y[:, 8] = np.nan, np.nan
+        segments.append(Segment(t, np.sign(np.sin(2 * t))[None], y, np.ones(2), hold=hold))
+    grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
+    parameters = build_parameters(THETA, 2, {}, {}, (), ("slope",))
+    model = Model(oscillator, bent, method=method)
+    drive = np.array([0.0, 0.3])
+    problem = Problem(model, grids, parameters, np.array([1.2, 0.7]), drive, np.full(4, np.inf))
+    x = tuple(
+        np.stack([np.sin(g.t[: g.n]), np.cos(g.t[: g.n])]) + 0.1 * rng.standard_normal((2, g.n)) for g in grids
+    )
+    return problem, Iterate(x, parameters.start, np.array([[0.04, 0.01], [0.01, 0.09]]))
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+@pytest.mark.parametrize("method", ["complex", "central"])
+def test_its_gradient_is_that_of_its_differences(hold: Hold, method: str) -> None:
+    problem, iterate = place(hold, method)
+    segments = sensitivities(problem, iterate)
+    found = Determinant().gradient(problem, iterate, segments)
+    expected = [_slope(problem, iterate, segments, i) for i in range(4)]
+    np.testing.assert_allclose(found, expected, rtol=2e-5, atol=1e-5 * np.abs(expected).max())
+
+
+def _slope(problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...], i: int) -> float:
+    """Central difference along one parameter, the states following."""
+    h = 1e-4
+
+    def at(step: float) -> float:
+        change = np.zeros(4)
+        change[i] = step
+        x = [
+            old + segment.eliminated.states(np.append(0.0, change[index])).T * problem.size[:, None]
+            for old, segment, index in zip(
+                iterate.x, segments, problem.parameters.segment_index, strict=True
+            )
+        ]
+        return Determinant().term(problem, replace(iterate, theta=iterate.theta + change, x=tuple(x)))
+
+    return (at(h) - at(-h)) / (2 * h)
