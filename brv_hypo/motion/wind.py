@@ -62,12 +62,19 @@ def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> 
     forces = np.stack([record.force_inertial for record in distinct.values()], axis=2)
     impulses = np.moveaxis(running_integral(moved[0][0].time, forces), 2, 0)
     found = dict(zip(distinct, impulses, strict=True))
-    crossflows = []
-    for record, start in moved:
-        impulse = _with_wind(record, found[id(record.force), id(record.attitude)])
-        velocity = _velocity(record, start, impulse)
-        crossflows.append(body_crossflow(record, velocity) / np.linalg.norm(velocity, axis=1))
-    return crossflows
+    velocities = np.stack(
+        [
+            _velocity(record, start, _with_wind(record, found[id(record.force), id(record.attitude)])).T
+            for record, start in moved
+        ]
+    )
+    crossflows = np.empty((len(moved), velocities.shape[2]), dtype=complex)
+    attitudes = {id(record.attitude): record.attitude for record, _ in moved}
+    for own, attitude in attitudes.items():
+        turned = [k for k, (record, _) in enumerate(moved) if id(record.attitude) == own]
+        axes = np.ascontiguousarray(attitude[:, :, 1:].T)
+        crossflows.real[turned], crossflows.imag[turned] = np.einsum("ijn,kjn->ikn", axes, velocities[turned])
+    return list(crossflows / np.sqrt(np.einsum("kjn,kjn->kn", velocities, velocities)))
 
 
 def _velocity(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
