@@ -179,7 +179,7 @@ def taken_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, ma
     for part in (basis[:rows], basis[rows : 2 * rows]):
         for a, b in pieces:
             for lag in range(min(max_order, b - a - 1) + 1):
-                out[lag] += float(np.sum(part[a : b - lag] * part[a + lag : b]))
+                out[lag] += float(np.vdot(part[a : b - lag], part[a + lag : b]))
     return out / (2.0 * rows)
 
 
