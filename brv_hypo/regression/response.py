@@ -124,7 +124,9 @@ class LinearisedFlight:
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
         for record, (effect, component, value) in zip(records, sizes, strict=True):
-            yield _reading(record, effect.perturb(self._as_modelled, component, value))
+            untouched = record.flight.q is smooth.flight.q and record.flight.r is smooth.flight.r
+            seen = self._as_modelled if untouched else effect.perturb(self._as_modelled, component, value)
+            yield _reading(record, seen)
 
     def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
         """Lists of what records are moved by, so many at once that the records stay small."""
