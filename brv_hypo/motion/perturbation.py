@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from brv_hypo.altered import altered
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
@@ -98,7 +99,7 @@ def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, slope
     spin_angle = record.spin_angle
     if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
         spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    return replace(
+    return altered(
         record,
         flight=flight,
         roll=roll,
