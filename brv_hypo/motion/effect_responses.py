@@ -155,13 +155,22 @@ def effect_responses(
         drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
         pairs = zip(records[: len(some)], records[len(some) :], strict=True)
         for k, (more, less) in enumerate(pairs, start=first):
-            forces.add(k, more.transverse_force - less.transverse_force)
-            pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
-            moments.add(k, more.moment - less.moment)
+            if more.force is not less.force:
+                forces.add(k, more.transverse_force - less.transverse_force)
+            if _scaled_apart(more, less):
+                pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
+            if more.rate_change is not less.rate_change or _scaled_apart(more, less):
+                moments.add(k, more.moment - less.moment)
     drift /= STEP
     return EffectResponses(
         tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)
     )
+
+
+def _scaled_apart(one: InertialRecord, other: InertialRecord) -> bool:
+    """Whether coefficients of forces and moments may be scaled differently in two records."""
+    ones, others = one.flight, other.flight
+    return ones.dynamic_pressure is not others.dynamic_pressure or ones.vehicle is not others.vehicle
 
 
 def _kept(record: InertialRecord, crossflow: ComplexArray) -> KeptRows:
@@ -263,7 +272,8 @@ def _drift(
         pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
         drift[:, :, moved] = running_integral(smooth.time, pulls)
     for k, record in enumerate(records):
-        drift[:, :, k] -= _wind(record) - _wind(smooth)
+        if record.flight.wind is not smooth.flight.wind:
+            drift[:, :, k] -= _wind(record) - _wind(smooth)
         if record.attitude is not smooth.attitude:
             drift[:, :, k] += velocity
             drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity
