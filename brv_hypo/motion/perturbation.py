@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from brv_hypo.altered import altered
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
@@ -99,7 +98,7 @@ def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, slope
     spin_angle = record.spin_angle
     if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
         spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    return altered(
+    return replace(
         record,
         flight=flight,
         roll=roll,

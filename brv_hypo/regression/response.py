@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from brv_hypo.altered import altered
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
@@ -197,8 +196,8 @@ class LinearisedFlight:
         """The flight whose input reads so much (n,) more, the pressure of its own size."""
         flight = self.record.flight
         if error.name == ROLL_RATE:
-            return altered(flight, p=flight.p + change)
-        return altered(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
+            return replace(flight, p=flight.p + change)
+        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
 
     def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
         """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
@@ -364,7 +363,7 @@ def _slopes(more: Iterable[Rows], less: Iterable[Rows]) -> Iterator[Rows]:
 
 def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
     """The record with the transverse rates of another flight; its motion stays."""
-    return altered(record, flight=altered(record.flight, q=seen.q, r=seen.r))
+    return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
 
 
 def in_batches(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.altered import altered
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
@@ -21,7 +21,7 @@ def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
     """The record with that wind (n,) m/s, along a body axis of the first sample, left unaccounted for."""
     wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
     wind[:, _AXES[axis]] -= speed
-    return altered(flight, wind=wind)
+    return replace(flight, wind=wind)
 
 
 class Wind(RecordEffect):
