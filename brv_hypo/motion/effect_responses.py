@@ -155,22 +155,13 @@ def effect_responses(
         drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
         pairs = zip(records[: len(some)], records[len(some) :], strict=True)
         for k, (more, less) in enumerate(pairs, start=first):
-            if more.force is not less.force:
-                forces.add(k, more.transverse_force - less.transverse_force)
-            if _scaled_apart(more, less):
-                pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
-            if more.rate_change is not less.rate_change or _scaled_apart(more, less):
-                moments.add(k, more.moment - less.moment)
+            forces.add(k, more.transverse_force - less.transverse_force)
+            pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
+            moments.add(k, more.moment - less.moment)
     drift /= STEP
     return EffectResponses(
         tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)
     )
-
-
-def _scaled_apart(one: InertialRecord, other: InertialRecord) -> bool:
-    """Whether coefficients of forces and moments may be scaled differently in two records."""
-    ones, others = one.flight, other.flight
-    return ones.dynamic_pressure is not others.dynamic_pressure or ones.vehicle is not others.vehicle
 
 
 def _kept(record: InertialRecord, crossflow: ComplexArray) -> KeptRows:
