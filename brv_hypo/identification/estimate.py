@@ -151,7 +151,7 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     block = min(record.context.block for record in old.records)
     moved = any(
         abs(found.theta[m.name] - old.theta[m.name])
-        > max(_KNOTS_MOVED * block, _KNOTS_LOOSE * found.std_error[m.name])
+        > max(_KNOTS_MOVED * block, _KNOTS_LOOSE * found.std_error.get(m.name, 0.0))  # held ones have none
         for m in old.structure.movers
         if m.kind != "theta"
     )

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from brv_hypo.identification import estimate
 from brv_hypo.identification.knots import averaged, kink, on_grid, placed
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.time_variation import TimeFunction
@@ -103,3 +107,17 @@ def test_courses_in_common_time_are_placed_where_the_flight_comes_by_them(kind: 
 def test_a_course_in_a_flights_own_time_stays_as_it_is() -> None:
     course, time, half = TimeFunction("jump", 1.0), np.linspace(0.0, 2.0, 5), np.zeros(5)
     assert placed(course, time, half, None) == (course, time, half)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.09])
+def test_a_knot_that_was_held_has_no_error_and_stays_where_it_was(moved: float) -> None:
+    """Nodes are where they were, or not, whether its error is known or not."""
+    segment = SimpleNamespace(t=np.arange(5.0), y=np.zeros((4, 5)), courses=())
+    record = SimpleNamespace(segment=segment, context=SimpleNamespace(block=0.1, flight=0))
+    movers = (SimpleNamespace(name="held", kind="knot"), SimpleNamespace(name="free", kind="knot"))
+    places = {"held": 1.0, "free": 2.0}
+    old: Any = SimpleNamespace(block=2, records=(record,), structure=SimpleNamespace(movers=movers), theta=places)
+    found: Any = SimpleNamespace(
+        theta={"held": 1.0, "free": 2.0 + moved}, std_error={"free": 1e-3}, innovation_covariance=np.eye(4)
+    )
+    assert estimate._stale(old, old, found) is (moved > 0.0)
