@@ -25,7 +25,7 @@ from brv_hypo.subset.kernel_parts import (
     record,
 )
 from brv_hypo.subset.packing import packed_quota
-from brv_hypo.subset.triples import score_triples
+from brv_hypo.subset.triples import score_fours, score_triples
 
 # Nodes visited after a hit before the kernel hands it over.
 PATIENCE = 32
@@ -74,7 +74,9 @@ def search(w: Work, limits: Any, loosest: Any, budget: int, orthogonal: Any) -> 
         if orthogonal is None:
             quota = packed_quota(w, level, m, rise, quota, limits)
             w.most[level] = size + quota
-            if quota == 3 and score_triples(w, level, m, rise, limits):
+            if (quota == 3 or (quota == 4 and score_fours(w, level, m, limits))) and score_triples(
+                w, level, m, rise, limits
+            ):
                 leave(w, level)
                 continue
         if quota <= 2:
