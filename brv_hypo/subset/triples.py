@@ -62,12 +62,10 @@ def score_fours(w: Work, level: int, m: int, limits: Any) -> bool:
         scale = 1.0 / S[x, x]
         shift = c[x] * scale
         for i in range(m):
-            factor = S[x, i] * scale
-            for k in range(m):
-                T[i, k] = S[i, k] - factor * S[x, k]
-        for i in range(m):
             t[i] = c[i] - S[x, i] * shift
-            diagonal[i] = T[i, i]
+            diagonal[i] = S[i, i] - S[x, i] * S[x, i] * scale
+        _rows_after(S, T, m, x, scale, w.sets[2], counts[1])
+        _rows_after(S, T, m, x, scale, w.sets[3], counts[2])
         diagonal[x], t[x] = TAKEN, 0.0
         w.chosen[size] = ids[x]
         rss = w.rss[level] - c[x] * shift
@@ -77,6 +75,16 @@ def score_fours(w: Work, level: int, m: int, limits: Any) -> bool:
             w.state[HITS] = hits
             return False
     return True
+
+
+@compiled_part
+def _rows_after(S: Any, T: Any, m: int, x: int, scale: float, rows: Any, count: int) -> None:
+    """Some rows of the normal matrix after x."""
+    for k in range(count):
+        y = rows[k]
+        factor = S[x, y] * scale
+        for i in range(m):
+            T[y, i] = S[y, i] - factor * S[x, i]
 
 
 @compiled_part
@@ -107,13 +115,13 @@ def _score_from(
         if one < pairs and singles_enough(d, e, m, needed) > 0:
             record_singles(w, d, e, ids, m, size + 1, needed, x)
         needed = left - limits[size + 3]
-        for two in range(seconds if one < firsts else 0):
-            y = second[two]
-            if y != x and _seconds_enough(S, d, q, e, m, y, needed, w.slack) > 0:
-                if w.state[HITS] > room:
-                    return False
-                _record_seconds(w, S, d, q, e, ids, m, size + 1, y, needed)
-    return w.state[HITS] <= room
+        two = seconds if one >= firsts else _next_second(S, d, q, e, m, x, second, 0, seconds, needed, w.slack)
+        while two < seconds:
+            if w.state[HITS] > room:
+                return False
+            _record_seconds(w, S, d, q, e, ids, m, size + 1, second[two], needed)
+            two = _next_second(S, d, q, e, m, x, second, two + 1, seconds, needed, w.slack)
+    return bool(w.state[HITS] <= room)
 
 
 @compiled_part
@@ -168,20 +176,27 @@ def _all(columns: Any, m: int) -> None:
 
 
 @compiled_part
-def _seconds_enough(S: Any, d: Any, q: Any, e: Any, m: int, y: int, needed: float, slack: float) -> int:
-    """How many columns, after x, make a pair with y that gains what is needed (see ``score``).
+def _next_second(
+    S: Any, d: Any, q: Any, e: Any, m: int, x: int, second: Any, start: int, seconds: int, needed: float, slack: float
+) -> int:
+    """The first place, from ``start`` on, of a column that, after x, makes a pair that gains what is needed.
 
-    The normal matrix after x is S - q q', its diagonal d, its right-hand side e; x and y do not count.
+    The normal matrix after x is S - q q', its diagonal d, its right-hand side e (see ``score``).
     """
-    own, d[y] = d[y], TAKEN
-    a = e[y] * e[y] - (needed - abs(needed) * slack) * own
-    double, shift = 2.0 * e[y], q[y]
-    enough = 0
-    for i in range(m):
-        v = S[y, i] - shift * q[i]
-        enough += 1 if d[i] * a + e[i] * e[i] * own + v * (needed * v - double * e[i]) >= 0.0 else 0
-    d[y] = own
-    return enough
+    eased = needed - abs(needed) * slack
+    for two in range(start, seconds):
+        y = second[two]
+        own, double, shift = d[y], 2.0 * e[y], q[y]
+        a = e[y] * e[y] - eased * own
+        d[y] = TAKEN
+        enough = 0
+        for i in range(m):
+            v = S[y, i] - shift * q[i]
+            enough += 1 if d[i] * a + e[i] * e[i] * own + v * (needed * v - double * e[i]) >= 0.0 else 0
+        d[y] = own
+        if enough > 0 and y != x:
+            return two
+    return seconds
 
 
 @compiled_part
