@@ -97,6 +97,8 @@ def _working_arrays(board: Board, piece: Piece, triangular: bool) -> Work:
         at=np.zeros(levels, dtype=np.int64), owns=owns, rss=rss, bound=bound, chosen=chosen, status=status,
         trail=np.zeros((n + 1, 2), dtype=np.int64), requires=requires, excludes=excludes,
         hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), scratch=np.empty((5, m)),
+        most=np.full(levels, board.max_size, dtype=np.int64), packing=np.empty((5, m)), factor=np.empty((m, m)),
+        sets=np.empty((4, m), dtype=np.int64),
         state=np.zeros(4, dtype=np.int64), base=base, slack=board.margin,
     )  # fmt: skip
 

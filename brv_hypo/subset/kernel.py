@@ -24,6 +24,8 @@ from brv_hypo.subset.kernel_parts import (
     quota_of,
     record,
 )
+from brv_hypo.subset.packing import packed_quota
+from brv_hypo.subset.triples import score_fours, score_triples
 
 # Nodes visited after a hit before the kernel hands it over.
 PATIENCE = 32
@@ -68,7 +70,15 @@ def search(w: Work, limits: Any, loosest: Any, budget: int, orthogonal: Any) -> 
             schur.rises(w, level, m, rise)
         else:
             givens.rises(w, level, m, rise)
-        quota = quota_of(rise, m, w.bound[level], limits, size)
+        quota = quota_of(rise, m, w.bound[level], limits, size, w.most[level])
+        if orthogonal is None:
+            quota = packed_quota(w, level, m, rise, quota, limits)
+            w.most[level] = size + quota
+            if (quota == 3 or (quota == 4 and score_fours(w, level, m, limits))) and score_triples(
+                w, level, m, rise, limits
+            ):
+                leave(w, level)
+                continue
         if quota <= 2:
             if quota > 0:
                 if orthogonal is None:
@@ -94,9 +104,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int, orthogonal: Any) -> 
         if verdict == DROPPED:
             continue
         if orthogonal is None:
-            if quota == 3:
-                schur.score_child(w, level, j, limits)
-                continue
             schur.include(w, level, j)
         else:
             givens.include(w, level, j)
@@ -104,6 +111,7 @@ def search(w: Work, limits: Any, loosest: Any, budget: int, orthogonal: Any) -> 
         w.count[level + 1] = m - 1
         w.phase[level + 1] = NEW
         w.owns[level + 1] = False
+        w.most[level + 1] = w.most[level]
         w.chosen[size] = w.ids[level, j]
         if constrained:
             w.status[w.ids[level, j]] = INCLUDED

@@ -17,9 +17,8 @@ UNDECIDED, INCLUDED, DROPPED = 0, 1, 2
 NEW, BRANCHED, FORCED = 0, 1, 2
 # Scalars of the search, by position in ``Work.state``.
 LEVEL, NODES, HITS, TRAIL = 0, 1, 2, 3
-# Arguments as numpy scalars: numba would compile a function anew for every literal.
+# An argument as numpy scalar: numba would compile a function anew for every literal.
 NONE = np.int64(-1)
-PAIRS = np.bool_(True)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -41,14 +40,15 @@ def _compile(function: Function, **wrappers: Any) -> Function:
 class Work(NamedTuple):
     """The state of one search: it stops and goes on at any node. First axis of most arrays: included columns.
 
-    A (levels, m, m): the factor R, or S in its lower triangle. B: H in its lower triangle, or scratch.
+    A (levels, m, m): the factor R, or S. B: H, or scratch.
     x (levels, m): z, or c. beta (levels, m): coefficients with all undecided columns in. ids (levels, m): the
     undecided columns. count, phase, at, owns, rss, bound (levels,): how many they are, where the level
     stands, the place of the column branched on, whether B is the level's own, residuals without and with the
     undecided. chosen: the included columns. status (columns,) and trail: decisions along the path, for the
     rules. requires, excludes (columns, columns): bytes, empty where there are no rules; the diagonal of
     ``requires`` counts what a column brings along. hits: rows of (size, columns...). scratch (5, m).
-    slack: allowance for rounding in a determinant.
+    most (levels,): no larger subset below the level can get under its limit. packing, factor, sets: see
+    ``packing``. slack: allowance for rounding in a determinant.
     """
 
     A: Any
@@ -69,19 +69,23 @@ class Work(NamedTuple):
     excludes: Any
     hits: Any
     scratch: Any
+    most: Any
+    packing: Any
+    factor: Any
+    sets: Any
     state: Any
     base: int
     slack: float
 
 
 @compiled_part
-def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int) -> int:
-    """Largest number t of further columns for which a subset may still get under its limit.
+def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int, most: int) -> int:
+    """Largest number t of further columns, to no more than ``most`` in all, that may still get under the limit.
 
     Such a subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t
     columns may have a rise that breaks the limit.
     """
-    t: int = min(limits.size - 1 - size, m)
+    t: int = min(most - size, m)
     while t > 0:
         allowance = limits[size + t] - bound
         if allowance >= 0.0:
@@ -127,36 +131,50 @@ def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
 
 
 @compiled_part
+def singles_enough(d: Any, c: Any, m: int, needed: float) -> int:
+    """How many columns gain what is needed; without ``Work``, which takes longer to hand over than to count."""
+    enough = 0
+    for i in range(m):
+        enough += 1 if c[i] * c[i] >= needed * d[i] else 0
+    return enough
+
+
+@compiled_part
+def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed: float, without: int) -> None:
+    """Record those columns, but one."""
+    for i in range(m):
+        if c[i] * c[i] >= needed * d[i] and i != without:
+            record(w, size, ids[i], NONE)
+
+
+@compiled_part
 def score(
-    w: Work, S: Any, p: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any
+    w: Work, S: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any
 ) -> None:
     """Record every column, and every pair, whose gain reaches what its size needs, without a division.
 
-    The normal matrix is S - p p' (lower triangle), its diagonal d, its right-hand side c. A pair gains
+    S is the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains
     enough where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is
     needed.
     """
-    needed = rss - limits[size + 1]
-    for i in range(m):
-        if c[i] * c[i] >= needed * d[i]:
-            record(w, size, ids[i], NONE)
+    record_singles(w, d, c, ids, m, size, rss - limits[size + 1], -1)
     if not pairs:
         return
     needed = rss - limits[size + 2]
     eased = needed - abs(needed) * w.slack
     for i in range(1, m):
-        di, ci, pi = d[i], c[i], p[i]
+        di, ci = d[i], c[i]
         a = ci * ci - eased * di
         b = 2.0 * ci
         row = S[i]
         # Counting vectorises better than taking the maximum; the row is gone over again only on a hit.
         enough = 0
         for k in range(i):
-            v = row[k] - pi * p[k]
+            v = row[k]
             enough += 1 if d[k] * a + c[k] * c[k] * di + v * (needed * v - b * c[k]) >= 0.0 else 0
         if enough > 0:
             for k in range(i):
-                v = row[k] - pi * p[k]
+                v = row[k]
                 if d[k] * a + c[k] * c[k] * di + v * (needed * v - b * c[k]) >= 0.0:
                     record(w, size, ids[i], ids[k])
 

@@ -93,9 +93,9 @@ def include(w: Work, level: int, j: int) -> None:
 def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Score the singles, and the pairs, of a node: S = R'R is formed here only."""
     R, z, S = w.A[level], w.x[level], w.B[1]
-    d, p, c = w.scratch[1], w.scratch[2], w.scratch[3]
+    d, c = w.scratch[1], w.scratch[2]
     for i in range(m):
-        p[i], c[i] = 0.0, 0.0
+        c[i] = 0.0
         for k in range(i + 1):
             S[i, k] = 0.0
     for row in range(m):
@@ -106,4 +106,4 @@ def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
                 S[i, k] += factor * R[row, k]
     for i in range(m):
         d[i] = S[i, i]
-    score(w, S, p, d, c, w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
+    score(w, S, d, c, w.ids[level], m, w.base + level, pairs, w.rss[level], limits)

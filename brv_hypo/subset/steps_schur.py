@@ -1,15 +1,15 @@
 """Steps of the compiled search on Schur complements, for well-conditioned columns.
 
 The column to branch on is moved to the last place: including it is then a rank-one step on S into the next
-level, dropping it one on H in place. Lower triangles only. A level copies H from its parent when it first
-branches.
+level, dropping it one on H in place. Both are stored in full: rows are what ``packing`` and ``triples`` read. A
+level copies H from its parent when it first branches.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from brv_hypo.subset.kernel_parts import NONE, PAIRS, Work, compiled_part, record, score
+from brv_hypo.subset.kernel_parts import Work, compiled_part, score
 
 
 @compiled_part
@@ -28,9 +28,8 @@ def place(w: Work, level: int, j: int, m: int) -> int:
     if not w.owns[level]:
         source = w.B[level - 1]
         for i in range(m):
-            row, target = source[i], H[i]
-            for k in range(i + 1):
-                target[k] = row[k]
+            for k in range(m):
+                H[i, k] = source[i, k]
         w.owns[level] = True
     last = m - 1
     if j != last:
@@ -65,52 +64,29 @@ def include(w: Work, level: int, last: int) -> None:
 def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Score the singles, and the pairs, of a node."""
     S = w.A[level]
-    d, p = w.scratch[1], w.scratch[2]
+    d = w.scratch[1]
     for i in range(m):
         d[i] = S[i, i]
-        p[i] = 0.0
-    score(w, S, p, d, w.x[level], w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
-
-
-@compiled_part
-def score_child(w: Work, level: int, last: int, limits: Any) -> None:
-    """Include the last column and score the singles and pairs beside it, without writing the child down."""
-    S, c, ids = w.A[level], w.x[level], w.ids[level]
-    d, p, e = w.scratch[1], w.scratch[2], w.scratch[3]
-    size = w.base + level
-    pivot = S[last]
-    root = pivot[last] ** -0.5
-    shift = c[last] * root
-    for i in range(last):
-        p[i] = pivot[i] * root
-        d[i] = S[i, i] - p[i] * p[i]
-        e[i] = c[i] - p[i] * shift
-    rss = w.rss[level] - shift * shift
-    w.chosen[size] = ids[last]
-    if rss <= limits[size + 1]:
-        record(w, size + 1, NONE, NONE)
-    score(w, S, p, d, e, ids, last, size + 1, PAIRS, rss, limits)
+    score(w, S, d, w.x[level], w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
 
 
 @compiled_part
 def _swap(M: Any, j: int, last: int) -> None:
-    """Exchange rows and columns j and last of a symmetric matrix held in its lower triangle."""
-    for k in range(j):
+    """Exchange rows and columns j and last of a symmetric matrix."""
+    for k in range(last + 1):
         M[j, k], M[last, k] = M[last, k], M[j, k]
-    for k in range(j + 1, last):
-        M[k, j], M[last, k] = M[last, k], M[k, j]
-    M[j, j], M[last, last] = M[last, last], M[j, j]
+    for k in range(last + 1):
+        M[k, j], M[k, last] = M[k, last], M[k, j]
 
 
 @compiled_part
 def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
     """Schur complement on the last row: out = M - q q' / q_last, out_v = v - q v_last / q_last."""
-    pivot = M[last]
-    scale = 1.0 / pivot[last]
+    scale = 1.0 / M[last, last]
     shift = v[last] * scale
     for i in range(last):
-        factor = pivot[i] * scale
-        row, target = M[i], out[i]
-        for k in range(i + 1):
-            target[k] = row[k] - factor * pivot[k]
-        out_v[i] = v[i] - pivot[i] * shift
+        factor = M[last, i] * scale
+        for k in range(last):
+            out[i, k] = M[i, k] - factor * M[last, k]
+    for i in range(last):
+        out_v[i] = v[i] - M[last, i] * shift

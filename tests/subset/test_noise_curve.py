@@ -26,6 +26,18 @@ def test_collinear_columns_are_searched_exactly_at_every_noise(kind: str, share:
         assert result.best(size).columns == columns
 
 
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.thorough) for s in range(1, 8))])
+def test_disjoint_sets_rule_out_nothing_that_counts(seed: int) -> None:
+    """Kernels that prune by sets of columns against one that prunes by single columns."""
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([np.ones(90), np.cumsum(rng.standard_normal((90, 22)), axis=0)])
+    y = X[:, [3, 9, 15]].sum(axis=1) + rng.choice([1.0, 5.0, 20.0]) * rng.standard_normal(90)
+    plain, packed = (best_subsets(X, y, 7, n_best=4, kernel=f"{k}-schur") for k in ("numpy", "numba"))
+    assert packed.certificate.exact
+    assert packed.certificate.nodes < plain.certificate.nodes
+    assert [s.columns for s in packed.subsets] == [s.columns for s in plain.subsets]
+
+
 @pytest.mark.parametrize("share", [0.3, 0.99])
 def test_the_true_model_explains_the_share_that_was_asked_for(share: float) -> None:
     X, signal = delay_problem(noise=0.0)
