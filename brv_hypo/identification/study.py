@@ -26,7 +26,7 @@ from brv_hypo.model.columns import Column, delays_among
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
-from brv_hypo.regression.whitening import LastingSpectrum, difference, fit_noise
+from brv_hypo.regression.whitening import difference, fit_noise
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate_batch
 from brv_hypo.simulation.config import PlantedConfig
 
@@ -200,8 +200,7 @@ def regress(frame: RateFrame, columns: Sequence[Column], passes: int = 4) -> Flo
         response = whiten(frame.observed[:, None], frame.pieces, noise)[:, 0]
         scale = np.linalg.norm(design, axis=0)
         values = np.linalg.lstsq(design / scale, response, rcond=1e-12)[0] / scale
-        left = remove_levels(frame.observed - rates @ values, frame.pieces, noise)
-        noise = fit_noise(LastingSpectrum.of(left))
+        noise = fit_noise(remove_levels(frame.observed - rates @ values, frame.pieces, noise))
     return np.asarray(values)
 
 

@@ -25,7 +25,7 @@ _SHORTEST = 8  # rows; shorter pieces are left out
 
 @dataclass(frozen=True)
 class Lasting:
-    """Noise of rates and force of the colour that lasts, and the motion's frequency, rad a sample."""
+    """Noise of rates and force as it is beyond the motion, and the motion's frequency, rad a sample."""
 
     rates: ColouredNoise
     force: ColouredNoise

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.motion.kept_rows import turning
 from brv_hypo.regression.channels import Lasting, Noise, Part
 from brv_hypo.regression.frame import remove_levels
@@ -18,7 +18,7 @@ from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import orthonormal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.regression.whitening import LastingSpectrum, fit_noise, white
+from brv_hypo.regression.whitening import fit_noise, lasting_noise, taken_by, white
 
 # Largest order of the autoregression of the noise.
 _NOISE_ORDER = 12
@@ -26,6 +26,8 @@ _NOISE_ORDER = 12
 _MOST_UNTHINNED = 8000
 # Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
 _PER_CYCLE = 12
+# Frequency, of the fastest motion's, above which a spectrum is noise alone.
+_BEYOND = 2.0
 
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
@@ -48,17 +50,19 @@ def settled_noise(problem: Problem) -> Noise:
     values = coefficients @ (basis.T @ plain.raw_response)
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
+    force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]
+    rates_taken, force_taken = (
+        _taken(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
+    )
     rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
-    seen = [samples for a, b in part.pieces if (samples := a + np.flatnonzero(part.seen[a:b])).size]
-    force = [rest.force[samples] for samples in seen]
-    of_rates, of_force = _fitted(basis, part, seen) if thinning == 1 else ((), ())
-    lasting_rates, lasting_force = LastingSpectrum.of(rates, of_rates), LastingSpectrum.of(force, of_force)
+    force = [piece for piece in force if piece.size]
     motion = _turning(problem)
+    above = _BEYOND * 2.0 * np.pi / (_PER_CYCLE * rows.noise.thinning)
     return Noise(
-        fit_noise(lasting_rates, _NOISE_ORDER, motion),
-        fit_noise(lasting_force, _NOISE_ORDER, motion),
+        fit_noise(rates, _NOISE_ORDER, rates_taken),
+        fit_noise(force, _NOISE_ORDER, force_taken),
         rows.noise.thinning,
-        Lasting(lasting_rates.noise(motion), lasting_force.noise(motion), motion),
+        Lasting(lasting_noise(rates, above, motion), lasting_noise(force, above, motion), motion),
     )
 
 
@@ -71,12 +75,10 @@ def _turning(problem: Problem) -> float:
     )
 
 
-def _fitted(
-    basis: FloatArray, part: Part, seen: Sequence[IntArray]
-) -> tuple[Sequence[ComplexArray], Sequence[ComplexArray]]:
-    """The orthonormal basis of a fit as complex histories in rates and force, those of each stretch by themselves."""
+def _taken(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
+    """What a fit on this orthonormal basis takes of the autocorrelation of white noise in rates and force."""
     rows = part.rows.size
-    rates, force = (
-        basis[first : first + rows] + 1j * basis[first + rows : first + 2 * rows] for first in (0, 2 * rows)
+    return (
+        taken_by(basis[:rates], part.pieces, rows, _NOISE_ORDER),
+        taken_by(basis[rates : 2 * rates], part.pieces, rows, _NOISE_ORDER),
     )
-    return [rates[a:b] for a, b in part.pieces], [force[samples] for samples in seen]

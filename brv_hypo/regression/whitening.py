@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import solve_toeplitz
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.noise import ColouredNoise, inverse_spectrum
 
 # Stretches of time that the spectrum of the noise is the median of, and their shortest and longest length, samples.
@@ -24,19 +24,10 @@ _SHORTEST_STRETCH = 32  # samples
 _LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
-# Frequency, of the fastest motion's, above which a spectrum is noise alone.
-_BEYOND = 2.0
 # Frequencies of a spectrum over which one of them leaks under a Hann window: half its main lobe.
 _LEAKS = 2.0
-# Share of a frequency's power that a fit has to leave, for the rest to be known from it.
-_LEAST_LEFT = 0.5
-# Power of a frequency over that of the noise, from which it is more than noise: four times the scatter of the median of
-# 35 stretches that overlap by half. Of 42 drawn vehicles (seeds 130000 to 130039) none loses by it; 3 loses by 56 %.
-_LOUD = 2.0
-_PASSES = 3  # in which what is louder is left out
-# Fall of 2 ln L that a colour and its level may bring where they were not read (95 %).
-_ALLOWED_FALL = 6.0
-# Correlations of neighbouring samples that are tried.
+# Correlations of neighbouring samples that are tried, and the fall of 2 ln L that one may bring (one sigma).
+_ALLOWED_FALL = 1.0
 _COLOURS = np.linspace(0.0, 0.98, 99)
 
 
@@ -87,87 +78,22 @@ def difference() -> NoiseModel:
     return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
 
 
-@dataclass(frozen=True)
-class LastingSpectrum:
-    """Power of what lasts through residuals of so many samples, and the share of white noise's that their fit left.
+def fit_noise(
+    residuals: Sequence[ComplexArray], max_order: int = 24, taken: FloatArray | None = None
+) -> NoiseModel:
+    """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
 
-    Both (frequencies,). The power is the median over short stretches of time (Allen et al. 2012, FINDCHIRP, Appendix
-    B), positive and negative frequencies together: a moment that nothing explains acts for some of the time, at the
-    frequency of the motion and of one sense of turning, and is no noise.
+    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance
+    that `lasting_autocovariance` gives, which keeps the filter stable. `taken` (max_order + 1,) is what the fit that
+    left the residuals took of white noise's autocorrelation (`taken_by`): many fitted columns would pose as colour.
     """
-
-    power: FloatArray
-    left: FloatArray
-    samples: int
-
-    @classmethod
-    def of(cls, residuals: Sequence[ComplexArray], fitted: Sequence[ComplexArray] = ()) -> LastingSpectrum:
-        """That of residuals, one (m,) array a segment.
-
-        `fitted`, one (m, columns) array a segment, is what was fitted as an orthonormal basis, real and imaginary rows
-        of all channels together: it took some of the noise, which would pose as colour. Without it nothing is known
-        of that.
-        """
-        power = _lasting_power(residuals)
-        left = 1.0 - _taken(fitted, power.size) if fitted else np.ones(power.size)
-        return cls(power, left, sum(part.size for part in residuals))
-
-    def autocovariance(self, lags: int, motion: float = 0.0) -> FloatArray:
-        """Autocovariance (lags + 1,) of one component, set right for what the fit took.
-
-        Where it left little, the power is at least that of the `noise`.
-        """
-        seen = self.power / np.maximum(self.left, _LEAST_LEFT)
-        if not np.all(self._enough):
-            noise = 2.0 * self.noise(motion).sigma_at(self._frequency) ** 2
-            seen = np.where(self._enough, seen, np.maximum(seen, noise))
-        found = np.fft.ifft(seen).real / 2.0
-        return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
-
-    def noise(self, motion: float) -> ColouredNoise:
-        """The noise of one component as a first-order autoregression; `motion` rad a sample is the motion's frequency.
-
-        What a fit leaves of the motion is in the spectrum too, so that frequencies far beyond it come first; those
-        beyond it, and then all, only where what they show is what the ones before allow.
-        """
-        if not np.any(self.power):
-            return ColouredNoise(0.0)
-        leaks = _LEAKS * 2.0 * np.pi / self.power.size
-        known = self._coloured(_BEYOND * motion + leaks)
-        for lowest in (motion + leaks, 0.0):
-            more = self._coloured(lowest)
-            if known.fall(more) > _ALLOWED_FALL:
-                break
-            known = more
-        return ColouredNoise(float(np.sqrt(0.5 * known.level)), float(_COLOURS[known.colour]))
-
-    def _coloured(self, lowest: float) -> _Coloured:
-        """The noise of the frequencies from this one, rad a sample, of which the fit left enough."""
-        frequency = np.abs(self._frequency)
-        noisy = self._enough & (frequency >= min(lowest, 0.5 * np.pi))
-        values = 2.0 * MEDIAN_EFFICIENCY * self.samples * float(np.mean(noisy))
-        return _Coloured.of(self.power[noisy] / self.left[noisy], frequency[noisy], values)
-
-    @property
-    def _enough(self) -> BoolArray:
-        return self.left >= min(_LEAST_LEFT, float(np.median(self.left)))
-
-    @property
-    def _frequency(self) -> FloatArray:
-        return np.asarray(2.0 * np.pi * np.fft.fftfreq(self.power.size), dtype=float)
-
-
-def fit_noise(lasting: LastingSpectrum, max_order: int = 24, motion: float = 0.0) -> NoiseModel:
-    """The autoregression of what lasts through residuals, its order chosen by BIC; `motion` as in `noise`.
-
-    Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance,
-    which keeps the filter stable.
-    """
-    total = lasting.samples
+    total = sum(part.size for part in residuals)
     top = int(min(max_order, max(1, total // 20)))
-    covariance = lasting.autocovariance(top, motion)
+    covariance = lasting_autocovariance(residuals, top)
     if covariance[0] <= 0.0:
         return white(0.0)
+    if taken is not None:
+        covariance += covariance[0] / (1.0 - taken[0]) * taken[: top + 1]
     covariance[0] *= 1.0 + 1e-9
     predictors = [
         solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)
@@ -184,45 +110,45 @@ def fit_noise(lasting: LastingSpectrum, max_order: int = 24, motion: float = 0.0
     return NoiseModel(filters, sigma)
 
 
-@dataclass(frozen=True)
-class _Coloured:
-    """A first-order autoregression that goes with a spectrum: which of the colours that are tried, and its level.
+def lasting_autocovariance(residuals: Sequence[ComplexArray], lags: int) -> FloatArray:
+    """Autocovariance (lags + 1,) of one component of what lasts through the residuals, one (m,) array a segment.
 
-    `flat` is the mean power over the shape and `constants` the mean of ln shape, of each colour that is tried
-    (colours,); the frequencies are worth so many `values`.
+    From the median over short stretches of time of their spectra (Allen et al. 2012, FINDCHIRP, Appendix B), positive
+    and negative frequencies together: a moment that nothing explains acts for some of the time, at the frequency of
+    the motion and of one sense of turning, and is no noise.
     """
-
-    colour: int
-    level: float
-    flat: FloatArray
-    constants: FloatArray
-    values: float
-
-    @classmethod
-    def of(cls, power: FloatArray, frequency: FloatArray, values: float) -> _Coloured:
-        """The likeliest (Whittle 1953) without frequencies that are far louder than the colour of most of them.
-
-        Which that is, least absolute deviations of the logarithms tell.
-        """
-        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], frequency)
-        flat = power * shapes
-        levels = np.median(flat, axis=1)
-        best = int(np.argmin(np.mean(np.abs(np.log(flat / levels[:, np.newaxis])), axis=1)))
-        for _ in range(_PASSES):
-            quiet = flat[best] < _LOUD * levels[best]
-            levels = np.mean(flat[:, quiet], axis=1)
-            constants = np.mean(np.log(shapes[:, quiet]), axis=1)
-            best = int(np.argmin(np.log(levels) - constants))
-        return cls(best, float(levels[best]), levels, constants, values)
-
-    def fall(self, other: _Coloured) -> float:
-        """Fall of 2 ln L from this colour and level to another's."""
-        least = np.log(self.level) - self.constants[self.colour] + 1.0
-        own = np.log(other.level) - self.constants[other.colour] + self.flat[other.colour] / other.level
-        return float(self.values * (own - least))
+    lasting = _lasting_spectrum(residuals)
+    found = np.fft.ifft(lasting).real / 2.0
+    return np.asarray(np.concatenate([found, np.zeros(lags)])[: lags + 1], dtype=float)
 
 
-def _lasting_power(residuals: Sequence[ComplexArray]) -> FloatArray:
+def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float) -> ColouredNoise:
+    """The noise of one component of what lasts through the residuals, of the colour that it has beyond the motion.
+
+    `motion`, the motion's frequency, and `above`, from which there is noise alone, in rad a sample. What a fit leaves
+    of the motion is in the spectrum too, so that there it is taken for that of a first-order autoregression (Whittle
+    1953) whose colour is what all frequencies beyond the motion's show, as far as those `above` alone allow.
+    """
+    lasting = _lasting_spectrum(residuals)
+    line = 2.0 * np.pi / lasting.size
+    frequency = np.abs(2.0 * np.pi * np.fft.fftfreq(lasting.size))
+    values = MEDIAN_EFFICIENCY * 2.0 * sum(part.size for part in residuals)
+
+    def colours_from(lowest: float) -> tuple[FloatArray, FloatArray]:
+        """Level and -2 ln L of each colour, frequencies from this one."""
+        noisy = frequency >= min(lowest, 0.5 * np.pi)
+        shapes = inverse_spectrum(_COLOURS[:, np.newaxis], frequency[noisy])
+        levels = np.mean(lasting[noisy] * shapes, axis=1)
+        return levels, values * np.mean(noisy) * (np.log(levels) - np.mean(np.log(shapes), axis=1))
+
+    levels, fall = colours_from(above + _LEAKS * line)
+    allowed = np.flatnonzero(fall <= np.min(fall) + _ALLOWED_FALL)
+    shown = int(np.argmin(colours_from(motion + _LEAKS * line)[1]))
+    chosen = int(np.clip(shown, allowed[0], allowed[-1]))
+    return ColouredNoise(float(np.sqrt(0.5 * levels[chosen])), float(_COLOURS[chosen]))
+
+
+def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
     """Median power over stretches of time (frequencies,), positive and negative frequencies alike, of both parts."""
     total = sum(part.size for part in residuals)
     wanted = int(2 ** np.round(np.log2(np.clip(total / _STRETCHES, _SHORTEST_STRETCH, _LONGEST_STRETCH))))
@@ -243,12 +169,18 @@ def _spectra(part: ComplexArray, length: int) -> FloatArray:
     return np.asarray(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2, dtype=float)
 
 
-def _taken(fitted: Sequence[ComplexArray], length: int) -> FloatArray:
-    """Share of white noise's power that a fit takes (frequencies,), as `_lasting_power` sees it."""
-    long = [part for part in fitted if part.shape[0] >= length]
-    power = [np.sum([_spectra(column, length) for column in part.T], axis=0) for part in long]
-    taken = 0.5 * np.mean(np.concatenate(power), axis=0)
-    return np.asarray(0.5 * (taken + np.roll(taken[::-1], 1)), dtype=float)
+def taken_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
+    """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows.
+
+    `basis` (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white
+    noise has the covariance I - basis basis'.
+    """
+    out = np.zeros(max_order + 1)
+    for part in (basis[:rows], basis[rows : 2 * rows]):
+        for a, b in pieces:
+            for lag in range(min(max_order, b - a - 1) + 1):
+                out[lag] += float(np.vdot(part[a : b - lag], part[a + lag : b]))
+    return out / (2.0 * rows)
 
 
 def effective_samples(innovations: list[FloatArray], max_lag: int = 50) -> float:

@@ -9,7 +9,7 @@ import pytest
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.exchange import exchanged
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, renewed, settled
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, settled
 from tests.ranking.pulse import fitted, problem
 
 
@@ -45,7 +45,7 @@ def test_a_model_of_the_grid_alone_is_left_as_it_is() -> None:
     """Without refinement there is no better place for a knot."""
     rough = replace(problem(), refine=False)
     fit = fit_hypothesis(rough, "damping", fitted("damping").mechanisms)
-    assert exchanged(rough, fit).columns == renewed(rough, fit).columns
+    assert exchanged(rough, fit).columns == fit.columns
 
 
 def test_two_ramps_that_meet_become_one_knot() -> None:
