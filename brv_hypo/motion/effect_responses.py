@@ -263,8 +263,7 @@ def _drift(
         pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
         drift[:, :, moved] = running_integral(smooth.time, pulls)
     for k, record in enumerate(records):
-        if record.flight.wind is not smooth.flight.wind:
-            drift[:, :, k] -= _wind(record) - _wind(smooth)
+        drift[:, :, k] -= _wind(record) - _wind(smooth)
         if record.attitude is not smooth.attitude:
             drift[:, :, k] += velocity
             drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity

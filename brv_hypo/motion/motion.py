@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
@@ -54,13 +53,6 @@ class Motion:
     def __repr__(self) -> str:
         """Short: the arrays are long."""
         return f"<Motion: {self.time.size} samples>"
-
-    @cached_property
-    def to_plane(self) -> ComplexArray:
-        """exp(i phi_w): turns C_m + i C_n into C_N' + i C_Z'; its conjugate turns them back (Eq. 2.6, erratum E2)."""
-        turn: ComplexArray = np.exp(1j * self.windward_meridian)
-        turn.flags.writeable = False
-        return turn
 
     def delayed(self, tau: float) -> Motion:
         """The whole motion tau seconds earlier, on the same shape; tau >= 0.

@@ -53,8 +53,7 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
             k: _Turned(*(np.ascontiguousarray(each[:, j]) for each in (rolls, attitudes, rates, changes)))
             for j, k in enumerate(turned)
         }
-    slopes = _Slopes(record.time)
-    return [_moved(record, flight, turns.get(k), slopes) for k, flight in enumerate(flights)]
+    return [_moved(record, flight, turns.get(k)) for k, flight in enumerate(flights)]
 
 
 class _Turned(NamedTuple):
@@ -66,21 +65,7 @@ class _Turned(NamedTuple):
     change: ComplexArray
 
 
-class _Slopes:
-    """Derivatives (n,) 1/s of channels by `time` (n,) s: nearly all records of a batch have the same roll rate."""
-
-    def __init__(self, time: FloatArray) -> None:
-        self._time = time
-        self._found: dict[int, tuple[FloatArray, FloatArray]] = {}
-
-    def of(self, channel: FloatArray) -> FloatArray:
-        """That of one channel (n,)."""
-        if id(channel) not in self._found:  # what is kept keeps its id
-            self._found[id(channel)] = channel, np.gradient(channel, self._time)
-        return self._found[id(channel)][1]
-
-
-def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, slopes: _Slopes) -> InertialRecord:
+def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None) -> InertialRecord:
     """The inertial record of one flight; `turned` where its rates differ."""
     before = record.flight
     roll, attitude, rate, change = turned or (
@@ -93,8 +78,8 @@ def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, slope
     if any(getattr(flight, name) is not getattr(before, name) for name in _SENSED):
         force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
-        force = force + _swing(before, record.transverse_rate, record.rate_change, slopes)
-        force -= _swing(flight, rate, change, slopes)
+        force = force + _swing(before, record.transverse_rate, record.rate_change)
+        force -= _swing(flight, rate, change)
     spin_angle = record.spin_angle
     if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
         spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
@@ -110,7 +95,7 @@ def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, slope
     )
 
 
-def _swing(flight: Flight, rate: ComplexArray, change: ComplexArray, slopes: _Slopes) -> FloatArray:
+def _swing(flight: Flight, rate: ComplexArray, change: ComplexArray) -> FloatArray:
     """Acceleration (n, 3) m/s^2 that the declared arm makes of these rates."""
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    return arm_acceleration(flight.p, slopes.of(flight.p), rate, change, arm)
+    return arm_acceleration(flight.p, np.gradient(flight.p, flight.time), rate, change, arm)

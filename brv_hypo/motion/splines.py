@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg.lapack import dpttrf, dpttrs
+from scipy.linalg.lapack import dgttrf, dgttrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 
@@ -36,28 +36,25 @@ class SplineGrid:
         return np.diff(self.time)[:, np.newaxis]
 
     @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray]:
-        """Those of the equations between the ends, less the equations of the ends, which take their slopes out.
-
-        Over its two steps each equation is one of a symmetric positive-definite matrix.
-        """
-        inverse = 1.0 / self.steps[:, 0]
-        diagonal = 2.0 * (inverse[:-1] + inverse[1:])
-        diagonal[[0, -1]] *= 0.5
-        found, multipliers, _ = dpttrf(diagonal, inverse[1:-1])
-        return found, multipliers
+    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+        h = self.steps[:, 0]
+        lower = np.append(h[1:], h[-1] + h[-2])
+        diagonal = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
+        upper = np.append(h[0] + h[1], h[:-1])
+        dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
+        return dl, d, du, du2, pivots
 
     @cached_property
     def _weights(self) -> tuple[FloatArray, FloatArray]:
-        """What the equation of each slope, over its two steps, has of the rises of the values before and after its
-        sample (m, 1); at the ends, of the first two and of the last two.
+        """What the equation of each slope has of the rises of the values before and after its sample (m, 1); at the
+        ends, of the first two and of the last two.
         """
         h = self.steps
         before, after = np.empty((2, self.time.size, 1))
-        before[1:-1], after[1:-1] = 3.0 / h[:-1] ** 2, 3.0 / h[1:] ** 2
+        before[1:-1], after[1:-1] = 3.0 * h[1:] / h[:-1], 3.0 * h[:-1] / h[1:]
         first, last = h[0] + h[1], h[-1] + h[-2]
-        before[0], after[0] = (h[0] + 2.0 * first) / (h[0] ** 2 * first), h[0] / (h[1] ** 2 * first)
-        before[-1], after[-1] = h[-1] / (h[-2] ** 2 * last), (2.0 * last + h[-1]) / (h[-1] ** 2 * last)
+        before[0], after[0] = (h[0] + 2.0 * first) * h[1] / (h[0] * first), h[0] ** 2 / (h[1] * first)
+        before[-1], after[-1] = h[-1] ** 2 / (h[-2] * last), (2.0 * last + h[-1]) * h[-2] / (h[-1] * last)
         return before, after
 
     def slopes(self, values: Values) -> Values:
@@ -88,14 +85,8 @@ class SplineGrid:
         right[1:-1] += after[1:-1] * rises[1:]
         for own, (one, other) in ((0, (0, 1)), (-1, (-2, -1))):
             right[own] = before[own] * rises[one] + after[own] * rises[other]
-        right[1] -= right[0]
-        right[-2] -= right[-1]
-        h = self.steps
-        found, _ = dpttrs(*self._factors, right[1:-1].view(float))
-        right.view(float)[1:-1] = found
-        right[0] = h[0] * right[0] - (1.0 + h[0] / h[1]) * right[1]
-        right[-1] = h[-1] * right[-1] - (1.0 + h[-1] / h[-2]) * right[-2]
-        return right
+        found, _ = dgttrs(*self._factors, right.view(float), overwrite_b=True)
+        return np.ascontiguousarray(found).view(right.dtype)
 
     def _integrals(self, values: Values, slopes: Values) -> Values:
         half, twelfth = self._shares

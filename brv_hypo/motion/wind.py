@@ -6,7 +6,7 @@ in the velocity at the start and in gravity. The speed is taken from the record'
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,32 +58,16 @@ def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = T
 
 def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> list[ComplexArray]:
     """Open-loop crossflow (n,) of records of the same times, each from its start; forces are integrated at once."""
-    time = moved[0][0].time
     distinct = {(id(record.force), id(record.attitude)): record for record, _ in moved}
-    forces = np.stack([record.force.T for record in distinct.values()])
-    for axes, own in _by_attitude(list(distinct.values())):
-        forces[own] = np.einsum("ijn,kjn->kin", axes, forces[own])
-    impulses = running_integral(time, forces.reshape(-1, time.size).T).T.reshape(forces.shape)
-    place = {each: k for k, each in enumerate(distinct)}
-    velocities = impulses[[place[id(record.force), id(record.attitude)] for record, _ in moved]]
-    velocities += np.stack([record.flight.velocity[0] * start.direction for record, start in moved])[:, :, np.newaxis]
-    velocities += np.stack([start.gravity for _, start in moved])[:, :, np.newaxis] * time
-    for velocity, (record, _) in zip(velocities, moved, strict=True):
-        if record.flight.wind is not None:
-            velocity -= (record.flight.wind - record.flight.wind[0]).T
-    crossflows = np.empty((len(moved), time.size), dtype=complex)
-    for axes, own in _by_attitude([record for record, _ in moved]):
-        crossflows.real[own], crossflows.imag[own] = np.einsum("jin,kjn->ikn", axes[:, 1:], velocities[own])
-    return list(crossflows / np.sqrt(np.einsum("kjn,kjn->kn", velocities, velocities)))
-
-
-def _by_attitude(records: Sequence[InertialRecord]) -> Iterator[tuple[FloatArray, list[int]]]:
-    """Each attitude (3, 3, n) of some records, and which of them have it."""
-    having: dict[int, list[int]] = {}
-    for k, record in enumerate(records):
-        having.setdefault(id(record.attitude), []).append(k)
-    for own in having.values():
-        yield np.ascontiguousarray(np.moveaxis(records[own[0]].attitude, 0, 2)), own
+    forces = np.stack([record.force_inertial for record in distinct.values()], axis=2)
+    impulses = np.moveaxis(running_integral(moved[0][0].time, forces), 2, 0)
+    found = dict(zip(distinct, impulses, strict=True))
+    crossflows = []
+    for record, start in moved:
+        impulse = _with_wind(record, found[id(record.force), id(record.attitude)])
+        velocity = _velocity(record, start, impulse)
+        crossflows.append(body_crossflow(record, velocity) / np.linalg.norm(velocity, axis=1))
+    return crossflows
 
 
 def _velocity(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:

@@ -31,12 +31,9 @@ class ForceModel:
             [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
         )
 
-    def at(self, scale: FloatArray, xi: ComplexArray, values: FloatArray) -> ComplexArray:
-        """The force (..., n) m/s^2 with these coefficients (4,) at the crossflow xi (..., n), per unit `scale`."""
-        flow = effective(xi)
-        square = np.abs(flow) ** 2
-        straight, bend = self._parabola @ values[:3], values[3] * self.slope
-        return np.asarray(-scale * (straight * (self.slope + self.bend * square) + bend * square) * flow)
+    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
+        """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
+        return np.asarray(self.columns(record, xi) @ values)
 
     @cached_property
     def _parabola(self) -> FloatArray:

@@ -86,7 +86,7 @@ class WhitenedRows:
             return np.zeros((self.rates, 0))
         out = np.empty((self.rates, self.nuisances.tied.size))
         for some, seen in self.nuisances.noise.batches():
-            out[:, some] = self._whitening.rates(seen.rates[self._chosen(seen.rates)])
+            out[:, some] = self._whitening.rates(seen.rates[self.part.rows])
         return out
 
     @cached_property
@@ -101,17 +101,14 @@ class WhitenedRows:
         directions, gain = self._sharpening
         return np.asarray(rates + directions @ (gain[:, np.newaxis] * (directions.T @ rates)), dtype=float)
 
-    def _chosen(self, rows: ComplexArray) -> IntArray | slice:
-        """Which of the frame's rows are of the part; all of them without a copy."""
-        return slice(None) if self.part.rows.size == rows.shape[0] else self.part.rows
-
     def white_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
-        return self._sharpened(self._whitening.rates(rates[self._chosen(rates)]))
+        whole = self.part.rows.size == rates.shape[0]
+        return self._sharpened(self._whitening.rates(rates if whole else rates[self.part.rows]))
 
     def white_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
-        white = self._whitening.both(histories.at(self._chosen(histories.rates)))
+        white = self._whitening.both(histories.at(self.part.rows))
         white[: self.rates] = self._sharpened(white[: self.rates])
         return white
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from brv_hypo.motion.effect_responses import AT_ONCE, STEP
 from brv_hypo.motion.frames import (
     angle_of_attack,
     angle_rates,
+    body_from_plane,
     windward_meridian,
 )
 from brv_hypo.motion.history import recorded
@@ -58,7 +59,6 @@ from brv_hypo.regression.wander import (
 )
 
 Moved = TypeVar("Moved")
-Values = TypeVar("Values", FloatArray, ComplexArray)
 
 # Half the width of differences by the start's direction and by gravity.
 _TURN = 1e-4  # rad
@@ -124,9 +124,7 @@ class LinearisedFlight:
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
         for record, (effect, component, value) in zip(records, sizes, strict=True):
-            untouched = record.flight.q is smooth.flight.q and record.flight.r is smooth.flight.r
-            seen = self._as_modelled if untouched else effect.perturb(self._as_modelled, component, value)
-            yield _reading(record, seen)
+            yield _reading(record, effect.perturb(self._as_modelled, component, value))
 
     def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
         """Lists of what records are moved by, so many at once that the records stay small."""
@@ -161,7 +159,7 @@ class LinearisedFlight:
         A column made of a measured channel would hold the same noise as the response, and find itself.
         """
         record, flight = self.record, self.record.flight
-        modelled = self.force.at(record.force_scale, self.crossflow, self.force_values)
+        modelled = self.force.at(record, self.crossflow, self.force_values)
         noise = record.transverse_force - modelled
         rate = record.transverse_rate
         quiet = replace(
@@ -256,74 +254,44 @@ class LinearisedFlight:
 
     def _residuals(self, moved: Sequence[tuple[InertialRecord, ComplexArray]]) -> list[Rows]:
         """The residual of records of the same times at a crossflow; their moments are integrated at once."""
-        records, xi = [record for record, _ in moved], np.stack([xi for _, xi in moved])
-        time, segments = records[0].flight.time, records[0].flight.segments
-        turned = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record in records}
-        derotation = stacked([turned[id(record.spin_angle)] for record in records])
-        scale = stacked([record.moment_scale for record in records])
-        changes = np.gradient(xi - self.crossflow, time, axis=1)
-        integrands = derotation * scale * self._moments(scale, self._moved(records, xi, changes))
-        rates = np.stack([record.flight.q + 1j * record.flight.r for record in records]) * derotation
-        for a, b in segments:
-            rates[:, a:b] -= running_integral(time[a:b], integrands[:, a:b].T).T
-        pressure = stacked([record.force_scale for record in records])
-        measured = stacked([record.transverse_force for record in records])
-        force = measured - self.force.at(pressure, xi, self.force_values)
-        return [Rows(*each) for each in zip(rates, force, strict=True)]
+        flight, count = moved[0][0].flight, len(moved)
+        rates, integrands = np.empty((2, count, flight.samples), dtype=complex)
+        derotations = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
+        changes = np.gradient(np.stack([xi - self.crossflow for _, xi in moved]), flight.time, axis=1)
+        for k, (record, xi) in enumerate(moved):
+            derotation = derotations[id(record.spin_angle)]
+            moment = self._moment(record, self._moved(record, xi, changes[k]))
+            integrands[k] = derotation * record.moment_scale * moment
+            rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
+        for a, b in flight.segments:
+            rates[:, a:b] -= running_integral(flight.time[a:b], integrands[:, a:b].T).T
+        return [
+            Rows(own, record.transverse_force - self.force.at(record, xi, self.force_values))
+            for own, (record, xi) in zip(rates, moved, strict=True)
+        ]
 
-    def _moments(self, scale: FloatArray, motions: Motion) -> ComplexArray:
-        """C_m + i C_n of the model on motions (k, n), which have pressures and inertia of this `scale` (k, n)."""
-        if not any(column.theta for column in self.columns):
-            return self._moment(scale, motions)
-        each = (recorded(_one(motions, k)) for k in range(scale.shape[0]))  # a past is that of a single motion
-        return np.stack([self._moment(own, motion) for own, motion in zip(scale, each, strict=True)])
-
-    def _moment(self, scale: FloatArray, motion: Motion) -> ComplexArray:
-        """C_m + i C_n of the model (..., n).
+    def _moment(self, record: InertialRecord, motion: Motion) -> ComplexArray:
+        """C_m + i C_n of the model (n,).
 
         What is tested keeps the pressure and inertia of the linearisation point: its coefficients make up for both, and
         a hypothesis without it would take an error of either for a share of it.
         """
-        inside, outside = np.zeros(scale.shape), np.zeros(scale.shape)
+        inside, outside = np.zeros(motion.time.size), np.zeros(motion.time.size)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        kept = np.divide(self.record.moment_scale, scale, out=np.ones_like(scale), where=scale != 0.0)
-        course_time = self.reconstruction.motion.course_time
+        own = record.moment_scale
+        kept = np.divide(self.record.moment_scale, own, out=np.ones_like(own), where=own != 0.0)
         for column, value in zip(self.columns, self.values, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term = found[key][column.term]
-            weight = value * column.course(course_time)
+            weight = value * column.course(motion.course_time)
             if column.mechanism not in self._always:
                 weight = weight * kept
             inside += weight * term.in_plane
-            if np.any(term.out_of_plane):
-                outside += weight * term.out_of_plane
-        return np.asarray((inside + 1j * outside) * np.conj(motion.to_plane), dtype=complex)
-
-    def _moved(self, records: Sequence[InertialRecord], xi: ComplexArray, changes: ComplexArray) -> Motion:
-        """The motions (k, n) with other crossflows, whose rates differ by `changes` (k, n) 1/s, and with the records'
-        own rates and air data.
-        """
-        motion, flights = self.reconstruction.motion, [record.flight for record in records]
-        mach, reynolds = motion.mach, motion.reynolds
-        alpha_rate, meridian_rate = angle_rates(xi, self._crossflow_rate + changes)
-        own: dict[str, Any] = {
-            "alpha": angle_of_attack(xi),
-            "windward_meridian": nearest_turn(windward_meridian(xi), motion.windward_meridian),
-            "alpha_rate": alpha_rate,
-            "windward_meridian_rate": meridian_rate,
-            "p": stacked([flight.p for flight in flights]),
-            "q": stacked([record.transverse_rate.real for record in records]),
-            "r": stacked([record.transverse_rate.imag for record in records]),
-            "velocity": stacked([flight.velocity for flight in flights]),
-            "dynamic_pressure": stacked([flight.dynamic_pressure for flight in flights]),
-            "mach": stacked([mach if flight.mach is None else flight.mach for flight in flights]),
-            "reynolds": stacked([reynolds if flight.reynolds is None else flight.reynolds for flight in flights]),
-        }
-        others = {name: np.broadcast_to(values, xi.shape) for name, values in _arrays(motion).items()}
-        return replace(motion, **{**others, **own})
+            outside += weight * term.out_of_plane
+        return body_from_plane(inside, outside, motion.windward_meridian)
 
     @cached_property
     def _always(self) -> frozenset[str]:
@@ -333,27 +301,32 @@ class LinearisedFlight:
             name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
         )
 
+    def _moved(self, record: InertialRecord, xi: ComplexArray, change: ComplexArray) -> Motion:
+        """The motion with another crossflow, whose rate differs by `change` (n,) 1/s, and with the record's own rates
+        and air data.
+        """
+        motion, flight = self.reconstruction.motion, record.flight
+        xi_rate = self._crossflow_rate + change
+        alpha_rate, meridian_rate = angle_rates(xi, xi_rate)
+        moved = replace(
+            motion,
+            alpha=angle_of_attack(xi),
+            windward_meridian=nearest_turn(windward_meridian(xi), motion.windward_meridian),
+            alpha_rate=alpha_rate,
+            windward_meridian_rate=meridian_rate,
+            p=flight.p,
+            q=record.transverse_rate.real,
+            r=record.transverse_rate.imag,
+            velocity=flight.velocity,
+            dynamic_pressure=flight.dynamic_pressure,
+            mach=motion.mach if flight.mach is None else flight.mach,
+            reynolds=motion.reynolds if flight.reynolds is None else flight.reynolds,
+        )
+        return recorded(moved) if any(column.theta for column in self.columns) else moved
+
     @cached_property
     def _crossflow_rate(self) -> ComplexArray:
         return crossflow_rate(self.reconstruction.motion, self.crossflow)
-
-
-def stacked(each: Sequence[Values]) -> Values:
-    """Arrays (n,) as rows (k, n); not one of them is copied where all are the same."""
-    if all(own is each[0] for own in each):
-        return np.broadcast_to(each[0], (len(each), each[0].size))
-    return np.stack(each)
-
-
-def _arrays(motion: Motion) -> dict[str, Any]:
-    """The quantities of a motion that it has, by name."""
-    known = {field.name: getattr(motion, field.name) for field in fields(motion)}
-    return {name: values for name, values in known.items() if isinstance(values, np.ndarray)}
-
-
-def _one(motions: Motion, number: int) -> Motion:
-    """One of several motions (k, n)."""
-    return replace(motions, **{name: values[number] for name, values in _arrays(motions).items()})
 
 
 def _slopes(more: Iterable[Rows], less: Iterable[Rows]) -> Iterator[Rows]:
@@ -372,10 +345,8 @@ def in_batches(
     """Records of the same times, so many at once that they stay small."""
     batch: list[tuple[InertialRecord, Moved]] = []
     for each in moved:
-        time, first = each[0].flight.time, batch[0][0].flight.time if batch else None
-        if first is not None and (
-            len(batch) * time.size > AT_ONCE or not (time is first or np.array_equal(time, first))
-        ):
+        time = each[0].flight.time
+        if batch and (len(batch) * time.size > AT_ONCE or not np.array_equal(time, batch[0][0].flight.time)):
             yield batch
             batch = []
         batch.append(each)
