@@ -102,9 +102,7 @@ def linearise_segment(
     at_samples = _points(grid, x, back, place.samples)
     f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
     starts, middles, ends = place.of_intervals
-    jumped = here[:, 1:] if grid.jumps else here[:, :0]
-    at = np.concatenate([here, jumped, _midpoints(place.step, here, *f)], axis=1)
-    everywhere = _points(grid, x, back, place.everywhere, at)
+    everywhere = _everywhere(grid, x, back, place, f)
     slope, output = (
         _jacobian(model, function, points, theta, names, grid.ignores)
         for function, points in ((model.dynamics, everywhere), (model.outputs, at_samples))
@@ -173,6 +171,16 @@ def _at_ends(
     return f[:, :-1], evaluate(model.dynamics, points, theta)
 
 
+def _everywhere(
+    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], place: _Place, f: tuple[FloatArray, FloatArray]
+) -> Points:
+    """Samples, ends where inputs jump, and midpoints, from the dynamics at both ends of the intervals."""
+    here = x[:, place.samples]
+    jumped = here[:, 1:] if grid.jumps else here[:, :0]
+    at = np.concatenate([here, jumped, _midpoints(place.step, here, *f)], axis=1)
+    return _points(grid, x, back, place.everywhere, at)
+
+
 def _jacobian(
     model: Model,
     function: Function,
@@ -213,10 +221,7 @@ def weighted_change(
     place = _Place.of(grid, slice(None))
     at_samples = _points(grid, x, {}, place.samples)
     f = _at_ends(model, grid, x, {}, place, evaluate(model.dynamics, at_samples, theta), theta)
-    jumped = x[:, 1:] if grid.jumps else x[:, :0]
-    everywhere = _points(
-        grid, x, {}, place.everywhere, np.concatenate([x, jumped, _midpoints(place.step, x, *f)], axis=1)
-    )
+    everywhere = _everywhere(grid, x, {}, place, f)
     slope = _jacobian(model, model.dynamics, everywhere, theta, names, grid.ignores)
     starts, middles, ends = place.of_intervals
     a, a_mid, a_end = (slope.by_state[where].transpose(0, 2, 1) for where in (starts, middles, ends))
