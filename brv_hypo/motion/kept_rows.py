@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.motion.lagrange import NEAREST, lagrange
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
@@ -25,7 +26,6 @@ _MOST_KEPT = 20_000
 # Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
 # like. They follow by extrapolation over an eighth of the spacing at most.
 _END = 4
-_NEAREST = 6  # kept rows that a row lies between: degree 5, whose error at 24 rows a cycle is 2e-6 of a sine
 # Samples of many columns that are held at once.
 _BLOCK = 20_000
 
@@ -86,29 +86,17 @@ def kept_rows(pieces: Sequence[tuple[int, int]], stride: int) -> KeptRows:
     if count <= _MOST_KEPT or stride < 2:
         return all_rows(count)
     which = [a + _evenly(b - a, stride) for a, b in pieces]
-    spreads = [_spread(b - a, own - a) for own, (a, b) in zip(which, pieces, strict=True)]
+    spreads = [
+        lagrange((own - a).astype(float), np.arange(b - a, dtype=float))
+        for own, (a, b) in zip(which, pieces, strict=True)
+    ]
     return KeptRows(count, np.concatenate(which), sparse.csr_array(sparse.block_diag(spreads, format="csr")))
 
 
 def _evenly(count: int, stride: int) -> IntArray:
     """About every `stride`-th of so many samples, the ends left out; all of them where they are few."""
-    if count < 2 * _END + _NEAREST * stride:
+    if count < 2 * _END + NEAREST * stride:
         return np.arange(count)
     end = min(_END, stride // 8)
     places = np.linspace(end, count - 1 - end, -(-count // stride))
     return np.asarray(np.round(places), dtype=np.int64)
-
-
-def _spread(count: int, kept: IntArray) -> sparse.csr_array:
-    """Lagrange's weights (n, m) of the kept samples nearest to each."""
-    width = min(_NEAREST, kept.size)
-    place = np.arange(count)
-    first = np.clip(np.searchsorted(kept, place, side="right") - width // 2, 0, kept.size - width)
-    weights = np.ones((count, width))
-    for own in range(width):
-        node = kept[first + own]
-        for other in range(width):
-            if other != own:
-                weights[:, own] *= (place - kept[first + other]) / (node - kept[first + other])
-    nearest = (first[:, np.newaxis] + np.arange(width)).ravel()
-    return sparse.csr_array((weights.ravel(), nearest, np.arange(count + 1) * width), shape=(count, kept.size))

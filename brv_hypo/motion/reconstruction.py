@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.frames import crossflow, plane_from_body
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.quadrature import Quadrature, at_nodes, quadrature
 from brv_hypo.motion.smoothing import InputError
 from brv_hypo.motion.wind import WindStart
 from brv_hypo.tabular import Histories, Pictured
@@ -132,6 +134,16 @@ class Reconstruction(Pictured, Histories):
     def crossflow(self) -> ComplexArray:
         """(v + i w) / V (n,) in body axes."""
         return crossflow(self.motion.alpha, self.motion.windward_meridian)
+
+    @cached_property
+    def nodes(self) -> Quadrature:
+        """Where its moments are evaluated to be integrated."""
+        return quadrature(self.motion, self.flight.segments)
+
+    @cached_property
+    def motion_at_nodes(self) -> Motion:
+        """The motion there."""
+        return at_nodes(self.motion, self.nodes)
 
     @property
     def start(self) -> WindStart:

@@ -99,10 +99,11 @@ def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
 
 def _scaled(fit: HypothesisFit, scale: float) -> RateFrame:
     """The fit's frame with alpha times `scale`, now and in the past; meridian and rates held."""
-    motions = tuple(
-        recorded(replace(motion, alpha=scale * motion.alpha, history=None)) for motion in fit.frame.motions
+    at_samples, at_nodes = (
+        tuple(recorded(replace(motion, alpha=scale * motion.alpha, history=None)) for motion in motions)
+        for motions in (fit.frame.motions, fit.frame.finer)
     )
-    frame = replace(fit.frame, motions=motions)
+    frame = replace(fit.frame, motions=at_samples, finer=at_nodes)
     return frame.with_in_plane_moment(fit.columns, fit.values)
 
 

@@ -39,7 +39,7 @@ _Key = tuple[str, Theta]
 
 @dataclass(frozen=True)
 class _Shapes:
-    """Unit moments of one mechanism at one or several thetas, C_N' + i C_Z' (n, terms) a flight, and their
+    """Unit moments of one mechanism at one or several thetas, C_N' + i C_Z' (nodes, terms) a flight, and their
     antiderivatives, one a segment. `position` is where the term of a theta stands.
     """
 
@@ -52,13 +52,16 @@ class _Shapes:
 class RateFrame:
     """Reconstructed flights as one linear problem; rows run over the samples of all segments.
 
-    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `common` is
-    the time that the flights share, in which courses are told; None where they are told in each flight's own. `design`,
-    one (n,) a flight, is what the design of the vehicle adds to C_mw beside the columns; empty where that is nothing.
+    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `motions`
+    are at the samples, `finer` with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
+    time that the flights share, in which courses are told; None where they are told in each flight's own. `design`,
+    one (k,) a flight at its nodes, is what the design of the vehicle adds to C_mw beside the columns; empty where that
+    is nothing.
     """
 
     reconstructions: tuple[Reconstruction, ...]
     motions: tuple[Motion, ...]
+    finer: tuple[Motion, ...]
     segments: tuple[WeakSegment, ...]
     mechanisms: Mapping[str, Mechanism]
     common: CommonTime | None = None
@@ -72,18 +75,20 @@ class RateFrame:
     @cached_property
     def _shown(self) -> tuple[Motion, ...]:
         """The motions as mechanisms are shown them."""
-        return tuple(read_only(motion) for motion in self.motions)
+        return tuple(read_only(motion) for motion in self.finer)
 
     @cached_property
     def _turns(self) -> tuple[ComplexArray, ...]:
         """What turns moments in the plane of alpha into body axes (n, 1), of each flight."""
         one, nothing = np.ones(1), np.zeros(1)
-        return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.motions)
+        return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.finer)
 
     @cached_property
     def _factors(self) -> tuple[ComplexArray, ...]:
         """Factor (m, 1) of moments in the plane of alpha that makes integrands of them, of each segment."""
-        return tuple(s.factor[:, np.newaxis] * self._turns[s.flight][s.rows] for s in self.segments)
+        return tuple(
+            s.nodes.factor[:, np.newaxis] * self._turns[s.flight][s.nodes.rows] for s in self.segments
+        )
 
     @cached_property
     def observed(self) -> ComplexArray:
@@ -129,7 +134,8 @@ class RateFrame:
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
         for shapes, members, which in self._by_shape(columns):
             for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
-                body = (shapes.plane[segment.flight] * self._turns[segment.flight])[segment.rows]
+                nodes = segment.nodes
+                body = (shapes.plane[segment.flight] * self._turns[segment.flight])[nodes.rows][nodes.samples]
                 for j, k in zip(members, which, strict=True):
                     out[a:b, j] = body[:, k] * columns[j].course(segment.course_time)
         return self._where_they_act(out, columns)
@@ -171,8 +177,8 @@ class RateFrame:
         """
         made = self._in_plane_moments(columns, values)
         moments = [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
-        motions = [with_in_plane_moment(*each) for each in zip(self.motions, moments, strict=True)]
-        out = replace(self, motions=tuple(motions))
+        finer = tuple(with_in_plane_moment(*each) for each in zip(self.finer, moments, strict=True))
+        out = replace(self, finer=finer)
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
         return out
 
@@ -181,10 +187,10 @@ class RateFrame:
         return replace(self, design=tuple(self._in_plane_moments(columns, values)))
 
     def _in_plane_moments(self, columns: Sequence[Column], values: FloatArray) -> list[FloatArray]:
-        """What wind-fixed columns make of C_mw, one (n,) a flight."""
+        """What wind-fixed columns make of C_mw, one (k,) a flight at its nodes."""
         fixed = [j for j, column in enumerate(columns) if self.mechanisms[column.mechanism].wind_fixed]
         moments = []
-        for number, motion in enumerate(self.motions):
+        for number, motion in enumerate(self.finer):
             moment = np.zeros_like(motion.alpha)
             known: dict[tuple[str, Theta], dict[str, Term]] = {}
             for column, value in zip([columns[j] for j in fixed], values[fixed], strict=True):
@@ -252,7 +258,7 @@ class RateFrame:
                 found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
             plane.append(found)
         integrals = tuple(
-            s.integrate_weighted(factor * plane[s.flight][s.rows])
+            s.integrate_weighted(factor * plane[s.flight][s.nodes.rows])
             for s, factor in zip(self.segments, self._factors, strict=True)
         )
         return _Shapes(position, tuple(plane), integrals)
@@ -280,11 +286,12 @@ def build_frame(
     segments = [
         segment
         for number, rec in enumerate(reconstructions)
-        for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time)
+        for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time, nodes=rec.nodes)
     ]
     return RateFrame(
         tuple(reconstructions),
         tuple(rec.motion for rec in reconstructions),
+        tuple(rec.motion_at_nodes for rec in reconstructions),
         tuple(segments),
         {mechanism.name: mechanism for mechanism in mechanisms},
         common,

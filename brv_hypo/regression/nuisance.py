@@ -176,10 +176,10 @@ def _tolerated(
     rates = np.zeros((frame.observed.size, len(names)), dtype=complex)
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         if number is None or segment.flight == number:
-            motion = frame.motions[segment.flight]
+            motion, nodes = frame.finer[segment.flight], segment.nodes
             for k, term in enumerate(mechanism.terms(motion, {})):
-                body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)[segment.rows]
-                rates[a:b, k] = segment.integrate(body[:, np.newaxis]).plain.at_samples[:, 0]
+                body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)[nodes.rows]
+                rates[a:b, k] = segment.integrate(body[:, np.newaxis]).plain.at_nodes[nodes.samples, 0]
     return [
         (Nuisance(mechanism.name, name, number, units, size, 0.0), np.asarray(size * rates[:, k], dtype=complex))
         for k, ((name, units), size) in enumerate(zip(names, sizes, strict=True))

@@ -22,13 +22,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
+from brv_hypo.motion.angles import crossflow_rate, with_crossflow
 from brv_hypo.motion.effect_responses import AT_ONCE, STEP
-from brv_hypo.motion.frames import (
-    angle_of_attack,
-    angle_rates,
-    body_from_plane,
-    windward_meridian,
-)
+from brv_hypo.motion.frames import body_from_plane, crossflow
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
@@ -50,8 +46,6 @@ from brv_hypo.motion.wind import (
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
 from brv_hypo.regression.wander import (
-    crossflow_rate,
-    nearest_turn,
     walk_modes,
     walk_noise,
     walk_sines,
@@ -254,24 +248,28 @@ class LinearisedFlight:
 
     def _residuals(self, moved: Sequence[tuple[InertialRecord, ComplexArray]]) -> list[Rows]:
         """The residual of records of the same times at a crossflow; their moments are integrated at once."""
-        flight, count = moved[0][0].flight, len(moved)
-        rates, integrands = np.empty((2, count, flight.samples), dtype=complex)
+        flight, nodes, count = moved[0][0].flight, self.reconstruction.nodes, len(moved)
+        rates = np.empty((count, flight.samples), dtype=complex)
+        integrands = np.empty((count, nodes.time.size), dtype=complex)
         derotations = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
-        changes = np.gradient(np.stack([xi - self.crossflow for _, xi in moved]), flight.time, axis=1)
-        for k, (record, xi) in enumerate(moved):
+        shifts = np.stack([xi - self.crossflow for _, xi in moved])
+        changes = np.gradient(shifts, flight.time, axis=1)
+        for k, (record, _) in enumerate(moved):
             derotation = derotations[id(record.spin_angle)]
-            moment = self._moment(record, self._moved(record, xi, changes[k]))
-            integrands[k] = derotation * record.moment_scale * moment
+            motion = self._moved(record, nodes.of(shifts[k]), nodes.of(changes[k]))
+            integrands[k] = nodes.of(derotation * record.moment_scale) * self._moment(record, motion)
             rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
         for a, b in flight.segments:
-            rates[:, a:b] -= running_integral(flight.time[a:b], integrands[:, a:b].T).T
+            part = nodes.rows(a, b)
+            integral = running_integral(nodes.time[part], integrands[:, part].T).T
+            rates[:, a:b] -= integral[:, nodes.samples[a:b] - part.start]
         return [
             Rows(own, record.transverse_force - self.force.at(record, xi, self.force_values))
             for own, (record, xi) in zip(rates, moved, strict=True)
         ]
 
     def _moment(self, record: InertialRecord, motion: Motion) -> ComplexArray:
-        """C_m + i C_n of the model (n,).
+        """C_m + i C_n of the model at the nodes (m,).
 
         What is tested keeps the pressure and inertia of the linearisation point: its coefficients make up for both, and
         a hypothesis without it would take an error of either for a share of it.
@@ -280,6 +278,7 @@ class LinearisedFlight:
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
         own = record.moment_scale
         kept = np.divide(self.record.moment_scale, own, out=np.ones_like(own), where=own != 0.0)
+        kept = self.reconstruction.nodes.of(kept)
         for column, value in zip(self.columns, self.values, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
@@ -301,32 +300,32 @@ class LinearisedFlight:
             name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
         )
 
-    def _moved(self, record: InertialRecord, xi: ComplexArray, change: ComplexArray) -> Motion:
-        """The motion with another crossflow, whose rate differs by `change` (n,) 1/s, and with the record's own rates
-        and air data.
+    def _moved(self, record: InertialRecord, shift: ComplexArray, change: ComplexArray) -> Motion:
+        """The motion at the nodes (m,) with the record's own rates and air data.
+
+        Its crossflow differs by `shift` (m,), the rate of that by `change` (m,) 1/s.
         """
-        motion, flight = self.reconstruction.motion, record.flight
-        xi_rate = self._crossflow_rate + change
-        alpha_rate, meridian_rate = angle_rates(xi, xi_rate)
-        moved = replace(
+        motion, flight, nodes = self.reconstruction.motion_at_nodes, record.flight, self.reconstruction.nodes
+        xi, xi_rate = self._crossflow_at_nodes
+        read = replace(
             motion,
-            alpha=angle_of_attack(xi),
-            windward_meridian=nearest_turn(windward_meridian(xi), motion.windward_meridian),
-            alpha_rate=alpha_rate,
-            windward_meridian_rate=meridian_rate,
-            p=flight.p,
-            q=record.transverse_rate.real,
-            r=record.transverse_rate.imag,
-            velocity=flight.velocity,
-            dynamic_pressure=flight.dynamic_pressure,
-            mach=motion.mach if flight.mach is None else flight.mach,
-            reynolds=motion.reynolds if flight.reynolds is None else flight.reynolds,
+            p=nodes.of(flight.p),
+            q=nodes.of(record.transverse_rate.real),
+            r=nodes.of(record.transverse_rate.imag),
+            velocity=nodes.of(flight.velocity),
+            dynamic_pressure=nodes.of(flight.dynamic_pressure),
+            mach=motion.mach if flight.mach is None else nodes.of(flight.mach),
+            reynolds=motion.reynolds if flight.reynolds is None else nodes.of(flight.reynolds),
         )
+        moved = with_crossflow(read, xi + shift, xi_rate + change)
         return recorded(moved) if any(column.theta for column in self.columns) else moved
 
     @cached_property
-    def _crossflow_rate(self) -> ComplexArray:
-        return crossflow_rate(self.reconstruction.motion, self.crossflow)
+    def _crossflow_at_nodes(self) -> tuple[ComplexArray, ComplexArray]:
+        """The reconstruction's crossflow (m,) and its rate (m,) 1/s."""
+        motion = self.reconstruction.motion_at_nodes
+        xi = crossflow(motion.alpha, motion.windward_meridian)
+        return xi, crossflow_rate(motion, xi)
 
 
 def _slopes(more: Iterable[Rows], less: Iterable[Rows]) -> Iterator[Rows]:

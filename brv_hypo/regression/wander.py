@@ -8,8 +8,9 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.angles import crossflow_rate, with_crossflow
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.frames import angle_of_attack, angle_rates, crossflow, windward_meridian
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import with_smooth_inputs
@@ -57,22 +58,8 @@ def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> R
     slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
     smooth = open_loop + turn * slow
     xi_rate = crossflow_rate(motion, xi) + np.gradient(smooth - xi, motion.time)
-    alpha_rate, meridian_rate = angle_rates(smooth, xi_rate)
-    moved = replace(
-        motion,
-        alpha=angle_of_attack(smooth),
-        windward_meridian=nearest_turn(windward_meridian(smooth), motion.windward_meridian),
-        alpha_rate=alpha_rate,
-        windward_meridian_rate=meridian_rate,
-        history=None,
-    )
+    moved = with_crossflow(replace(motion, history=None), smooth, xi_rate)
     return replace(reconstruction, motion=recorded(moved))
-
-
-def crossflow_rate(motion: Motion, xi: ComplexArray) -> ComplexArray:
-    """Rate of a motion's crossflow xi (n,) 1/s, from the rates of its angles."""
-    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
-    return np.asarray(xi * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
@@ -127,8 +114,3 @@ def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
     second, third = (record.to_body(axes) for axes in transverse_axes(direction))
     turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
     return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
-
-
-def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
-    """`angle` moved by whole turns next to `reference`, sample by sample."""
-    return np.asarray(angle + 2.0 * np.pi * np.round((reference - angle) / (2.0 * np.pi)), dtype=float)

@@ -20,12 +20,13 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.quadrature import Quadrature
 from brv_hypo.motion.splines import Places, SplineGrid, running_integral
 
 
 @dataclass(frozen=True)
 class Antiderivative:
-    """Splines through `values` (m, columns) and their integrals from the first sample."""
+    """Splines through `values` (m, columns) at nodes and their integrals from the first."""
 
     grid: SplineGrid
     values: ComplexArray
@@ -35,8 +36,8 @@ class Antiderivative:
         return self.grid.slopes(self.values)
 
     @cached_property
-    def at_samples(self) -> ComplexArray:
-        """Integrals up to each sample (m, columns)."""
+    def at_nodes(self) -> ComplexArray:
+        """Integrals up to each node (m, columns)."""
         return self.grid.integrals(self.values, self._slopes)
 
     def at(self, places: Places, columns: IntArray) -> ComplexArray:
@@ -48,7 +49,7 @@ class Antiderivative:
         bend = (s + self._slopes[i + 1, columns] - 2.0 * chord) / h
         c2, c3 = (chord - s) / h - bend, bend / h
         inside = u * (g + u * (s / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
-        return np.asarray(self.at_samples[i, columns] + inside, dtype=complex)
+        return np.asarray(self.at_nodes[i, columns] + inside, dtype=complex)
 
 
 @dataclass(frozen=True)
@@ -96,10 +97,25 @@ class _Courses:
 
 
 @dataclass(frozen=True)
+class Nodes:
+    """Where a segment's moments are evaluated: `time` (k,) s, that which courses are told in, factor of the integrand.
+
+    `rows` are they among the flight's nodes, `samples` (m,) those of them that are the segment's samples.
+    """
+
+    time: FloatArray
+    course_time: FloatArray
+    factor: ComplexArray
+    rows: slice
+    samples: IntArray | slice
+
+
+@dataclass(frozen=True)
 class WeakSegment:
     """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,).
 
     `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own.
+    `finer` are the nodes of its integrals; None where its samples are.
     """
 
     time: FloatArray
@@ -108,6 +124,13 @@ class WeakSegment:
     flight: int
     rows: slice
     common_time: FloatArray | None = None
+    finer: Nodes | None = None
+
+    @cached_property
+    def nodes(self) -> Nodes:
+        """The nodes of its integrals."""
+        every = slice(None)
+        return self.finer or Nodes(self.time, self.course_time, self.factor, self.rows, every)
 
     @property
     def course_time(self) -> FloatArray:
@@ -122,15 +145,15 @@ class WeakSegment:
 
     @cached_property
     def _grid(self) -> SplineGrid:
-        return SplineGrid(self.time)
+        return SplineGrid(self.nodes.time)
 
     def integrate(self, body_moments: ComplexArray) -> Integrals:
-        """Antiderivatives for columns C_m + i C_n (m, columns) on the segment's samples."""
-        return self.integrate_weighted(self.factor[:, np.newaxis] * body_moments)
+        """Antiderivatives for columns C_m + i C_n (k, columns) on the segment's nodes."""
+        return self.integrate_weighted(self.nodes.factor[:, np.newaxis] * body_moments)
 
     def integrate_weighted(self, integrands: ComplexArray) -> Integrals:
-        """Antiderivatives for columns (m, columns) that hold the segment's factor already."""
-        return Integrals(self._grid, integrands, self.course_time - self.course_time[0])
+        """Antiderivatives for columns (k, columns) that hold the segment's factor already."""
+        return Integrals(self._grid, integrands, self.nodes.course_time - self.course_time[0])
 
     def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
@@ -146,18 +169,18 @@ class WeakSegment:
 
     def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
-        out = integral.at_samples[:, which]
+        out = integral.at_nodes[self.nodes.samples][:, which]
         base = np.zeros(which.size, dtype=complex)
         late = np.flatnonzero(told.begin > self.time[0])
         if late.size:
             begin = told.begin[late]
-            base[late] = integral.at(Places.among(self.time, begin), which[late])
+            base[late] = integral.at(Places.among(self.nodes.time, begin), which[late])
             out -= base
             for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
                 out[:first, j] = 0.0
         for j in np.flatnonzero(told.end < self.time[-1]).tolist():
             after = self.time.searchsorted(told.end[j])
-            place = Places.among(self.time, told.end[j : j + 1])
+            place = Places.among(self.nodes.time, told.end[j : j + 1])
             out[after:, j] = integral.at(place, which[j : j + 1]) - base[j]
         return out
 
@@ -172,11 +195,15 @@ class WeakSegment:
 
 
 def weak_segments(
-    flight: Flight, index: int, shortest: int = 8, common_time: FloatArray | None = None
+    flight: Flight,
+    index: int,
+    shortest: int = 8,
+    common_time: FloatArray | None = None,
+    nodes: Quadrature | None = None,
 ) -> tuple[WeakSegment, ...]:
     """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates.
 
-    `common_time` (n,) s: see `WeakSegment`.
+    `common_time` (n,) s: see `WeakSegment`; `nodes`, those of its integrals, are its samples where not given.
     """
     derotation = np.exp(1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
     factor = derotation * flight.dynamic_pressure * flight.vehicle.moment_scale
@@ -189,7 +216,16 @@ def weak_segments(
             index,
             slice(a, b),
             None if common_time is None else common_time[a:b],
+            None if nodes is None or nodes.spread is None else _nodes(nodes, a, b, factor, common_time),
         )
         for a, b in flight.segments
         if b - a >= shortest
     )
+
+
+def _nodes(nodes: Quadrature, first: int, stop: int, factor: ComplexArray, common: FloatArray | None) -> Nodes:
+    """Those of the segment [first, stop) of a flight with the factor (n,) of its integrands."""
+    rows = nodes.rows(first, stop)
+    time = nodes.time[rows]
+    course_time = time if common is None else nodes.of(common)[rows]
+    return Nodes(time, course_time, nodes.of(factor)[rows], rows, nodes.samples[first:stop] - rows.start)
