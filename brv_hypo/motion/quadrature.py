@@ -25,8 +25,8 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 # Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
 # rad. Splines through a damping or a constant moment that turns so err by some 1e-5 of it.
 _TURN = 0.4
-# Halvings of a sample at most: what turns faster does so in a thirtieth of a sample.
-_HALVINGS = 5
+# Halvings of a sample at most: what turns faster does so in less than a hundredth of a sample.
+_HALVINGS = 7
 
 
 @dataclass(frozen=True)
