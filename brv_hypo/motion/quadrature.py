@@ -25,8 +25,13 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 # Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
 # rad. Splines through a damping or a constant moment that turns so err by some 1e-5 of it.
 _TURN = 0.4
+# What the crossflow moves by in a usual delay, of its size; how much the turn of the meridian in it may change by from
+# node to node, rad: what is late turns by it.
+_LATE, _WOUND = 0.5, 0.5
 # Halvings of a sample at most: what turns faster does so in less than a hundredth of a sample.
 _HALVINGS = 7
+# Nodes added to a stretch at most, of its samples: a crossflow that is nothing but noise passes by zero all the time.
+_MOST = 8
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,8 @@ class Quadrature:
 def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadrature:
     """The nodes of a motion over segments [a, b) of its samples, between which nothing is added."""
     xi = crossflow(motion.alpha, motion.windward_meridian)
-    parts = [_nodes_between(motion.time[a:b], xi[a:b]) for a, b in segments]
+    delay = _usual_delay(motion.time, xi)
+    parts = [_nodes_between(motion.time[a:b], xi[a:b], delay) for a, b in segments]
     between = np.concatenate([np.zeros(0), *parts])
     if not between.size:
         return Quadrature(motion.time, np.arange(motion.time.size))
@@ -70,13 +76,24 @@ def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadratur
     return Quadrature(time, samples, spread)
 
 
-def _nodes_between(time: FloatArray, xi: ComplexArray) -> FloatArray:
-    """Times to add to those of a stretch: halves of what is between two, wherever the crossflow goes too far there."""
-    found = []
+def _usual_delay(time: FloatArray, xi: ComplexArray) -> float:
+    """Time in which the crossflow moves by so much of its own size, s."""
+    speed = np.linalg.norm(np.diff(xi) / np.diff(time))
+    return _LATE * float(np.linalg.norm(xi) / max(float(speed), 1e-300))
+
+
+def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArray:
+    """Times to add to those of a stretch: halves of what is between two, wherever the crossflow goes too far there, or
+    the meridian's rate changes by too much for what is late by `delay` s.
+    """
+    found: list[FloatArray] = []
     begin, end, low, high = time[:-1], time[1:], xi[:-1], xi[1:]
     for _ in range(_HALVINGS):
-        far = np.abs(high - low) > _TURN * _least_distance(low, high)
-        if not np.any(far):
+        way, least = np.abs(high - low), _least_distance(low, high)
+        most = np.maximum(np.abs(low), np.abs(high))
+        wound = delay * way / (end - begin) * (1.0 / np.maximum(least, 1e-300) - least / np.maximum(most, 1e-300) ** 2)
+        far = (way > _TURN * least) | (wound > _WOUND)
+        if not np.any(far) or sum(map(len, found)) + np.count_nonzero(far) > _MOST * time.size:
             break
         begin, end, low, high = begin[far], end[far], low[far], high[far]
         middle = 0.5 * (begin + end)

@@ -229,6 +229,7 @@ STUDIES = (
     "record_oracle.py",
     "sisters.py",
     "near_zero.py",
+    "integrals.py",
     "test_near_zero.py",
     "test_verdicts.py",
     "test_bent_aerodynamics.py",

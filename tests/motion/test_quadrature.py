@@ -108,6 +108,14 @@ def test_samples_stay_what_they_are(nearest: float, seed: int) -> None:
     np.testing.assert_allclose(np.exp(1j * turned), 1.0, rtol=0.0, atol=1e-9)
 
 
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_crossflow_of_noise_alone_has_a_bounded_number_of_nodes(seed: int) -> None:
+    parts = np.random.default_rng(seed).standard_normal((2, TIME.size))
+    xi = 1e-4 * (parts[0] + 1j * parts[1])
+    motion = with_crossflow(motion_of(TIME, 0.0), xi, np.gradient(xi, TIME))
+    assert 2 * TIME.size < quadrature(motion, WHOLE).time.size <= 9 * TIME.size
+
+
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(6, 40))
 def test_polynomials_of_degree_five_are_interpolated_exactly(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
