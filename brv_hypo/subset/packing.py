@@ -19,7 +19,7 @@ import numpy as np
 from brv_hypo.subset.kernel_parts import ZERO, Work, compiled_part, larger, padded, quota_of, smaller
 
 # Squared length of a column that is not to be taken. Those of others are 1 at most in S and no more than the square of
-# the condition number in H, 1e14 where these steps are taken; what is left of TAKEN after rounding is above HARDLY_TAKEN.
+# the condition number in H, 1e14 where these steps are taken: what rounding leaves of TAKEN is above HARDLY_TAKEN.
 TAKEN = 1e300
 HARDLY_TAKEN = 1e299
 # Rows of ``Work.packing``: squared lengths and coefficients before a set is begun, and as it grows; rises.
