@@ -12,7 +12,7 @@ from brv_hypo.subset import best_subsets, compiled
 from brv_hypo.subset.benchmark import CURVES, curve_point, timed
 from brv_hypo.subset.problems import spline_problem
 
-PAIRS = ((4, 1500), (3, 1500), (2, 1500), (4, 0), (4, 300), (4, 700), (4, 3000), (4, 10000))
+PAIRS = ((4, 3000), (3, 3000), (2, 3000), (4, 0), (4, 300), (4, 1000), (4, 10000))
 SHARES = (0.3, 0.9, 0.99)
 
 
