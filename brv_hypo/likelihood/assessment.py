@@ -126,7 +126,9 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         linear=None if pull else linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
-        remarks=(*_remarks(together, measured, tests, options), *noise.remarks, *changing),
+        remarks=(
+            *_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks, *changing
+        ),
         noise_freedom=None if iterate.tails is None else iterate.tails.freedom,
         weights=() if iterate.tails is None else tuple(w[:, sampled] for w in iterate.tails.weights),
     )
@@ -220,6 +222,18 @@ def _undisturbed(
     found = covariance.copy()
     found[lost] = found[:, lost] = np.nan
     return found
+
+
+def _never_measured(y: FloatArray) -> tuple[str, ...]:
+    """Outputs (n_outputs, n) without a sample."""
+    rows = np.flatnonzero(~np.isfinite(y).any(axis=1)).tolist()
+    if not rows:
+        return ()
+    return (
+        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_covariance holds "
+        "for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of y and of "
+        "the outputs if that is meant",
+    )
 
 
 def _remarks(

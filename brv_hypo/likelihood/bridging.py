@@ -17,7 +17,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Model
 from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.interpolation import WIDTH
-from brv_hypo.likelihood.segment import Grid, Segment, build_grid
+from brv_hypo.likelihood.segment import Grid, Segment, build_grid, with_history
 
 _LONG = 8
 """Times the usual distance of measured samples from which a gap is bridged."""
@@ -98,10 +98,7 @@ def bridged(
             carried = _carried(model, grid, x, between[i].last, stop, theta)
             if np.all(np.abs(carried) < _TOO_FAR * np.abs(known).max(axis=1, keepdims=True)):
                 x[:, between[i].last : stop] = carried
-        start = np.asarray(segment.x0, dtype=float)
-        held = np.isfinite(np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (x.shape[0],)))
-        x[held, 0] = start[held] if start.ndim == 1 else start[held, 0]
-        found.append(replace(segment, x0=x))
+        found.append(with_history(segment, x))
     return found
 
 

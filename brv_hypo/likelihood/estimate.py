@@ -154,7 +154,7 @@ def fit(
         noise_covariance, first_noise, derivatives, near_start, options,
     )  # fmt: skip
     if mesh_steps is None and not near_start:
-        result = refine(segments, task.solve)
+        result = refine(segments, task.solve, None if per_segment else task.follow)
     else:
         steps = mesh_steps or 1
         meshed = [finer(s, i, steps) for i, s in enumerate(segments)] if steps > 1 else segments
@@ -183,6 +183,13 @@ class _Task:
     derivatives: str
     near_start: bool
     options: Options
+
+    def follow(self, segments: Sequence[Segment], steps: int, before: FitResult) -> FitResult:
+        """The fit from where one on another mesh ended."""
+        theta = {name: before.theta[name] for name in self.theta0}
+        driving = None if self.process_noise is None else before.process_noise
+        near = replace(self, theta0=theta, process_noise=driving, first_noise=before.noise_covariance, near_start=True)
+        return near._solve(segments, steps)[0]
 
     def solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
         """The fit on one mesh; across long gaps once more from the stretches between them."""

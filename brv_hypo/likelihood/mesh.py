@@ -10,7 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.interpolation import Interpolator
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.segment import Segment, build_grid
+from brv_hypo.likelihood.segment import Segment, build_grid, with_history
 from brv_hypo.likelihood.status import Status
 
 TOLERATED = 0.1
@@ -19,20 +19,27 @@ MOST_STEPS = 32
 """Steps between samples at most."""
 _ORDER = 4.0
 """Order of the collocation: how the error falls with the step."""
+_NEAR = 1.0
+"""Shift by the mesh, in standard errors, up to which a fit on a finer one begins where that on the coarser ended."""
 _LARGEST_RAISE = 8
 """Factor by which the steps are raised at once: far from fine the error does not follow its order yet."""
 
 
-def refine(segments: Sequence[Segment], run: Callable[[Sequence[Segment], int], FitResult]) -> FitResult:
+def refine(
+    segments: Sequence[Segment],
+    run: Callable[[Sequence[Segment], int], FitResult],
+    follow: Callable[[Sequence[Segment], int, FitResult], FitResult] | None,
+) -> FitResult:
     """Fits on finer meshes until the shift is tolerable, or the steps are at their limit: then the status says so.
 
-    `run` fits segments on a mesh of that many steps between samples.
+    `run` fits segments on a mesh of that many steps between samples; `follow` does from where a fit ended that is near,
+    the segments' histories being its states; None where it cannot.
     """
     steps = 1
     found = run(segments, steps)
     while found.mesh_shift > TOLERATED and steps < MOST_STEPS:
         steps = min(steps * _raise(found.mesh_shift), MOST_STEPS)
-        found = run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
+        found = _on_mesh(segments, steps, found, run, follow)
     if not found.mesh_shift > TOLERATED:
         return found
     size = f"an estimate is off by {found.mesh_shift:.2g} standard errors with {steps} steps between samples"
@@ -40,6 +47,21 @@ def refine(segments: Sequence[Segment], run: Callable[[Sequence[Segment], int], 
         return replace(found, status=Status.COARSE, message=f"{size}: {Status.COARSE.message}")
     mesh = f"The mesh is a likely cause: {size}. {Status.COARSE.remedy}"
     return replace(found, message=f"{found.message}. {mesh}")
+
+
+def _on_mesh(
+    segments: Sequence[Segment],
+    steps: int,
+    before: FitResult,
+    run: Callable[[Sequence[Segment], int], FitResult],
+    follow: Callable[[Sequence[Segment], int, FitResult], FitResult] | None,
+) -> FitResult:
+    if follow is not None and before.converged and before.mesh_shift <= _NEAR:
+        known = [with_history(segment, x) for segment, x in zip(segments, before.states, strict=True)]
+        found = follow([finer(segment, i, steps) for i, segment in enumerate(known)], steps, before)
+        if found.converged:
+            return replace(found, beginnings=(*before.beginnings, *found.beginnings))
+    return run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
 
 
 def _raise(shift: float) -> int:

@@ -63,14 +63,19 @@ def noise_errors(
         covariance = with_unknown_variances(
             problem, iterate, directions, linear, segments, spread, covariance
         )
-    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone))
+    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, _unseen(problem)))
 
 
-def _remarks(directions: Directions, gone: BoolArray) -> tuple[str, ...]:
-    """What went to 0, by state and output."""
+def _unseen(problem: Problem) -> BoolArray:
+    """Outputs that were never measured, (n_outputs,)."""
+    return np.asarray(~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0))
+
+
+def _remarks(directions: Directions, gone: BoolArray, unseen: BoolArray) -> tuple[str, ...]:
+    """What went to 0, by state and output; outputs that were never measured have no noise that could."""
     states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
     lost = gone[len(directions.driven) :]
-    outputs = [a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b]
+    outputs = [a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b and not unseen[a]]
     found = []
     if states:
         found.append(

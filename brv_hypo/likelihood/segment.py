@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -124,6 +124,15 @@ class Grid:
             )
         ]
         return LookBack(stencil, History(query, *known[:2]), History(query, *known[2:]))
+
+
+def with_history(segment: Segment, x: FloatArray) -> Segment:
+    """The segment with a history (n_states, n), what is known of its initial state as it was."""
+    start = np.asarray(segment.x0, dtype=float)
+    held = np.isfinite(np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (x.shape[0],)))
+    history = x.copy()
+    history[held, 0] = start[held] if start.ndim == 1 else start[held, 0]
+    return replace(segment, x0=history)
 
 
 def build_grid(segment: Segment, number: int) -> Grid:

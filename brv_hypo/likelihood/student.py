@@ -20,12 +20,15 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 
+# What is found hangs on none of the constants but the range (tests/likelihood/test_student.py, "hangs_on_no_constant").
 _FIRST_FREEDOM = 4.0
+"""Degrees of freedom that the first weights are of."""
 _LEAST, _MOST = 1.0, 200.0
 """Degrees of freedom: of Cauchy, below which the likelihood of a scale that goes to 0 has no bound; next to Gauss."""
 _LEAST_SLOPE = 1e-3
-"""Mean of psi' below which an output is as good as not measured, or was not."""
+"""Mean of psi' that keeps an output never measured from dividing by 0; t's own is (f + 1) / (f + 3), a half or more."""
 _ROUNDS = 100
+"""Steps of expectation-maximisation at most; it takes some 20."""
 _SAME = 1e-8
 """Relative change of a scale's square at which it has settled."""
 _TO_SIGMA = 1.4826

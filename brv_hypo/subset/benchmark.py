@@ -143,7 +143,7 @@ def _print_curve(
         for share in shares:
             X, y = with_r_squared(case.problem(), share)
             seconds, point = min(
-                (_timed(lambda: curve_point(case, share, limit_s)) for _ in range(repeats)),  # noqa: B023
+                (timed(lambda: curve_point(case, share, limit_s)) for _ in range(repeats)),  # noqa: B023
                 key=lambda pair: pair[0],
             )
             certificate = point.certificate
@@ -166,7 +166,7 @@ def _print_long(shares: Sequence[float]) -> None:
         )
 
 
-def _timed(search: Callable[[], SubsetResult]) -> tuple[float, SubsetResult]:
+def timed(search: Callable[[], SubsetResult]) -> tuple[float, SubsetResult]:
     """CPU seconds and what was found."""
     began = time.process_time()
     found = search()

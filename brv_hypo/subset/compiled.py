@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,16 @@ from brv_hypo.subset.kernel_parts import (
     NODES,
     UNDECIDED,
     Work,
+    whole_vectors,
 )
 from brv_hypo.subset.pieces import OpenSubtree, Piece
 
 HIT_ROOM = 512
+# Bytes of a cache line.
+LINE = 64
+# Nodes with no more columns to go are scored, not ruled out by sets of columns first; and fours from no more beginnings
+# of three columns, above which it is quicker to branch (``python -m brv_hypo.subset.study``).
+SCORED, MOST_BEGINNINGS = 4, 3000
 
 
 class CompiledSearch:
@@ -70,16 +77,17 @@ class CompiledSearch:
 def _working_arrays(board: Board, piece: Piece, triangular: bool) -> Work:
     base, m, n = len(piece.included), len(piece.undecided), board.frame.n_candidates
     levels = board.max_size - base + 2
-    A = np.empty((levels, m, m))
-    B = np.empty((2 if triangular else levels, m, m))
-    x, beta = np.empty((levels, m)), np.empty((levels, m))
+    width = whole_vectors(m)
+    A = _aligned(levels, m, width)
+    B = _aligned(2 if triangular else levels, m, width)
+    x, beta = _aligned(levels, width), _aligned(levels, width)
     if triangular:
-        A[0], x[0] = piece.R, piece.z
+        A[0, :, :m], x[0, :m] = piece.R, piece.z
     else:
         # H from the inverse of R, never from the inverse of S, which would square the condition number.
         inverse = piece.inverse
-        A[0], x[0] = piece.R.T @ piece.R, piece.R.T @ piece.z
-        B[0], beta[0] = inverse @ inverse.T, inverse @ piece.z
+        A[0, :, :m], x[0, :m] = piece.R.T @ piece.R, piece.R.T @ piece.z
+        B[0, :, :m], beta[0, :m] = inverse @ inverse.T, inverse @ piece.z
     ids = np.empty((levels, m), dtype=np.int64)
     ids[0] = piece.undecided
     count, rss, bound = np.zeros(levels, dtype=np.int64), np.empty(levels), np.empty(levels)
@@ -96,11 +104,19 @@ def _working_arrays(board: Board, piece: Piece, triangular: bool) -> Work:
         A=A, B=B, x=x, beta=beta, ids=ids, count=count, phase=np.zeros(levels, dtype=np.int64),
         at=np.zeros(levels, dtype=np.int64), owns=owns, rss=rss, bound=bound, chosen=chosen, status=status,
         trail=np.zeros((n + 1, 2), dtype=np.int64), requires=requires, excludes=excludes,
-        hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), scratch=np.empty((5, m)),
-        most=np.full(levels, board.max_size, dtype=np.int64), packing=np.empty((5, m)), factor=np.empty((m, m)),
-        sets=np.empty((4, m), dtype=np.int64),
+        hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), scratch=_aligned(5, width),
+        most=np.full(levels, board.max_size, dtype=np.int64), packing=_aligned(5, width), factor=_aligned(m, width),
+        sets=np.empty((4, m), dtype=np.int64), place=np.arange(float(width)),
         state=np.zeros(4, dtype=np.int64), base=base, slack=board.margin,
+        scored=SCORED, beginnings=MOST_BEGINNINGS,
     )  # fmt: skip
+
+
+def _aligned(*shape: int) -> FloatArray:
+    """Zeros that begin where a cache line does: a vector across two lines takes as long as two."""
+    room = np.zeros(prod(shape) + LINE // 8)
+    start = -room.ctypes.data % LINE // 8
+    return room[start : start + prod(shape)].reshape(shape)
 
 
 def _rules(constraints: Constraints) -> tuple[Any, Any]:

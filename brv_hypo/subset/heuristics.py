@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.subset.board import Board
+from brv_hypo.subset.board import TIE, Board
 from brv_hypo.subset.frame import Frame
 from brv_hypo.subset.pieces import propagate
 
@@ -19,16 +19,26 @@ def seed_board(board: Board) -> None:
         _constrained_forward(board)
         return
     work = _Workspace(frame)
-    best: list[list[int]] = []
-    chosen: list[int] = []
+    best: list[list[int]] = [[]]
     for _ in range(min(board.max_size, frame.rank)):
-        ranked = work.additions(chosen)
-        board.offer_all([[*chosen, int(j)] for j in ranked[: board.capacity]])
-        chosen = work.swapped([*chosen, int(ranked[0])], board)
-        best.append(chosen)
-    for size in range(len(best) - 2, 0, -1):
-        smaller = work.without_least([*best[size + 1]])
-        best[size] = work.swapped(smaller, board)
+        ranked = work.additions(best[-1])
+        board.offer_all([[*best[-1], int(j)] for j in ranked[: board.capacity]])
+        best.append(work.swapped([*best[-1], int(ranked[0])], board))
+    down = True
+    while _passed_on(down, best, work, board):
+        down = not down
+
+
+def _passed_on(down: bool, best: list[list[int]], work: _Workspace, board: Board) -> bool:
+    """Exchange from the next larger subset of every size, or the next smaller one; whether any is better for it."""
+    better = False
+    for size in range(len(best) - 2, 0, -1) if down else range(2, len(best)):
+        start = work.without_least(best[size + 1]) if down else work.with_best(best[size - 1])
+        if set(start) != set(best[size]):
+            found = work.swapped(start, board)
+            if work.explained(found) > (1.0 + TIE) * work.explained(best[size]):
+                best[size], better = found, True
+    return better
 
 
 class _Workspace:
@@ -37,6 +47,11 @@ class _Workspace:
     def __init__(self, frame: Frame) -> None:
         self._G = frame.R.T @ frame.R
         self._b = frame.R.T @ frame.z
+        self._known: dict[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    def explained(self, chosen: list[int]) -> float:
+        """By how much a subset lowers the residual."""
+        return float(self._b[chosen] @ self._regression(chosen)[1])
 
     def additions(self, chosen: list[int]) -> IntArray:
         """Candidates, best addition first."""
@@ -61,6 +76,10 @@ class _Workspace:
         board.offer(chosen)
         return chosen
 
+    def with_best(self, chosen: list[int]) -> list[int]:
+        """Add the column that gains most."""
+        return [*chosen, int(self.additions(chosen)[0])]
+
     def without_least(self, chosen: list[int]) -> list[int]:
         """Leave out the column whose loss costs least."""
         _, beta, spread = self._regression(chosen)
@@ -69,12 +88,16 @@ class _Workspace:
 
     def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Coefficients of all columns and of y on the chosen ones, and the diagonal of the inverse."""
-        inverse = _inverse(self._G[np.ix_(chosen, chosen)])
-        return (
-            inverse @ self._G[chosen],
-            inverse @ self._b[chosen],
-            np.asarray(inverse.diagonal(), dtype=np.float64),
-        )
+        known = self._known.get(tuple(chosen))
+        if known is None:
+            inverse = _inverse(self._G[np.ix_(chosen, chosen)])
+            known = (
+                inverse @ self._G[chosen],
+                inverse @ self._b[chosen],
+                np.asarray(inverse.diagonal(), dtype=np.float64),
+            )
+            self._known[tuple(chosen)] = known
+        return known
 
     def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Squared length of what is left of every column, and its product with what is left of y."""

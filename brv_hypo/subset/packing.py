@@ -14,21 +14,24 @@ from __future__ import annotations
 
 from typing import Any
 
-from brv_hypo.subset.kernel_parts import Work, compiled_part, quota_of
+import numpy as np
 
-# Squared length of a column that is not to be taken: greater than any other.
+from brv_hypo.subset.kernel_parts import ZERO, Work, compiled_part, larger, padded, quota_of, smaller
+
+# Squared length of a column that is not to be taken. Those of others are 1 at most in S and no more than the square of
+# the condition number in H, 1e14 where these steps are taken: what rounding leaves of TAKEN is above HARDLY_TAKEN.
 TAKEN = 1e300
 HARDLY_TAKEN = 1e299
 # Rows of ``Work.packing``: squared lengths and coefficients before a set is begun, and as it grows; rises.
-H_FREE, B_FREE, H_LEFT, B_LEFT, RISE = 0, 1, 2, 3, 4
+H_FREE, B_FREE, H_LEFT, B_LEFT, RISE = np.arange(5)
 
 
 @compiled_part
 def packed_quota(w: Work, level: int, m: int, rise: Any, quota: int, limits: Any) -> int:
-    """The quota, lowered as far as disjoint sets allow: four and fewer are sooner scored than ruled out."""
+    """The quota, lowered as far as disjoint sets allow; ``w.scored`` and fewer are sooner scored than ruled out."""
     size, bound = w.base + level, w.bound[level]
     H = w.B[level] if w.owns[level] else w.B[level - 1]
-    while quota > 4 and _packs(
+    while quota > w.scored and _packs(
         H, w.beta[level], w.packing, w.factor, w.sets[0], m, limits[size + quota] - bound, quota + 1
     ):
         quota = quota_of(rise, m, bound, limits, size, size + quota - 1)
@@ -39,12 +42,11 @@ def packed_quota(w: Work, level: int, m: int, rise: Any, quota: int, limits: Any
 def _packs(H: Any, beta: Any, p: Any, L: Any, picks: Any, m: int, allowance: float, wanted: int) -> bool:
     """Whether so many disjoint sets are found whose rises are above the allowance."""
     free_all(H, beta, p, m)
-    dropped, n = 0, m
+    dropped, n = ZERO, m
     while True:
-        left, depth, total = wanted, 0, 0.0
+        left, depth, total = wanted, ZERO, 0.0
         while left > 0:
-            begin(p, m)
-            depth, total = grow(H, p, L, picks, m, dropped, 0, 0.0, n, allowance, left)
+            depth, total = grow(H, p, L, picks, m, dropped, ZERO, 0.0, n, allowance, left)
             if total <= allowance:
                 break
             left -= 1
@@ -59,8 +61,8 @@ def _packs(H: Any, beta: Any, p: Any, L: Any, picks: Any, m: int, allowance: flo
         n = m - dropped
         free_all(H, beta, p, m)
         for k in range(dropped):
-            _sweep(L, k, p, H_FREE, B_FREE, p[B_FREE, picks[k]] / L[k, picks[k]], m)
-        take(p, picks, 0, dropped)
+            _sweep(L, k, p, H_FREE, p[B_FREE, picks[k]] / L[k, picks[k]], m)
+        take(p, picks, ZERO, dropped)
 
 
 @compiled_part
@@ -69,99 +71,101 @@ def free_all(H: Any, beta: Any, p: Any, m: int) -> None:
     for i in range(m):
         p[H_FREE, i] = H[i, i]
         p[B_FREE, i] = beta[i]
+    for i in range(m, padded(m)):
+        p[H_FREE, i] = TAKEN
+        p[B_FREE, i] = 0.0
 
 
 @compiled_part
-def take(p: Any, picks: Any, start: int, count: int) -> None:
+def take(p: Any, picks: Any, start: Any, count: int) -> None:
     """Let these columns be taken no more."""
     for k in range(start, start + count):
         p[H_FREE, picks[k]] = TAKEN
 
 
 @compiled_part
-def begin(p: Any, m: int) -> None:
-    """Begin a set."""
-    for i in range(m):
+def _begin(p: Any, m: int) -> float:
+    """Begin a set: the largest rise."""
+    most = -1.0
+    for i in range(padded(m)):
         h, b = p[H_FREE, i], p[B_FREE, i]
         p[H_LEFT, i] = h
         p[B_LEFT, i] = b
-        p[RISE, i] = b * b / h if h < TAKEN else -1.0
+        rise = b * b / h if h < TAKEN else -1.0
+        p[RISE, i] = rise
+        most = larger(most, rise)
+    return most
 
 
 @compiled_part
 def grow(
-    H: Any, p: Any, L: Any, picks: Any, m: int, dropped: int, depth: int, total: float, n: int, allowance: float,
-    wanted: int,
+    H: Any, p: Any, L: Any, picks: Any, m: int, dropped: Any, depth: Any, total: float, n: int, allowance: float,
+    wanted: Any,
 ) -> tuple[int, float]:  # fmt: skip
-    """Add columns to a set of this depth and rise until its rise is above the allowance: the new depth and rise.
+    """Add columns to a set of this depth, or to a new one, until its rise is above the allowance: the depth and rise.
 
     At most n columns are free. It ends early where they would not do for so many sets of this depth. ``picks`` and
     the rows of the factor L follow those of the columns dropped.
     """
+    most = _begin(p, m) if depth == 0 else -1.0
     while True:
         if depth > 0 and total <= allowance:
             at = dropped + depth - 1
             pick = picks[at]
             root = p[H_LEFT, pick] ** -0.5
             shift = p[B_LEFT, pick] * root
-            _factor_row(H, L, pick, at, m, root)
-            _sweep(L, at, p, H_LEFT, B_LEFT, shift, m)
+            # Well before the sweep: a vector that holds a number just stored has to wait for it.
             p[H_LEFT, pick] = TAKEN
-            p[RISE, pick] = -1.0
-        if total > allowance or n < wanted * (depth + 1):
-            return depth, total
-        most = _largest(p, m)
-        if most < 0.0:
+            _factor_row(H, L, pick, at, m, root)
+            most = _sweep(L, at, p, H_LEFT, shift, m)
+        if total > allowance or n < wanted * (depth + 1) or most < 0.0:
             return depth, total
         room = allowance - total
         if most > room:
             # The least that is enough: the others are worth more in another set.
-            for i in range(m):
-                p[RISE, i] = 1.0 / p[RISE, i] if p[RISE, i] > room else -1.0
-            most = _largest(p, m)
-            total += 1.0 / most
-        else:
-            total += most
+            least = most
+            for i in range(padded(m)):
+                rise = p[RISE, i]
+                least = smaller(least, rise if rise > room else most)
+            most = least
+        total += most
         pick = 0
-        for i in range(m):
-            pick = i if p[RISE, i] >= most else pick
+        for i in range(padded(m)):
+            pick = i if p[RISE, i] == most else pick
         picks[dropped + depth] = pick
         depth += 1
 
 
 @compiled_part
-def _largest(p: Any, m: int) -> float:
-    most = -1.0
-    for i in range(m):
-        most = max(most, p[RISE, i])
-    return most
-
-
-@compiled_part
 def _factor_row(H: Any, L: Any, pick: int, depth: int, m: int, root: float) -> None:
     """Row ``depth`` of the factor: that of H less what the rows above hold of it, over its length."""
-    for i in range(m):
+    width = padded(m)
+    for i in range(width):
         L[depth, i] = root * H[pick, i]
     odd = depth % 4
     for k in range(odd):
         f = root * L[k, pick]
-        for i in range(m):
+        for i in range(width):
             L[depth, i] -= f * L[k, i]
     # Four at a time: short loops cost more to begin than to run.
     for k in range(odd, depth, 4):
         f, g = root * L[k, pick], root * L[k + 1, pick]
         x, y = root * L[k + 2, pick], root * L[k + 3, pick]
-        for i in range(m):
+        for i in range(width):
             L[depth, i] -= f * L[k, i] + g * L[k + 1, i] + x * L[k + 2, i] + y * L[k + 3, i]
 
 
 @compiled_part
-def _sweep(L: Any, k: int, p: Any, of_h: int, of_b: int, shift: float, m: int) -> None:
-    """Take a row of the factor out of squared lengths and coefficients; the rises that are left."""
-    for i in range(m):
+def _sweep(L: Any, k: int, p: Any, of_h: Any, shift: float, m: int) -> float:
+    """Take a row of the factor out of squared lengths and coefficients (the next row of p): the largest rise left."""
+    most = -1.0
+    for i in range(padded(m)):
         h = p[of_h, i] - L[k, i] * L[k, i]
-        b = p[of_b, i] - L[k, i] * shift
+        b = p[of_h + 1, i] - L[k, i] * shift
         p[of_h, i] = h
-        p[of_b, i] = b
+        p[of_h + 1, i] = b
         # Not a chain of comparisons: that would be a branch, and the loop would not vectorise.
-        p[RISE, i] = -1.0 if (h <= 0.0) | (h > HARDLY_TAKEN) else b * b / h
+        rise = -1.0 if (h <= 0.0) | (h > HARDLY_TAKEN) else b * b / h
+        p[RISE, i] = rise
+        most = larger(most, rise)
+    return most

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from brv_hypo.subset.kernel_parts import Work, compiled_part, score
+from brv_hypo.subset.kernel_parts import Work, compiled_part, padded, score
 
 
 @compiled_part
@@ -19,6 +19,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
     beta = w.beta[level]
     for i in range(m):
         out[i] = beta[i] * beta[i] / H[i, i]
+    out[m : padded(m)] = 0.0
 
 
 @compiled_part
@@ -28,7 +29,7 @@ def place(w: Work, level: int, j: int, m: int) -> int:
     if not w.owns[level]:
         source = w.B[level - 1]
         for i in range(m):
-            for k in range(m):
+            for k in range(padded(m)):
                 H[i, k] = source[i, k]
         w.owns[level] = True
     last = m - 1
@@ -84,9 +85,10 @@ def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
     """Schur complement on the last row: out = M - q q' / q_last, out_v = v - q v_last / q_last."""
     scale = 1.0 / M[last, last]
     shift = v[last] * scale
+    width = padded(last + 1)
     for i in range(last):
         factor = M[last, i] * scale
-        for k in range(last):
+        for k in range(width):
             out[i, k] = M[i, k] - factor * M[last, k]
     for i in range(last):
         out_v[i] = v[i] - M[last, i] * shift

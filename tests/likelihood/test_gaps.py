@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,3 +59,19 @@ def test_stretches_lie_between_long_gaps_only() -> None:
     between = stretches([segment, gappy])
     assert [(s.number, s.first, s.last) for s in between] == [(0, 0, 199), (1, 0, 59), (1, 120, 199)]
     assert [piece.t.size for piece in pieces_of([segment, gappy], between)] == [200, 60, 80]
+
+
+@pytest.mark.parametrize("process_noise", [None, [0.01, 0.01]])
+def test_an_output_without_samples_is_told(process_noise: list[float] | None) -> None:
+    problem = short_period()
+    record = problem.simulate(200, seed=0)
+    alone = np.array(record.y)
+    alone[1] = np.nan
+    options: dict[str, Any] = {"process_noise": process_noise, "estimate_process_noise": process_noise is not None}
+    start = {name: 0.9 * value for name, value in problem.truth.items()}
+    result = fit(problem.dynamics, problem.outputs, [replace(record, y=alone)], start, **options)
+    told = [remark for remark in result.remarks if "outputs [1]" in remark]
+    assert len(told) == 1
+    assert "no samples" in told[0]
+    assert not np.isfinite(result.std_error["q_bias"])
+    assert np.isfinite(result.std_error["M_alpha"])

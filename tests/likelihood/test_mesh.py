@@ -153,3 +153,14 @@ def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest
     result = fit(reaction, lambda x, u, theta, t: x, [segment], truth)
     assert not result.converged
     assert "The mesh is a likely cause" in result.message
+
+
+def test_a_fit_on_a_finer_mesh_goes_on_from_one_that_was_near() -> None:
+    result, _ = run(9.0)
+    again, _ = run(9.0, mesh_steps=result.mesh_steps)
+    assert result.mesh_steps > 1
+    assert result.iterations <= again.iterations
+    assert [beginning.source for beginning in result.beginnings] == ["differences of the outputs", "an earlier fit"]
+    for name in result.names:
+        assert result.theta[name] == pytest.approx(again.theta[name], abs=1e-3 * again.std_error[name])
+        assert result.std_error[name] == pytest.approx(again.std_error[name], rel=1e-3)

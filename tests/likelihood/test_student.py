@@ -106,3 +106,23 @@ def test_an_output_that_was_never_measured_costs_its_own_parameters_only() -> No
     expected = fitted(segment)
     for name in PROBLEM.truth:
         assert found.std_error[name] == pytest.approx(expected.std_error[name], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("constant", "other"),
+    [("_FIRST_FREEDOM", 2.0), ("_FIRST_FREEDOM", 30.0), ("_ROUNDS", 50), ("_SAME", 1e-6), ("_LEAST_SLOPE", 1e-2)],
+)
+def test_what_is_found_hangs_on_no_constant_of_the_search(
+    constant: str, other: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = short_period()
+    record = with_outliers(problem, 300, 5)
+    usual = fit(problem.dynamics, problem.outputs, [record], problem.truth, noise="student")
+    monkeypatch.setattr(student, constant, other)
+    result = fit(problem.dynamics, problem.outputs, [record], problem.truth, noise="student")
+    assert usual.converged
+    assert result.converged
+    assert usual.noise_freedom == pytest.approx(result.noise_freedom, rel=2e-2)
+    for name in usual.names:
+        assert result.theta[name] == pytest.approx(usual.theta[name], abs=0.02 * usual.std_error[name])
+        assert result.std_error[name] == pytest.approx(usual.std_error[name], rel=0.01)
