@@ -18,7 +18,10 @@ from brv_hypo.docs import notebooks, topics
 pytestmark = pytest.mark.thorough
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE_FILES = ("page.css", "page.js", "manual.css", "manual.js", "plotly-basic.min.js.gz", "plotly-basic.LICENSE")
+PAGE_FILES = (
+    *("page.css", "page.js", "stretches.js", "manual.css", "manual.js"),
+    *("plotly-basic.min.js.gz", "plotly-basic.LICENSE"),
+)
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,10 @@ import pytest
 import brv_hypo
 from brv_hypo.docs.offline import manual_page
 from brv_hypo.ranking import CompareConfig
+from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.blocks import Document, Picture
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel, Span
+from brv_hypo.report.motion_charts import Setting, motion_chart
 from brv_hypo.report.pages import page
 from brv_hypo.report.provenance import Provenance
 from brv_hypo.report.write import document_of
@@ -49,6 +51,16 @@ ZOOM = """<script>(async () => {
   root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
 })();</script>"""
 
+STRETCHES = """<script>(async () => {
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  const [time, path] = document.querySelectorAll(".chart");
+  const titles = () => path.layout.annotations.map((each) => each.text).join(" | ");
+  root.dataset.whole = titles();
+  root.dataset.points = path.data.map((trace) => trace.x.length).join(" ");
+  await Plotly.relayout(time, { "xaxis.range": [5, 7] });
+  await new Promise((done) => setTimeout(done, 300));
+  root.dataset.zoomed = titles();
+})();</script>"""
 PRINT = """<script>(async () => {
   while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
   dispatchEvent(new Event("beforeprint"));
@@ -142,6 +154,23 @@ def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages,
 
 def test_charts_over_time_are_zoomed_together_and_the_others_are_not(shown) -> None:
     assert 'data-zoomed="1.0-2.0 1.0-2.0 0.0-3.0"' in shown(report(ZOOM))
+
+
+def test_a_path_is_divided_into_the_stretches_of_its_chart_and_anew_by_a_zoom(shown) -> None:
+    """Forty turns in 20 s: twelve stretches, of two seconds that charts over time are zoomed to only one."""
+    time = np.linspace(0.0, 20.0, 2001)
+    setting = Setting((0.0, 20.0))
+    alpha = np.full(2001, 0.05)
+    path = attitude_chart(setting, time, alpha, -2.0 * np.pi * 2.0 * time, np.zeros(2001))
+    charts = (motion_chart(setting, time, alpha, alpha), path)
+    document = Document("t", (), "c", "words", True, [Picture(chart) for chart in charts])
+    root = shown(page(document, Provenance()).replace("</body>", f"{STRETCHES}</body>"))
+    assert "data-failed" not in root
+    titles = " | ".join([*(panel.title for panel in path.panels), "psi, deg", "theta, deg"])
+    assert f'data-whole="{titles}"' in root
+    sizes = " ".join(f"{len(panel.layers[0].x)} 1" for panel in path.panels)
+    assert f'data-points="{sizes}"' in root
+    assert 'data-zoomed="5.0–7.0 s | psi, deg | theta, deg"' in root
 
 
 def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
