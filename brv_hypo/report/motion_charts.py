@@ -254,6 +254,5 @@ def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
 
 
 def _band(time: Values, centre: Values, sigma: Values) -> Band:
-    # Of a record that was corrected far beyond its tolerances, even the dynamic pressure may be negative.
-    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.abs(np.asarray(sigma))
+    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.asarray(sigma)
     return Band(time, middle - wide, middle + wide)

@@ -162,7 +162,11 @@ def flight_texts(comparison: Comparison) -> list[str]:
         for flight in comparison.flights
     ]
     if any(row.knots for row in comparison.ranking):
-        lines.append("terms begin and end at the same Mach numbers on every flight; times are those of the first")
+        told = comparison.flights[(comparison.reference_flight or 1) - 1]
+        lines.append(
+            "terms begin and end at the same Mach numbers on every flight; times are those of "
+            f"{told.title or told.path}"
+        )
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
         return lines
@@ -193,6 +197,11 @@ def warning_texts(comparison: Comparison) -> list[str]:
     """What limits the result."""
     faults = fault_texts(comparison.record, comparison.verdict.reason)
     return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]
+
+
+IN_DOUBT = "Record in doubt"
+"""The title of what is told of a record that contradicts itself."""
+CONTRADICTED = "The record contradicts itself (see the warnings), and what is {told} may be that."
 
 
 def fault_texts(record: RecordSummary, told: str = "") -> list[str]:
