@@ -18,7 +18,7 @@ app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup
 @guarded
 @in_session("json", "force", "plugin")
 def listing(session: Session, context: typer.Context) -> None:
-    """List the installed mechanisms with package and claims; write or check a plugin."""
+    """List what is installed; write or check a plugin."""
     if context.invoked_subcommand is not None:
         return
     session.claim()

@@ -12,7 +12,7 @@ import typer
 
 FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[
-    list[Path], typer.Argument(metavar="FLIGHT.h5...", help="Flight records; several are fitted jointly.")
+    list[Path], typer.Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")
 ]
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
 Config = Annotated[

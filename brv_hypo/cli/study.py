@@ -41,7 +41,7 @@ def study(
     ] = None,
     seed: options.Seed = None,
 ) -> None:
-    """Fly many simulated flights with planted mechanisms and judge the verdicts."""
+    """Fly many simulated flights, and judge the verdicts."""
     session.claim()
     from brv_hypo.report.pages import page
     from brv_hypo.report.study import study_document

@@ -78,7 +78,7 @@ def test_what_cannot_be_integrated_is_refused(truths: dict[str, Truth], change: 
         inertial_record(flight, ReconstructionConfig())
 
 
-def test_errors_that_leave_no_pressure_are_refused_by_name(truths) -> None:
+def test_errors_that_leave_no_pressure_are_refused_by_name(truths: dict[str, Truth]) -> None:
     """Moments over a pressure below zero would have errors below zero."""
     flight = observe(truths[CONE.name], 1)
     effect = Perturbation(
