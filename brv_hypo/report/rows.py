@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from brv_hypo.files.printed import counted
 from brv_hypo.model.common_time import decimals
 from brv_hypo.ranking.result import (
     CoefficientSeries,
@@ -180,7 +181,7 @@ def flight_texts(comparison: Comparison) -> list[str]:
 def stepwise_texts(comparison: Comparison) -> list[str]:
     """Where a stepwise search would have taken other terms than the exact one."""
     return [
-        f"{each.mechanism}, {each.size} term{'s' if each.size > 1 else ''}: stepwise (Efroymson) would take "
+        f"{each.mechanism}, {counted(each.size, 'term')}: stepwise (Efroymson) would take "
         f"{', '.join(each.stepwise)} for {', '.join(each.best)}, with "
         f"{share(each.rss_ratio - 1.0)} more left over"
         for each in comparison.stepwise

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import shlex
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -17,6 +17,7 @@ from brv_hypo.docs import text, topics
 from brv_hypo.docs.offline import manual_page
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
+from tests.docs.filling import filled_in
 from tests.docs.snippets import code_of, commands, execute, matches, snippets
 from tests.shared_data import shared_file
 
@@ -57,6 +58,58 @@ def test_what_a_topic_shows_can_be_read(topic, brv_hypo):
             assert yaml.safe_load(each.body)
 
 
+def shown_in_the_readme() -> list[list[str]]:
+    """Arguments of every command that stands in README's list, what it is for left out."""
+    lines = (Path(__file__).parents[2] / "README.md").read_text().splitlines()
+    listed = (line.split("  ")[0] for line in map(str.strip, lines) if line.startswith("brv-hypo "))
+    return [shlex.split(command)[1:] for command in listed]
+
+
+@pytest.mark.thorough
+def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, monkeypatch):
+    """On the table that the manual makes, with its map; NAME is a name, and what stands in brackets may be left out."""
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    table = next(snippet for snippet in snippets("record") if "savetxt" in snippet.body)
+    written = next(snippet for snippet in snippets("record") if snippet.file == "map.yaml")
+    with contextlib.chdir(tmp_path):
+        exec(table.body.replace("log.csv", "data.csv"), {})
+    (tmp_path / written.file).write_text(written.body)
+    shown = shown_in_the_readme()
+    assert {arguments[0] for arguments in shown} >= {"import", "inspect", "compare", "trace", "simulate", "predict"}
+    for arguments in shown:
+        typed = ["blunting" if word == "NAME" else word for word in arguments if not word.startswith("[")]
+        done = brv_hypo(*typed, cwd=tmp_path)
+        assert done.returncode == 0, f"{typed}: {done.stderr}"
+    assert opened
+    assert (tmp_path / "report.html").is_file()
+
+
+OF_MODULES = ("validation", "likelihood", "subset")
+"""Topics that tell options of `python -m` alone."""
+
+
+def options_of(brv_hypo, *command: str) -> set[str]:
+    """The options of a command, or of the commands of a group, by their help."""
+    printed = brv_hypo(*command, "--help", COLUMNS="200").stdout
+    below = re.findall(r"^  ([a-z]+)  ", printed.partition("Commands:")[2], re.MULTILINE)
+    own = set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", printed))
+    return own.union(*(options_of(brv_hypo, *command, name) for name in below))
+
+
+@pytest.mark.parametrize("topic", ["README", *topics()])
+def test_options_that_are_mentioned_exist(topic, brv_hypo):
+    """Between backticks: of the command that is named with them, or of any command."""
+    page = (Path(__file__).parents[2] / "README.md").read_text() if topic == "README" else text(topic)
+    code = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", page, flags=re.DOTALL))
+    for words in code:
+        command = re.match(r"brv-hypo ([a-z]+)", words)
+        asked = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", words))
+        if asked and (command or (words.startswith("--") and topic not in OF_MODULES)):
+            known = options_of(brv_hypo, *([command[1]] if command else []))
+            assert asked <= known, words
+
+
 @pytest.mark.slow
 @pytest.mark.shared
 def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
@@ -76,17 +129,6 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
     assert "dynamic pressure keeps a fixed proportion" in traced
     assert (tmp_path / "compare.html").stat().st_size < 1_500_000
     assert json.loads((tmp_path / "model.json").read_text())["steps"]
-
-
-def filled_in(path: Path, lines: dict[str, Any]) -> None:
-    """A guessed map with the lines that the manual says are to be filled in."""
-
-    def into(whole: Any, part: Any) -> Any:
-        if not isinstance(part, dict) or not isinstance(whole, dict):
-            return part
-        return {**whole, **{key: into(whole.get(key), value) for key, value in part.items()}}
-
-    path.write_text(yaml.safe_dump(into(yaml.safe_load(path.read_text()), lines), sort_keys=False))
 
 
 @pytest.mark.thorough
