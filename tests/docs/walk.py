@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import yaml
@@ -51,18 +52,17 @@ class Walk:
                 self._run([self.python, *arguments], code)
 
     def topic(self, name: str) -> None:
-        """Everything that a topic shows, in order."""
-        for snippet in snippets(name):
-            self._snippet(snippet)
-
-    def _snippet(self, snippet: Snippet) -> None:
-        if snippet.file and snippet.language != "sh":
-            (self.folder / snippet.file).write_text(snippet.body)
-        elif snippet.language == "console":
-            for arguments, _ in commands(snippet):
-                self.typed(*arguments)
-        elif snippet.language == "python":
-            self._run([self.python, "-c", code_of(snippet)], 0)
+        """Everything that a topic shows, in order; Python between two commands in one session."""
+        for kind, together in groupby(snippets(name), _kind):
+            page = list(together)
+            if kind == "file":
+                for each in page:
+                    (self.folder / each.file).write_text(each.body)
+            elif kind == "console":
+                for arguments, _ in (command for each in page for command in commands(each)):
+                    self.typed(*arguments)
+            elif kind == "python":
+                self._run([self.python, "-c", "".join(map(code_of, page))], 0)
 
     def measured(self, name: str, map_file: str, last_exit_code: int) -> None:
         """A measured flight from its tables on: the page's lines are filled in after the first command."""
@@ -77,6 +77,10 @@ class Walk:
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
         if done.returncode != exit_code:
             sys.exit(f"{shlex.join(command)} ended with {done.returncode}: {done.stderr}")
+
+
+def _kind(snippet: Snippet) -> str:
+    return "file" if snippet.file and snippet.language != "sh" else snippet.language
 
 
 def opportunity(walk: Walk) -> None:
