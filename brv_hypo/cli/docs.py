@@ -37,10 +37,10 @@ def docs(
     if show or output is not None:
         _as_page(session, topic, output, show)
         return
-    from rich.markdown import Markdown
+    from brv_hypo.docs.terminal import ManualText
 
     page = _topics() if topic is None else text(topic)
-    session.tell(Markdown(page), conclusion=page)
+    session.tell(ManualText(page), conclusion=page)
 
 
 def _topics() -> str:

@@ -170,6 +170,12 @@ def test_drawings_and_equations_are_whole_at_80_columns(topic):
     assert [line for line in drawn if len(line) > 78] == []
 
 
+@pytest.mark.parametrize("topic", topics())
+def test_no_table_is_cut_at_80_columns(topic, brv_hypo):
+    printed = brv_hypo("docs", topic, COLUMNS="80").stdout.splitlines()
+    assert [line for line in printed if "…" in line or len(line) > 80] == []
+
+
 def test_topics_are_in_reading_order():
     assert tuple(topics())[: len(TOPICS)] == TOPICS
     assert all(re.match(r"# \S", text(topic)) for topic in topics())
