@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from brv_hypo.cli import completion
+
 FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[
     list[Path], typer.Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")
@@ -39,6 +41,7 @@ Instruments = Annotated[
     typer.Option(
         "--instruments",
         metavar="GRADE|FILE",
+        autocompletion=completion.grades,
         help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, "
         "or a YAML file.",
     ),

@@ -349,3 +349,22 @@ def test_what_commands_do_is_told_whole_at_80_columns(brv_hypo, group):
     lines = listed.strip().splitlines()
     assert len(lines) > 1
     assert all(line.endswith(".") and not line.endswith("...") for line in lines), listed
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("comp", ["compare"]),
+        ("docs ver", ["verdict"]),
+        ("simulate res", ["research_cone"]),
+        ("study study_p", ["study_planted"]),
+        ("compare --instruments ta", ["tactical"]),
+        ("compare --mechanisms la", ["lag"]),
+        ("compare --mechanisms lag,sticking+bo", ["lag,sticking+bodyfixed"]),
+        ("mechanisms check gyro_s", ["gyro_scale"]),
+    ],
+)
+def test_a_shell_completes_names(brv_hypo, typed, expected):
+    words = ["brv-hypo", *typed.split()]
+    asked = {"_BRV_HYPO_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    assert brv_hypo(**asked).stdout.split() == expected
