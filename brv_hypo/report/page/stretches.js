@@ -23,7 +23,8 @@ const stretchesOf = (() => {
     const wide = (1 - GAP.x * (columns - 1)) / columns;
     const high = Math.min((1 - gap * (rows - 1)) / rows, (wide * width) / height);
     const bottom = 1 - rows * high - (rows - 1) * gap;
-    return { columns, rows, wide, high, left: wide + GAP.x, down: high + gap, bottom };
+    const edge = (wide - (high * height) / width) / 2;  // of the first square, where it is narrower than its place
+    return { columns, rows, wide, high, left: wide + GAP.x, down: high + gap, bottom, edge };
   };
   const axes = (path, k, { columns, rows, wide, high, left, down }, limit) => {
     const column = k % columns, row = Math.floor(k / columns), name = k ? k + 1 : "";
@@ -59,7 +60,7 @@ const stretchesOf = (() => {
       Object.assign(layout, both);
     }
     const below = { x: 0.5, y: places.bottom, xanchor: "center", yanchor: "top", yshift: -26 };
-    const beside = { x: 0, y: middle, xanchor: "right", xshift: -34, textangle: -90 };
+    const beside = { x: places.edge, y: middle, xanchor: "right", xshift: -34, textangle: -90 };
     layout.annotations.push({ ...OUTSIDE, text: path.xTitle, ...below });
     layout.annotations.push({ ...OUTSIDE, text: path.yTitle, ...beside });
     return { traces, layout };
