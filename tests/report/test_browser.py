@@ -18,8 +18,11 @@ from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel, Span
 from brv_hypo.report.motion_charts import Setting, motion_chart
 from brv_hypo.report.pages import page
 from brv_hypo.report.provenance import Provenance
+from brv_hypo.report.study import study_document
 from brv_hypo.report.write import document_of
 from brv_hypo.residuals import TraceConfig
+from brv_hypo.study import StudyConfig, summarise
+from tests.study.outcomes import outcome
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -126,7 +129,7 @@ def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
 
 @pytest.fixture(scope="module")
 def pages() -> dict[str, str]:
-    """The pages of real results: a short flight reconstructed and compared, and traced."""
+    """The pages of real results: a short flight reconstructed, compared, traced and predicted; and of a study."""
     sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
     short = {"base": "research_cone", "duration": 3.0, "sample_rate": 100.0, "mechanisms": [sticking]}
     flown = brv_hypo.simulate(short, seed=4)
@@ -136,10 +139,14 @@ def pages() -> dict[str, str]:
         "trace": brv_hypo.trace(flown, settings),
     }
     results["predict"] = brv_hypo.predict(flown, results["trace"])
-    return {name: page(document_of(result), Provenance()) for name, result in results.items()}
+    results["reconstruct"] = brv_hypo.reconstruct(flown)
+    drawn = {name: page(document_of(result), Provenance()) for name, result in results.items()}
+    outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
+    studied = summarise(StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=6), outcomes)
+    return {**drawn, "study": page(study_document(studied, outcomes), Provenance())}
 
 
-@pytest.mark.parametrize("name", ["compare", "trace", "predict"])
+@pytest.mark.parametrize("name", ["compare", "trace", "predict", "reconstruct", "study"])
 @pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
 def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages, name, width, scheme) -> None:
     """Every chart, without an error, in the scheme's colours, and no wider than the window."""
@@ -188,6 +195,16 @@ def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
     assert bars == 157
     assert most < 1000
     assert f'data-paper="{SCHEMES["light"][1]}"' in root
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
+def test_the_manual_is_no_wider_than_the_window(shown, width, scheme) -> None:
+    measure = """<script>document.documentElement.dataset.wide = document.documentElement.scrollWidth > innerWidth;
+      document.documentElement.dataset.paper = getComputedStyle(document.body).backgroundColor;</script>"""
+    root = shown(manual_page().replace("</body>", f"{measure}</body>"), width, scheme)
+    assert "data-failed" not in root
+    assert 'data-wide="false"' in root
+    assert f'data-paper="{SCHEMES[scheme][1]}"' in root
 
 
 def test_the_manual_is_searched(shown) -> None:
