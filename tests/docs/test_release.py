@@ -114,7 +114,14 @@ def test_what_is_installed_flies_and_inspects_with_its_plugins(installed) -> Non
 
 VERSIONS = tuple(f"3.{minor}" for minor in (14, 13, 12, 11))
 """Of Python, the newest first, of which one beside this one is looked for."""
-NO_NETWORK = ("NewConnectionError", "NameResolutionError", "ProxyError", "ReadTimeoutError", "Network is unreachable")
+NOT_TO_BE_HAD = (
+    *("NewConnectionError", "NameResolutionError", "ProxyError", "ReadTimeoutError", "Network is unreachable"),
+    *("ConnectTimeoutError", "No matching distribution found"),
+)
+"""What pip says where it reaches no index, or one without packages for that Python."""
+IMPATIENT = {"PIP_RETRIES": "1", "PIP_DEFAULT_TIMEOUT": "20"}
+LONGEST = 500.0
+"""Seconds that pip may take, several times what it needs."""
 
 
 def another_python() -> Path | None:
@@ -140,16 +147,21 @@ def other(built, tmp_path_factory):
         pytest.skip(f"no Python is installed beside {sys.version.split()[0]}: looked for {', '.join(VERSIONS)}")
     home = tmp_path_factory.mktemp("other")
     subprocess.run([python, "-m", "venv", home / "venv"], check=True)
-    clean = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME")}
+    clean = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME")} | IMPATIENT
 
     def run(program: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
         command = [home / "venv" / "bin" / program, *arguments]
-        return subprocess.run(command, cwd=home, env=clean, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, cwd=home, env=clean, capture_output=True, text=True, check=False, timeout=LONGEST
+        )
 
     (wheel,) = built.glob("*.whl")
-    done = run("pip", "install", "-q", wheel, "hatchling")
-    if done.returncode != 0 and any(sign in done.stderr for sign in NO_NETWORK):
-        pytest.skip(f"pip cannot reach an index: {done.stderr.splitlines()[-1]}")
+    try:
+        done = run("pip", "install", "-q", wheel, "hatchling")
+    except subprocess.TimeoutExpired:
+        pytest.skip(f"pip has no packages for {python} within {LONGEST:.0f} s")
+    if done.returncode != 0 and any(sign in done.stderr for sign in NOT_TO_BE_HAD):
+        pytest.skip(f"pip has no packages for {python}: {done.stderr.strip().splitlines()[-1]}")
     assert done.returncode == 0, done.stderr
     return run
 
