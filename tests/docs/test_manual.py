@@ -8,9 +8,11 @@ import re
 import shlex
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
+from typer.main import get_command
 
 from brv_hypo.cli.main import app
 from brv_hypo.docs import text, topics
@@ -89,16 +91,14 @@ OF_MODULES = ("validation", "likelihood", "subset")
 """Topics that tell options of `python -m` alone."""
 
 
-def options_of(brv_hypo, *command: str) -> set[str]:
-    """The options of a command, or of the commands of a group, by their help."""
-    printed = brv_hypo(*command, "--help", COLUMNS="200").stdout
-    below = re.findall(r"^  ([a-z]+)  ", printed.partition("Commands:")[2], re.MULTILINE)
-    own = set(re.findall(r"(?<![\w-])--?[a-z][a-z-]*", printed))
-    return own.union(*(options_of(brv_hypo, *command, name) for name in below))
+def options_of(command: Any) -> set[str]:
+    """The options of a command, and of the commands of a group."""
+    own = {option for parameter in command.params for option in (*parameter.opts, "--help")}
+    return own.union(*map(options_of, getattr(command, "commands", {}).values()))
 
 
 @pytest.mark.parametrize("topic", ["README", *topics()])
-def test_options_that_are_mentioned_exist(topic, brv_hypo):
+def test_options_that_are_mentioned_exist(topic):
     """Between backticks: of the command that is named with them, or of any command."""
     page = (Path(__file__).parents[2] / "README.md").read_text() if topic == "README" else text(topic)
     code = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", page, flags=re.DOTALL))
@@ -106,7 +106,8 @@ def test_options_that_are_mentioned_exist(topic, brv_hypo):
         command = re.match(r"brv-hypo ([a-z]+)", words)
         asked = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", words))
         if asked and (command or (words.startswith("--") and topic not in OF_MODULES)):
-            known = options_of(brv_hypo, *([command[1]] if command else []))
+            whole = get_command(app)
+            known = options_of(whole.commands[command[1]] if command else whole)
             assert asked <= known, words
 
 
