@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from brv_hypo.cli import options
+from brv_hypo.cli import completion, options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
@@ -21,6 +21,7 @@ Mechanisms = Annotated[
     typer.Option(
         "--mechanisms",
         metavar="NAME,NAME",
+        autocompletion=completion.hypotheses,
         help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; all installed if left out.",
     ),
 ]

@@ -63,7 +63,7 @@ def new(
         Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
     ] = None,
 ) -> None:
-    """Write a commented file of settings, to change and give to the command."""
+    """Write a commented file of settings, to change and use."""
     path = Path(f"{kind.value}.yaml") if output is None else output
     session.claim(path)
     write_whole(path, _text(kind), overwrite=session.force)
@@ -82,7 +82,7 @@ def schema(
     session: Session,
     kind: Annotated[Schema, typer.Argument(help="Settings of a command, or a result.")],
 ) -> None:
-    """Print the JSON schema of settings or of a result, for editors and validators."""
+    """Print the JSON schema of settings or of a result."""
     typer.echo(json.dumps(_model(kind.value).model_json_schema(by_alias=True), indent=2))
 
 

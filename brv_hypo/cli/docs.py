@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from brv_hypo.cli import completion
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
 
@@ -16,7 +17,9 @@ NAME = "brv-hypo-manual.html"
 @in_session("force")
 def docs(
     session: Session,
-    topic: Annotated[str | None, typer.Argument(metavar="TOPIC", help="What to read about.")] = None,
+    topic: Annotated[
+        str | None, typer.Argument(metavar="TOPIC", autocompletion=completion.topics, help="What to read about.")
+    ] = None,
     notebooks: Annotated[
         Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the two notebooks that come along.")
     ] = None,
@@ -37,10 +40,10 @@ def docs(
     if show or output is not None:
         _as_page(session, topic, output, show)
         return
-    from rich.markdown import Markdown
+    from brv_hypo.docs.terminal import ManualText
 
     page = _topics() if topic is None else text(topic)
-    session.tell(Markdown(page), conclusion=page)
+    session.tell(ManualText(page), conclusion=page)
 
 
 def _topics() -> str:

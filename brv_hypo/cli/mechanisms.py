@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from brv_hypo.cli import completion
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.guard import guarded
 from brv_hypo.cli.session import Session
@@ -18,7 +19,7 @@ app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup
 @guarded
 @in_session("json", "force", "plugin")
 def listing(session: Session, context: typer.Context) -> None:
-    """List the installed mechanisms with package and claims; write or check a plugin."""
+    """List what is installed; write or check a plugin."""
     if context.invoked_subcommand is not None:
         return
     session.claim()
@@ -61,7 +62,9 @@ def new(
 @in_session("json", "force", "plugin")
 def check(
     session: Session,
-    name: Annotated[str, typer.Argument(help="Name of an installed mechanism or effect.")],
+    name: Annotated[
+        str, typer.Argument(autocompletion=completion.installed, help="Name of an installed mechanism or effect.")
+    ],
 ) -> None:
     """Run the conformance kit on an installed mechanism or effect."""
     session.claim()

@@ -10,9 +10,11 @@ from typing import Annotated
 
 import typer
 
+from brv_hypo.cli import completion
+
 FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[
-    list[Path], typer.Argument(metavar="FLIGHT.h5...", help="Flight records; several are fitted jointly.")
+    list[Path], typer.Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")
 ]
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
 Config = Annotated[
@@ -39,6 +41,7 @@ Instruments = Annotated[
     typer.Option(
         "--instruments",
         metavar="GRADE|FILE",
+        autocompletion=completion.grades,
         help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, "
         "or a YAML file.",
     ),

@@ -21,7 +21,7 @@ def inspect(
     start: options.Start = None,
     stop: options.Stop = None,
 ) -> None:
-    """Show channels, units, rates, gaps, noise, faults of the record, and what is usable."""
+    """Show what a record holds, its faults, and what is usable."""
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.motion import try_record
@@ -56,7 +56,7 @@ def import_(
         bool, typer.Option("--guess", help="Write a commented map, from names and physics, instead.")
     ] = False,
 ) -> None:
-    """Bring a foreign record in, through a map of its names and units; --guess writes such a map."""
+    """Bring a foreign record in by a map; --guess writes one."""
     if guess == (mapping is not None):
         raise UsageError(
             "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."

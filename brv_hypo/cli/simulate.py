@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from brv_hypo.cli import options
+from brv_hypo.cli import completion, options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.compare import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session
@@ -30,7 +30,12 @@ Plant = Annotated[
 def simulate(
     session: Session,
     config: Annotated[
-        str, typer.Argument(metavar="CONFIG.yaml", help="Configuration, or the name of one that comes along.")
+        str,
+        typer.Argument(
+            metavar="CONFIG.yaml",
+            autocompletion=completion.configurations,
+            help="Configuration, or the name of one that comes along.",
+        ),
     ],
     output: options.Output,
     plant: Plant = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from brv_hypo.cli import options
+from brv_hypo.cli import completion, options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Progress, Session, as_json
 from brv_hypo.errors import UnanswerableError
@@ -24,7 +24,12 @@ RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
 def study(
     session: Session,
     config: Annotated[
-        str, typer.Argument(metavar="STUDY.yaml", help="Study, or the name of one that comes along.")
+        str,
+        typer.Argument(
+            metavar="STUDY.yaml",
+            autocompletion=completion.studies,
+            help="Study, or the name of one that comes along.",
+        ),
     ],
     output: Annotated[
         Path,
@@ -41,7 +46,7 @@ def study(
     ] = None,
     seed: options.Seed = None,
 ) -> None:
-    """Fly many simulated flights with planted mechanisms and judge the verdicts."""
+    """Fly many simulated flights, and judge the verdicts."""
     session.claim()
     from brv_hypo.report.pages import page
     from brv_hypo.report.study import study_document

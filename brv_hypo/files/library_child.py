@@ -352,12 +352,13 @@ def _mat(request: dict[str, Any], budget: Budget) -> Answer:
     from scipy.io import loadmat, whosmat
 
     try:
-        held = {name: shape for name, shape, _ in whosmat(request["path"])}
+        kinds = {name: (shape, kind) for name, shape, kind in whosmat(request["path"])}
     except NotImplementedError:
         return {"is_hdf5": True}, []
-    variables = [
-        name for name in dict.fromkeys(name.split(".")[0] for name in request["names"]) if name in held
-    ]
+    held = {name: shape for name, (shape, _) in kinds.items()}
+    structs = [name for name, (_, kind) in kinds.items() if kind == "struct"]  # whose fields are to be named
+    asked = dict.fromkeys(name.split(".")[0] for name in request["names"]) if request["names"] else structs
+    variables = [name for name in asked if name in held]
     for name in variables:
         budget.take(8 * math.prod(int(n) for n in held[name]), f"dataset '{name}'")
     loaded = loadmat(request["path"], simplify_cells=True, variable_names=variables) if variables else {}

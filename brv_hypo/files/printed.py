@@ -1,4 +1,4 @@
-"""Text of foreign origin, made fit to print: a title must not be able to write on a terminal as we do."""
+"""Text that is fit to print: of foreign origin, which must not write on a terminal as we do, and numbers of things."""
 
 from __future__ import annotations
 
@@ -24,6 +24,11 @@ def one_line(text: str) -> str:
     """The text as it stands on one line: printable, without line breaks, and not endless."""
     line = printable(text).replace("\n", " ").replace("\t", " ")
     return line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + "..."
+
+
+def counted(count: int, thing: str) -> str:
+    """So many of a thing: "1 sample", "2 samples"."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
 def _is_control(character: str) -> bool:

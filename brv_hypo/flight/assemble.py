@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.files.printed import counted
 from brv_hypo.flight.derive import derive
 from brv_hypo.flight.faults import RecordFault, mask_faults
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
@@ -91,7 +92,7 @@ def _spike_faults(time: FloatArray, spikes: Mapping[str, BoolArray]) -> tuple[Re
             "spikes",
             float(time[found][0]),
             float(time[found][-1]),
-            f"{int(np.count_nonzero(found))} samples replaced by a cubic spline",
+            f"{counted(int(np.count_nonzero(found)), 'sample')} replaced by a cubic spline",
             decisive=False,
         )
         for name, found in spikes.items()
@@ -148,7 +149,7 @@ def _bridged(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Chan
         filled[name] = bridge(time, values, longest)
         count = int(np.count_nonzero(np.isnan(values) & np.isfinite(filled[name])))
         if count:
-            notes.append(f"{name}: {count} missing samples bridged by a cubic spline (gaps up to {longest})")
+            notes.append(f"{name}: {counted(count, 'missing sample')} bridged by a cubic spline (gaps up to {longest})")
     return filled, notes
 
 
@@ -176,7 +177,7 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
 def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolArray]) -> str:
     lacking = [name for name, finite in known.items() if not np.all(finite[start:stop])]
     return (
-        f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({stop - start} samples) left out: a gap too long to "
+        f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')}) left out: a gap too long to "
         f"bridge in {', '.join(lacking)}"
     )
 

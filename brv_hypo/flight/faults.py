@@ -104,7 +104,7 @@ def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArra
     }
     action = (
         "rates and forces jump together, as no motion does: the clock stepped, or samples were lost or repeated, "
-        "without a trace in the stamps. Give a window that leaves this out (--start, --stop) or pass --accept-record"
+        "without a trace in the stamps. Give a window that leaves this out (--start, --stop)"
     )
     return [
         RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, True)
@@ -126,10 +126,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
     for name in constant:
         if (name in INERTIAL and noisy) or (name in STOP_AT_ZERO and _speed_changes(name, time, channels)):
             value = float(channels[name][np.isfinite(channels[name])][0])
-            action = (
-                f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source, or pass "
-                "--accept-record"
-            )
+            action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
             found[name] = RecordFault(name, "dead", float(time[0]), float(time[-1]), action, True)
     return found
 
@@ -175,7 +172,7 @@ def _mask_channel(
         if share > most:
             action = (
                 f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "
-                "which it does not (--start, --stop), or pass --accept-record"
+                "which it does not (--start, --stop)"
             )
             faults.append(_over(name, kind, time, found, action, decisive=True))
         else:

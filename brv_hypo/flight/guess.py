@@ -25,6 +25,7 @@ from brv_hypo.flight.units import SI
 
 GYROS, FORCES = ("p", "q", "r"), ("ax", "ay", "az")
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
+_NOWHERE = "nowhere said"  # in a doubt of units
 NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
 
 
@@ -62,9 +63,13 @@ def _by_name(table: Table) -> dict[str, list[str]]:
             continue
         si = SI[CHANNEL_DIMENSIONS[channel]]
         told = "by name" if named.units is None else "by name, units in the name"
-        doubt = () if named.units else (f"units of {named.column} are nowhere said: {si} is a guess",)
+        doubt = () if named.units else (_nowhere_said(named.column, si),)
         table.entries[channel] = Entry(named.column, named.units or si, told, doubt)
     return others
+
+
+def _nowhere_said(column: str, units: str) -> str:
+    return f"units of {column} are {_NOWHERE}: {units} is a guess"
 
 
 def _find_time(table: Table) -> None:
@@ -94,7 +99,7 @@ def _find_time(table: Table) -> None:
         )
         told = f"in {fitting[0]} its rate is one that recorders have"
         entry = table.entries["time"]
-        doubt = tuple(each for each in entry.unsure if "nowhere said" not in each)
+        doubt = tuple(each for each in entry.unsure if _NOWHERE not in each)
         table.entries["time"] = replace(
             entry, units=fitting[0], why=f"{entry.why}; {told}", unsure=(*doubt, *ambiguous)
         )
@@ -191,10 +196,13 @@ def _units_of_gyros(table: Table, time: FloatArray) -> None:
                 doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
                 table.change("p", "sign against the magnetometer", doubt)
             return
-    if any("nowhere said" in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+    if any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
         most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
         units = "deg/s" if most > physics.FASTEST_RADIANS else "rad/s"
         for name in GYROS:
+            entry = table.entries[name]
+            doubts = tuple(_nowhere_said(entry.column, units) if _NOWHERE in each else each for each in entry.unsure)
+            table.entries[name] = replace(entry, unsure=doubts)
             table.change(name, f"{units} by range (up to {most:.3g})", units=units)
 
 
@@ -232,7 +240,12 @@ def _speed_like_push(table: Table, time: FloatArray) -> None:
         return
     speeds, pushes = named if named in pairs else pairs[0]
     table.sure("velocity", speeds, f"it changes as ax says, in {speeds} and {pushes}")
-    table.sure("ax", pushes, f"it changes the speed, in {pushes} and {speeds}")
+    for name in FORCES:
+        beside = table.entries.get(name)
+        if name == "ax":
+            table.sure(name, pushes, f"it changes the speed, in {pushes} and {speeds}")
+        elif beside is not None and beside.units == named[1]:
+            table.sure(name, pushes, f"as ax, in {pushes}")
     _altitude_like_speed(table, time)
 
 

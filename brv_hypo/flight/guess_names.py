@@ -84,8 +84,9 @@ class NamedColumn:
 def by_name(columns: Sequence[str]) -> tuple[dict[str, NamedColumn], dict[str, list[str]]]:
     """The likeliest column of each channel (and of a magnetometer), and others that its name fits as well."""
     ranked: dict[str, list[tuple[int, str]]] = {}
+    struct = len(_struct_of(columns))
     for column in columns:
-        found = _channel_of(_words(column))
+        found = _channel_of(_words(column[struct:]))
         if found is not None:
             ranked.setdefault(found[0], []).append((found[1], column))
     chosen, others = {}, {}
@@ -102,7 +103,8 @@ def units_in(column: str, channel: str) -> str | None:
     dimension = CHANNEL_DIMENSIONS.get(channel)
     if dimension == "dimensionless":
         return "dimensionless"
-    return _at_end(_words(column), _UNITS.get(dimension, {}) if dimension else {})
+    known = _UNITS.get(dimension, {}) if dimension else {}
+    return _at_end(_parts(column), known) or _at_end(_words(column), known)  # kPa is one word, MassKg two
 
 
 def vehicle_property(column: str) -> str | None:
@@ -113,7 +115,8 @@ def vehicle_property(column: str) -> str | None:
 
 def vehicle_units(column: str, dimension: Dimension) -> str | None:
     """The units at the end of the name of a vehicle's property; None where none stand there."""
-    return _at_end(_words(column), _VEHICLE_UNITS.get(dimension, {}))
+    known = _VEHICLE_UNITS.get(dimension, {})
+    return _at_end(_parts(column), known) or _at_end(_words(column), known)
 
 
 def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
@@ -124,10 +127,21 @@ def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
     return None
 
 
+def _struct_of(columns: Sequence[str]) -> str:
+    """The struct, with its point, that holds all columns of a MATLAB file; empty where none does."""
+    structs = {column.rpartition(".")[0] for column in columns}
+    only = structs.pop() if len(structs) == 1 else ""
+    return f"{only}." if only else ""
+
+
 def _words(column: str) -> list[str]:
     """The words of a name in lower case: at capitals, brackets, points and lines."""
-    split = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column)
-    return [word for word in re.split(r"[^a-z0-9]+", split.lower()) if word]
+    return _parts(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column))
+
+
+def _parts(name: str) -> list[str]:
+    """The words of a name in lower case, whatever their capitals."""
+    return [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word]
 
 
 def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:

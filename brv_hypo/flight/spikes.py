@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.files.printed import counted
 from brv_hypo.flight.noise import MAD_TO_SIGMA
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.resample import bridge
@@ -67,7 +68,7 @@ def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> F
 def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
     """What to say of spikes that were replaced in a channel."""
     at = np.flatnonzero(spikes)
-    return f"{name}: {at.size} spike samples replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
+    return f"{name}: {counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
 
 
 def _one_pass(values: FloatArray) -> BoolArray:

@@ -50,7 +50,7 @@ UNRELATED_WORDS = (
     "{share:.0f} % of what the accelerometers sense across the axis does not follow from the gyros and the speed, "
     "where noise leaves {noise:.1g} %, and no mistake of sign, axis or unit that was tried clearly mends it: axes and "
     "signs of the gyros are in doubt, or gusts and controls move the vehicle more than its own motion does. Check the "
-    "map, take another window (--start, --stop), or pass --accept-record"
+    "map, or take another window (--start, --stop)"
 )
 
 
@@ -110,7 +110,7 @@ def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
     """The fault of the likeliest correction; others that mend the record nearly as well are told."""
     best, others = likely[0], likely[1 : 1 + MOST_OTHERS]
     nearly = f" (nearly as likely: {'; or '.join(one.words for one in others)})" if others else ""
-    action = f"{best.words}{nearly}: correct the map or pass --accept-record"
+    action = f"{best.words}{nearly}: correct the map"
     return _fault(flight, best.channel, best.fault, action)
 
 

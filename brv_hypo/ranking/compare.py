@@ -58,7 +58,7 @@ def compare(
     record = record_summary([trial for _, trial in trials])
     tried = [flight for flight, _ in trials]
     if not (record.sound or config.accept_record):
-        return refused(tried, record, config.method)
+        return refused(tried, [trial for _, trial in trials], config.method)
     analysed = [averaged(flight) for flight in tried]
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         found, reasons = without_faulty(lambda faulty: _compare(analysed, config, say, faulty))

@@ -108,15 +108,17 @@ def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
                 stop_s=fault.stop_s,
                 action=fault.action,
             )
-            for trial in trials
-            for fault in sorted(trial.faults, key=lambda fault: not fault.decisive)
+            for fault in sorted((f for trial in trials for f in trial.faults), key=lambda fault: not fault.decisive)
         ),
     )
 
 
-def refused(flights: Sequence[Flight], record: RecordSummary, method: str) -> Comparison:
+def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:
     """The result for a record that contradicts itself: no ranking, and a verdict that says where."""
+    record = record_summary(trials)
     worst = record.faults[0]
+    unsound = next(flight for flight, trial in zip(flights, trials, strict=True) if not trial.sound)
+    which = f" of {unsound.path or unsound.title}" if len(flights) > 1 else ""
     return Comparison(
         flights=tuple(flight_summary(flight) for flight in flights),
         reconstruction=ReconstructionSummary(
@@ -130,8 +132,8 @@ def refused(flights: Sequence[Flight], record: RecordSummary, method: str) -> Co
             outcome="record fault",
             equivalent=(),
             probability={},
-            reason=f"The record contradicts itself ({worst.fault}: {worst.channel}; {worst.start_s:.2f} to "
-            f"{worst.stop_s:.2f} s): {worst.action}.",
+            reason=f"The record{which} contradicts itself ({worst.fault}: {worst.channel}; {worst.start_s:.2f} to "
+            f"{worst.stop_s:.2f} s): {worst.action}. `compare --accept-record` goes on all the same.",
         ),
         seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
     )

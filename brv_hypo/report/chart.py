@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -18,6 +18,8 @@ Values = Sequence[float] | FloatArray
 
 MOST_POINTS = 2500
 """Points drawn of a history; a longer one is thinned evenly, which no screen shows."""
+MOST_OF_A_PATH = 6000
+"""The same of a path: its stretches stand side by side."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,42 @@ class Panel:
 
 
 @dataclass(frozen=True)
+class Path:
+    """A curve in a plane over time (s) that goes round once in `cycle` s; `y` is the title of its vertical.
+
+    It is drawn stretch by stretch, each of so many cycles, `columns` beside each other and all at one scale.
+    """
+
+    time: Values
+    x: Values
+    y: Values
+    y_title: str
+    cycle: float
+
+    cycles: ClassVar[int] = 4
+    """Of a stretch: few enough to follow the line, enough to see it turn and grow."""
+    columns: ClassVar[int] = 4
+    most: ClassVar[int] = 16
+    """Stretches at most, which is what a column of a page holds legibly."""
+
+    @property
+    def stretches(self) -> int:
+        """How many there are: in full rows where there is more than one row."""
+        count = min(max(round((self.time[-1] - self.time[0]) / (self.cycle * self.cycles)), 1), self.most)
+        return count if count < self.columns else -(-count // self.columns) * self.columns
+
+    @property
+    def limit(self) -> float:
+        """The common scale goes so far to all sides."""
+        return 1.05 * float(np.nanmax(np.abs(np.concatenate([self.x, self.y]))) or 1.0)
+
+
+@dataclass(frozen=True)
 class Chart:
     """Panels, one below the other, over a common horizontal axis titled `x`.
 
-    `name` is the stem of picture files. Charts `over_time` share their axis with each other. `square`: equal scales.
+    `name` is the stem of picture files. Charts `over_time` share their axis with each other. Of a `path` the panels
+    are the stretches, with their titles above them.
     """
 
     name: str
@@ -101,12 +135,22 @@ class Chart:
     x: str
     panels: Sequence[Panel]
     over_time: bool = False
-    square: bool = False
+    path: Path | None = None
     log: bool = False
     range: tuple[float, float] | None = None
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
     caption: str = ""
+
+    @property
+    def columns(self) -> int:
+        """Panels beside each other."""
+        return 1 if self.path is None else min(len(self.panels), self.path.columns)
+
+    @property
+    def rows(self) -> int:
+        """Panels below each other."""
+        return -(-len(self.panels) // self.columns)
 
 
 def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
@@ -117,9 +161,9 @@ def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
     return [(mark, (len(shown) - 1 - i) % 2) for i, mark in enumerate(shown)]
 
 
-def thinned(values: Values) -> FloatArray:
-    """At most `MOST_POINTS` of the values, evenly."""
-    every = max(1, -(-len(values) // MOST_POINTS))
+def thinned(values: Values, most: int = MOST_POINTS) -> FloatArray:
+    """At most so many of the values, evenly."""
+    every = max(1, -(-len(values) // most))
     kept: FloatArray = np.asarray(values, dtype=np.float64)[::every]
     return kept
 

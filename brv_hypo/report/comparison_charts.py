@@ -15,13 +15,13 @@ from brv_hypo.ranking.result import (
     Series,
     SizeSeries,
 )
+from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
 from brv_hypo.report.motion_charts import (
     MILLI,
     Drawn,
     Moments,
     Setting,
-    attitude_chart,
     difference,
     knots_of,
     masked,

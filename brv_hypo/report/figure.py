@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -13,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, named
+from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Path, named
 
 WIDTH = 6.5
 """Inches: the text of a page."""
@@ -63,15 +64,16 @@ def chart_figure(chart: Chart) -> ChartFigure:
 
 
 def _height(chart: Chart) -> float:
-    if chart.square:
-        return WIDTH
+    if chart.path is not None:
+        return WIDTH * chart.rows / chart.columns + FRAME / chart.columns
     bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
     lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
     return FRAME + (BAR * lines if lines else PANEL * max(len(chart.panels), 1.4))
 
 
 def _fill(figure: Figure, chart: Chart) -> None:
-    rows = figure.subplots(len(chart.panels), 1, sharex=True, squeeze=False)[:, 0]
+    one_scale = chart.path is not None
+    rows = list(figure.subplots(chart.rows, chart.columns, sharex=True, sharey=one_scale, squeeze=False).flat)
     for axes, panel in zip(rows, chart.panels, strict=True):
         _draw(axes, panel)
         for mark in chart.marks:
@@ -82,13 +84,14 @@ def _fill(figure: Figure, chart: Chart) -> None:
     for mark, line in named(chart.marks):
         above = {"xytext": (0, 2 + _NAME * line), "textcoords": "offset points", "fontsize": 7}
         top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="left", **above)
-    bottom.set_xlabel(_plain(chart.x))
+    if chart.path is None:
+        bottom.set_xlabel(_plain(chart.x))
     if chart.log:
         bottom.set_xscale("log")
     if chart.range:
         bottom.set_xlim(*chart.range)
-    if chart.square:
-        bottom.set_aspect("equal", adjustable="datalim")
+    if chart.path is not None:
+        _frame_path(figure, rows, chart, chart.path)
     if any(axes.get_legend_handles_labels()[0] for axes in rows):
         handles = {
             label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
@@ -97,6 +100,20 @@ def _fill(figure: Figure, chart: Chart) -> None:
         for handle in legend.legend_handles:
             if isinstance(handle, Line2D) and handle.get_marker() == "o":
                 handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))
+
+
+def _frame_path(figure: Figure, stretches: Sequence[Axes], chart: Chart, path: Path) -> None:
+    """Squares at one scale, each under its title, with the titles of the axes once."""
+    for axes, panel in zip(stretches, chart.panels, strict=True):
+        axes.set_title(panel.title, fontsize="medium")
+        axes.set_ylabel("")
+        axes.set_aspect("equal")
+        axes.axhline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
+        axes.axvline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
+    stretches[0].set_xlim(-path.limit, path.limit)
+    stretches[0].set_ylim(-path.limit, path.limit)
+    figure.supxlabel(_plain(chart.x), fontsize="medium")
+    figure.supylabel(_plain(path.y_title), fontsize="medium")
 
 
 def _draw(axes: Axes, panel: Panel) -> None:

@@ -17,6 +17,7 @@ from brv_hypo.report.style import bullets, number, plain_table, warning_list
 
 NOTES = 6
 """Notes on how the record was made that the terminal shows; all of them with -v."""
+_WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, and says so first."
 
 
 def inspection_view(inspection: Inspection, trial: RecordTrial, *, verbose: bool = False) -> RenderableType:
@@ -53,7 +54,8 @@ def fault_lines(trial: RecordTrial) -> list[RenderableType]:
         table.add_column(heading, overflow="fold")
     for fault in trial.faults:
         table.add_row(fault.channel, fault.fault, f"{fault.start_s:.3f}", f"{fault.stop_s:.3f}", fault.action)
-    return [Text(), table, Text()]
+    told = [] if trial.sound else [Text(_WHAT_THEN)]
+    return [Text(), table, *told, Text()]
 
 
 def phase_texts(phases: tuple[Phase, ...]) -> list[str]:

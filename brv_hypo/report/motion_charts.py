@@ -166,35 +166,6 @@ def motion_chart(
     return setting.chart("motion", "Angle of attack and windward meridian", panels)
 
 
-def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:
-    """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda).
-
-    lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi).
-    """
-    t, p = np.asarray(time, dtype=float), np.asarray(roll_rate, dtype=float)
-    phi = np.concatenate([[0.0], np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(t))])
-    turned = phi - np.asarray(meridian)
-    amplitude = np.degrees(np.asarray(alpha))
-    theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
-    return Chart(
-        f"theta-psi{setting.suffix}",
-        f"Pitch against yaw{setting.which}",
-        "psi, deg",
-        [
-            Panel(
-                "theta, deg",
-                [
-                    Line(psi, theta, "measured", "path"),
-                    Line(psi[:1], theta[:1], "second", "start", dots=True, large=True),
-                    Line(psi[-1:], theta[-1:], "first", "end", dots=True, large=True),
-                ],
-            )
-        ],
-        square=True,
-        caption="Attitude to the wind in axes that do not roll; the roll angle counts from the start.",
-    )
-
-
 def moment_by_alpha_chart(
     setting: Setting,
     alpha: Values,
@@ -283,6 +254,5 @@ def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
 
 
 def _band(time: Values, centre: Values, sigma: Values) -> Band:
-    # Of a record that was corrected far beyond its tolerances, even the dynamic pressure may be negative.
-    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.abs(np.asarray(sigma))
+    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.asarray(sigma)
     return Band(time, middle - wide, middle + wide)

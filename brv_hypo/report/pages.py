@@ -30,7 +30,7 @@ _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 
 def page(document: Document, provenance: Provenance) -> str:
     """The whole file: conclusion first, blocks, and at the foot where it came from and how to make it again."""
-    style, script = (resource(name).decode() for name in ("page.css", "page.js"))
+    style, stretches, script = (resource(name).decode() for name in ("page.css", "stretches.js", "page.js"))
     subtitle = "<br>".join(map(escape, document.subtitle))
     settled = " settled" if document.settled else ""
     return (
@@ -40,7 +40,7 @@ def page(document: Document, provenance: Provenance) -> str:
         f'<h1>{escape(document.title)}</h1>\n<p class="quiet">{subtitle}</p>\n'
         f'<p class="verdict{settled}">{_text(document.conclusion)}</p>\n'
         f"<main>\n{_sections(document.blocks)}\n</main>\n{_footer(provenance)}\n"
-        f"{_charts(document.charts)}<script>{script}</script>\n</body>\n</html>\n"
+        f"{_charts(document.charts)}<script>{stretches}{script}</script>\n</body>\n</html>\n"
     )
 
 

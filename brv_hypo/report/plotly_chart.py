@@ -9,13 +9,25 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Values, named, thinned
+from brv_hypo.report.chart import MOST_OF_A_PATH, Band, Bars, Chart, Line, Panel, Path, Values, named, thinned
 
 _UNEVEN = 1e-3
 """Share of a step by which times may be uneven and still be given as start and step."""
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "square": 520, "gap": 32}
+_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "gap": 32}
+_STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
+"""Height of a row of stretches of a path by how many stand in it: squares, and their titles."""
+_AXIS = {
+    "linecolor": "--ink",
+    "gridcolor": "--rule",
+    "zerolinecolor": "--rule",
+    "tickcolor": "--ink",
+    "ticks": "outside",
+    "showline": True,
+    "automargin": True,
+    "exponentformat": "none",
+}
 _BESIDE_BARS = 1.18
 """The axis of bars without a range of its own goes so far beyond the longest, where its text stands."""
 _LEAST_PLAIN, _MOST_PLAIN = 1e-3, 1e6
@@ -25,7 +37,9 @@ _NAME = 13
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
-    """Traces, layout and height (px) of a chart."""
+    """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
+    if chart.path is not None:
+        return _plotly_path(chart, chart.path)
     traces: list[dict[str, Any]] = []
     told: set[str] = set()
     for row, panel in enumerate(chart.panels, start=1):
@@ -37,6 +51,14 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
                 traces.append({**trace, **place, "showlegend": bool(name) and name not in told})
                 told.add(name)
     return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": chart_height(chart)}
+
+
+def _plotly_path(chart: Chart, path: Path) -> dict[str, Any]:
+    curve = {"t": path.time, "x": path.x, "y": path.y}
+    histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
+    rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
+    titles = {"xTitle": chart.x, "yTitle": path.y_title}
+    return {"path": {**histories, **rule, **titles, "axis": _AXIS}, "time": False, "height": chart_height(chart)}
 
 
 def _traces(layer: Line | Band | Bars) -> list[dict[str, Any]]:
@@ -120,20 +142,10 @@ def _bars(layer: Bars) -> dict[str, Any]:
 
 def _layout(chart: Chart) -> dict[str, Any]:
     count = len(chart.panels)
-    axis = {
-        "linecolor": "--ink",
-        "gridcolor": "--rule",
-        "zerolinecolor": "--rule",
-        "tickcolor": "--ink",
-        "ticks": "outside",
-        "showline": True,
-        "automargin": True,
-        "exponentformat": "none",
-    }
     across = chart.range or _range_of_bars(chart)
     layout: dict[str, Any] = {
         "xaxis": {
-            **axis,
+            **_AXIS,
             "title": {"text": chart.x},
             "anchor": "y" if count == 1 else f"y{count}",
             **({"type": "log"} if chart.log else {}),
@@ -149,7 +161,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
         top = 1.0 - row * (height + gap)
         bars = any(isinstance(layer, Bars) for layer in panel.layers)
         layout["yaxis" if row == 0 else f"yaxis{row + 1}"] = {
-            **axis,
+            **_AXIS,
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
             "title": {"text": panel.title},
@@ -157,7 +169,6 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
-            **({"scaleanchor": "x"} if chart.square else {}),
             **(_ticks(panel.categories) if panel.categories else {}),
         }
     return layout
@@ -227,8 +238,8 @@ def _annotations(chart: Chart) -> list[dict[str, Any]]:
 
 def chart_height(chart: Chart) -> int:
     """Height of the drawn chart, px."""
-    if chart.square:
-        return _HEIGHT["square"]
+    if chart.path is not None:
+        return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
     bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
     lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
     if lines:

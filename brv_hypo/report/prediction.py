@@ -6,6 +6,7 @@ from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
 from brv_hypo.report.compare import term_table
 from brv_hypo.report.motion_charts import BODY, TIME
+from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
 from brv_hypo.report.style import interval, number, share
 from brv_hypo.residuals.prediction import Prediction
 
@@ -15,7 +16,7 @@ SETTLED = 0.5
 
 def prediction_document(result: Prediction) -> Document:
     """Errors without the model, with it frozen and with it refitted; by region; the coefficients."""
-    flight = result.flight
+    flight, sound = result.flight, result.record.sound
     span = interval((flight.start_s, flight.stop_s))
     found_on = ", ".join(result.model.found_on)
     errors = [(name, number(value), share(value / result.error.without)) for name, value in _errors(result)]
@@ -33,15 +34,16 @@ def prediction_document(result: Prediction) -> Document:
     return Document(
         title=f"Predicted: {flight.title or flight.path}",
         subtitle=subtitle,
-        conclusion_title="Prediction",
-        conclusion=result.reason,
-        settled=result.ratio < SETTLED,
+        conclusion_title="Prediction" if sound else IN_DOUBT,
+        conclusion=result.reason if sound else f"{CONTRADICTED.format(told='left')} {result.reason}",
+        settled=result.ratio < SETTLED and sound,
         blocks=(
             Table(("moments less", "mean square", "ratio"), errors, "Error of the moments"),
             Table(("time s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
             *(Picture(chart) for chart in prediction_charts(result)),
             term_table("Frozen", result.frozen, "always"),
             term_table("Fitted to this flight", result.refitted, "always"),
+            Texts(fault_texts(result.record), "Warnings", warning=True),
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )

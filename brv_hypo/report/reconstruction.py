@@ -8,11 +8,11 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.motion import Reconstruction
+from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Chart
 from brv_hypo.report.motion_charts import (
     Setting,
-    attitude_chart,
     masked,
     moment_by_alpha_chart,
     moment_chart,

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from brv_hypo.files.printed import counted
 from brv_hypo.model.common_time import decimals
 from brv_hypo.ranking.result import (
     CoefficientSeries,
@@ -162,7 +163,11 @@ def flight_texts(comparison: Comparison) -> list[str]:
         for flight in comparison.flights
     ]
     if any(row.knots for row in comparison.ranking):
-        lines.append("terms begin and end at the same Mach numbers on every flight; times are those of the first")
+        told = comparison.flights[(comparison.reference_flight or 1) - 1]
+        lines.append(
+            "terms begin and end at the same Mach numbers on every flight; times are those of "
+            f"{told.title or told.path}"
+        )
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
         return lines
@@ -176,7 +181,7 @@ def flight_texts(comparison: Comparison) -> list[str]:
 def stepwise_texts(comparison: Comparison) -> list[str]:
     """Where a stepwise search would have taken other terms than the exact one."""
     return [
-        f"{each.mechanism}, {each.size} term{'s' if each.size > 1 else ''}: stepwise (Efroymson) would take "
+        f"{each.mechanism}, {counted(each.size, 'term')}: stepwise (Efroymson) would take "
         f"{', '.join(each.stepwise)} for {', '.join(each.best)}, with "
         f"{share(each.rss_ratio - 1.0)} more left over"
         for each in comparison.stepwise
@@ -193,6 +198,11 @@ def warning_texts(comparison: Comparison) -> list[str]:
     """What limits the result."""
     faults = fault_texts(comparison.record, comparison.verdict.reason)
     return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]
+
+
+IN_DOUBT = "Record in doubt"
+"""The title of what is told of a record that contradicts itself."""
+CONTRADICTED = "The record contradicts itself (see the warnings), and what is {told} may be that."
 
 
 def fault_texts(record: RecordSummary, told: str = "") -> list[str]:

@@ -83,6 +83,12 @@ def probability(value: float | None) -> str:
     return f"{100.0 * value:.0f} %"
 
 
+def p_value(value: float | None) -> str:
+    """A probability under the null hypothesis at two digits; none is nought."""
+    least = 1e-99
+    return f"<{least:.0e}" if value is not None and value < least else number(value, 2)
+
+
 def share(value: float | None) -> str:
     """A ratio in percent at two digits."""
     if value is not None and 0.0 < value < 1e-4:

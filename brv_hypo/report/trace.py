@@ -5,15 +5,14 @@ from __future__ import annotations
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood
 from brv_hypo.report.blocks import Block, Document, Picture, Table, Texts
 from brv_hypo.report.compare import term_table
-from brv_hypo.report.rows import fault_texts
-from brv_hypo.report.style import interval, number, share
+from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
+from brv_hypo.report.style import interval, number, p_value, share
 from brv_hypo.report.trace_charts import trace_charts
 from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
 
 TOLD = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
 
-CONTRADICTED = "The record contradicts itself (see the warnings), and what is found may be that."
 CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "near-equals")
 
 
@@ -42,7 +41,7 @@ def trace_document(result: Trace) -> Document:
 
 
 def _title(result: Trace) -> str:
-    return "Found: " + (", ".join(result.findings) or "nothing") if result.record.sound else "Record in doubt"
+    return "Found: " + (", ".join(result.findings) or "nothing") if result.record.sound else IN_DOUBT
 
 
 def flight_line(flight: FlightSummary) -> str:
@@ -53,7 +52,7 @@ def flight_line(flight: FlightSummary) -> str:
 
 def conclusion(result: Trace) -> str:
     """What was found, what is hinted at, and what is left, in a sentence or two."""
-    doubt = "" if result.record.sound else CONTRADICTED
+    doubt = "" if result.record.sound else CONTRADICTED.format(told="found")
     found = f"Found: {', '.join(result.findings)}." if result.findings else "Nothing was found."
     hinted = f"Hints, no findings: {', '.join(result.hints)}." if result.hints else ""
     return " ".join(part for part in (doubt, found, hinted, _ending(result), result.unexplained) if part)
@@ -71,11 +70,11 @@ def _ending(result: Trace) -> str:
 
 def residual_text(residual: Residual) -> str:
     """Size, whiteness and place of a residual."""
-    white = "white" if residual.white else f"not white (p {number(residual.p_value, 2)})"
+    white = "white" if residual.white else f"not white (p {p_value(residual.p_value)})"
     where = "" if residual.flight is None else f"flight {residual.flight + 1}: "
     return (
-        f"{where}rms {number(residual.rms)}, {white}, {number(residual.noise_ratio)} of the noise; worst in "
-        f"{residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
+        f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} of the noise's; "
+        f"worst in {residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
         f"{number(residual.dominant_frequency_hz)} Hz ({residual.dominant_frequency_is})"
     )
 
@@ -88,7 +87,7 @@ def _step(step: Step) -> list[Block]:
     if step.taken_out:
         told.append(f"not needed beside it, and taken out: {', '.join(step.taken_out)}")
     correlated = [
-        f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {number(one.p_value, 2)})"
+        f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {p_value(one.p_value)})"
         for one in step.residual.correlations
     ]
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
@@ -106,7 +105,7 @@ def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:
         candidate.effect,
         candidate.kind,
         number(candidate.f_ratio),
-        number(candidate.p_value_adjusted, 2),
+        p_value(candidate.p_value_adjusted),
         share(candidate.explains),
         ", ".join(candidate.near_equals),
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.chart import Chart
 from brv_hypo.report.motion_charts import (
     BODY,
     Drawn,
     Setting,
-    attitude_chart,
     difference,
     knots_of,
     moment_chart,

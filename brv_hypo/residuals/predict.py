@@ -18,7 +18,8 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.ranking.summary import flight_summary
+from brv_hypo.motion import try_record
+from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
@@ -60,7 +61,8 @@ def predict(
     `instruments` stands for all of these, within their tolerances.
     Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
     (its file, at its times); so is what belongs to its times, unless `refit` names it.
-    What the model left on stretches held out where it was found widens the band.
+    What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
+    predicted as it is; `record` of the result says so.
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
     saved = model.model.definition if isinstance(model, Trace) else model
@@ -68,7 +70,8 @@ def predict(
     content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
-        return _predict(record, content, path, tuple(refit), config or TraceConfig())
+        found = _predict(record, content, path, tuple(refit), config or TraceConfig())
+    return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
 
 
 @dataclass(frozen=True)

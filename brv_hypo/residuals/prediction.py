@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
-from brv_hypo.ranking.result import FlightSummary, TermEstimate
+from brv_hypo.ranking.result import FlightSummary, RecordSummary, TermEstimate
 from brv_hypo.tabular import Pictured, Row
 
 
@@ -63,7 +63,8 @@ class Prediction(Pictured, Result):
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
-    `left_out` are mechanisms of the model that belong to the times of its own flights.
+    `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
+    the flight's record found.
     """
 
     schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
@@ -79,6 +80,7 @@ class Prediction(Pictured, Result):
     regions: tuple[Region, ...]
     left_out: tuple[str, ...] = ()
     reason: str
+    record: RecordSummary = RecordSummary()
 
     def headline(self) -> str:
         """The flight, and the ratio of mean squares."""

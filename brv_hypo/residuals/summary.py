@@ -289,12 +289,18 @@ def _unexplained(residual: Residual) -> str | None:
     went = "".join(
         f"; {c.moment} goes with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
     )
+    times = _times(float(np.sqrt(residual.noise_ratio)))
     return (
-        f"What is left has an rms of {residual.rms:.2e}, {np.sqrt(residual.noise_ratio):.2g} times the noise of the "
-        f"moments; it is largest in {residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
+        f"What is left has an rms of {residual.rms:.2e}, {times} times the noise of the moments; it is largest in "
+        f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
         f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; against the moment "
         f"that was flown it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} its rms there."
     )
+
+
+def _times(ratio: float) -> str:
+    """At two digits, never with an exponent."""
+    return f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
 
 
 def _of_rms(share: float) -> str:
@@ -323,9 +329,9 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
     drag = _drag_spread(flight)
     if drag is not None and drag < 0.1:
         found.append(
-            f"dynamic pressure keeps a fixed proportion to the axial force within {100.0 * drag:.0f} %: where it was "
-            "derived from drag, its errors are those of the assumed drag coefficient, and a stiffness that changes "
-            "along the flight may in part be that coefficient's change"
+            f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
+            "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "
+            "that changes along the flight may in part be that coefficient's change"
         )
     return found
 

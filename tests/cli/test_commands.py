@@ -341,3 +341,30 @@ def test_a_picture_that_stands_already_is_refused_before_any_work(brv_hypo, tmp_
     forced = brv_hypo(command[0], "none.h5", *command[1:], "--figures", "figures", "--force", cwd=tmp_path)
     assert f"{picture} exists already" not in forced.stderr
     assert (tmp_path / "figures" / picture).read_text() == "mine"
+
+
+@pytest.mark.parametrize("group", [(), ("config",), ("mechanisms",)])
+def test_what_commands_do_is_told_whole_at_80_columns(brv_hypo, group):
+    listed = brv_hypo(*group, "--help", COLUMNS="80").stdout.partition("Commands:")[2]
+    lines = listed.strip().splitlines()
+    assert len(lines) > 1
+    assert all(line.endswith(".") and not line.endswith("...") for line in lines), listed
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("comp", ["compare"]),
+        ("docs ver", ["verdict"]),
+        ("simulate res", ["research_cone"]),
+        ("study study_p", ["study_planted"]),
+        ("compare --instruments ta", ["tactical"]),
+        ("compare --mechanisms la", ["lag"]),
+        ("compare --mechanisms lag,sticking+bo", ["lag,sticking+bodyfixed"]),
+        ("mechanisms check gyro_s", ["gyro_scale"]),
+    ],
+)
+def test_a_shell_completes_names(brv_hypo, typed, expected):
+    words = ["brv-hypo", *typed.split()]
+    asked = {"_BRV_HYPO_COMPLETE": "complete_bash", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    assert brv_hypo(**asked).stdout.split() == expected

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import shlex
@@ -11,12 +12,14 @@ from typing import Any
 
 import pytest
 import yaml
+from typer.main import get_command
 
 from brv_hypo.cli.main import app
 from brv_hypo.docs import text, topics
 from brv_hypo.docs.offline import manual_page
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
+from tests.docs.filling import filled_in
 from tests.docs.snippets import code_of, commands, execute, matches, snippets
 from tests.shared_data import shared_file
 
@@ -57,6 +60,57 @@ def test_what_a_topic_shows_can_be_read(topic, brv_hypo):
             assert yaml.safe_load(each.body)
 
 
+def shown_in_the_readme() -> list[list[str]]:
+    """Arguments of every command that stands in README's list, what it is for left out."""
+    lines = (Path(__file__).parents[2] / "README.md").read_text().splitlines()
+    listed = (line.split("  ")[0] for line in map(str.strip, lines) if line.startswith("brv-hypo "))
+    return [shlex.split(command)[1:] for command in listed]
+
+
+@pytest.mark.thorough
+def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, monkeypatch):
+    """On the table that the manual makes, with its map; NAME is a name, and what stands in brackets may be left out."""
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    table = next(snippet for snippet in snippets("record") if "savetxt" in snippet.body)
+    written = next(snippet for snippet in snippets("record") if snippet.file == "map.yaml")
+    with contextlib.chdir(tmp_path):
+        exec(table.body.replace("log.csv", "data.csv"), {})
+    (tmp_path / written.file).write_text(written.body)
+    shown = shown_in_the_readme()
+    assert {arguments[0] for arguments in shown} >= {"import", "inspect", "compare", "trace", "simulate", "predict"}
+    for arguments in shown:
+        typed = ["blunting" if word == "NAME" else word for word in arguments if not word.startswith("[")]
+        done = brv_hypo(*typed, cwd=tmp_path)
+        assert done.returncode == 0, f"{typed}: {done.stderr}"
+    assert opened
+    assert (tmp_path / "report.html").is_file()
+
+
+OF_MODULES = ("validation", "likelihood", "subset")
+"""Topics that tell options of `python -m` alone."""
+
+
+def options_of(command: Any) -> set[str]:
+    """The options of a command, and of the commands of a group."""
+    own = {option for parameter in command.params for option in (*parameter.opts, "--help")}
+    return own.union(*map(options_of, getattr(command, "commands", {}).values()))
+
+
+@pytest.mark.parametrize("topic", ["README", *topics()])
+def test_options_that_are_mentioned_exist(topic):
+    """Between backticks: of the command that is named with them, or of any command."""
+    page = (Path(__file__).parents[2] / "README.md").read_text() if topic == "README" else text(topic)
+    code = re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", page, flags=re.DOTALL))
+    for words in code:
+        command = re.match(r"brv-hypo ([a-z]+)", words)
+        asked = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", words))
+        if asked and (command or (words.startswith("--") and topic not in OF_MODULES)):
+            whole = get_command(app)
+            known = options_of(whole.commands[command[1]] if command else whole)
+            assert asked <= known, words
+
+
 @pytest.mark.slow
 @pytest.mark.shared
 def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
@@ -76,17 +130,6 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
     assert "dynamic pressure keeps a fixed proportion" in traced
     assert (tmp_path / "compare.html").stat().st_size < 1_500_000
     assert json.loads((tmp_path / "model.json").read_text())["steps"]
-
-
-def filled_in(path: Path, lines: dict[str, Any]) -> None:
-    """A guessed map with the lines that the manual says are to be filled in."""
-
-    def into(whole: Any, part: Any) -> Any:
-        if not isinstance(part, dict) or not isinstance(whole, dict):
-            return part
-        return {**whole, **{key: into(whole.get(key), value) for key, value in part.items()}}
-
-    path.write_text(yaml.safe_dump(into(yaml.safe_load(path.read_text()), lines), sort_keys=False))
 
 
 @pytest.mark.thorough
@@ -126,6 +169,12 @@ def test_drawings_and_equations_are_whole_at_80_columns(topic):
     """A terminal breaks wider lines, and of a drawing leaves nothing to see."""
     drawn = [line for snippet in snippets(topic) if snippet.language == "text" for line in snippet.body.splitlines()]
     assert [line for line in drawn if len(line) > 78] == []
+
+
+@pytest.mark.parametrize("topic", topics())
+def test_no_table_is_cut_at_80_columns(topic, brv_hypo):
+    printed = brv_hypo("docs", topic, COLUMNS="80").stdout.splitlines()
+    assert [line for line in printed if "…" in line or len(line) > 80] == []
 
 
 def test_topics_are_in_reading_order():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -18,7 +19,10 @@ from brv_hypo.docs import notebooks, topics
 pytestmark = pytest.mark.thorough
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE_FILES = ("page.css", "page.js", "manual.css", "manual.js", "plotly-basic.min.js.gz", "plotly-basic.LICENSE")
+PAGE_FILES = (
+    *("page.css", "page.js", "stretches.js", "manual.css", "manual.js"),
+    *("plotly-basic.min.js.gz", "plotly-basic.LICENSE"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +110,79 @@ def test_what_is_installed_flies_and_inspects_with_its_plugins(installed) -> Non
     flown = installed("simulate", "research_cone", "--plant", "lag", "-o", "flight.h5")
     assert flown.returncode == 0, flown.stderr
     assert "usable" in installed("inspect", "flight.h5").stdout
+
+
+VERSIONS = tuple(f"3.{minor}" for minor in (14, 13, 12, 11))
+"""Of Python, the newest first, of which one beside this one is looked for."""
+NOT_TO_BE_HAD = (
+    *("NewConnectionError", "NameResolutionError", "ProxyError", "ReadTimeoutError", "Network is unreachable"),
+    *("ConnectTimeoutError", "No matching distribution found"),
+)
+"""What pip says where it reaches no index, or one without packages for that Python."""
+IMPATIENT = {"PIP_RETRIES": "1", "PIP_DEFAULT_TIMEOUT": "20"}
+LONGEST = 500.0
+"""Seconds that pip may take, several times what it needs."""
+
+
+def another_python() -> Path | None:
+    """An interpreter of another version than this one: of the command `python3.x`, or one that pyenv installed."""
+    own = f"{sys.version_info.major}.{sys.version_info.minor}"
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    for name in VERSIONS:
+        on_path = shutil.which(f"python{name}")
+        found = [*([Path(on_path)] if on_path else []), *sorted(pyenv.glob(f"{name}.*/bin/python"))]
+        for python in found if name != own else ():
+            # The command may be a shim of pyenv, which knows a version that is not chosen.
+            asked = subprocess.run([python, "-m", "venv", "-h"], capture_output=True, check=False)
+            if asked.returncode == 0:
+                return python
+    return None
+
+
+@pytest.fixture(scope="module")
+def other(built, tmp_path_factory):
+    """A command in a fresh environment of another Python, where the wheel is installed with all that it asks for."""
+    python = another_python()
+    if python is None:
+        pytest.skip(f"no Python is installed beside {sys.version.split()[0]}: looked for {', '.join(VERSIONS)}")
+    home = tmp_path_factory.mktemp("other")
+    subprocess.run([python, "-m", "venv", home / "venv"], check=True)
+    clean = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME")} | IMPATIENT
+
+    def run(program: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        command = [home / "venv" / "bin" / program, *arguments]
+        return subprocess.run(
+            command, cwd=home, env=clean, capture_output=True, text=True, check=False, timeout=LONGEST
+        )
+
+    (wheel,) = built.glob("*.whl")
+    try:
+        done = run("pip", "install", "-q", wheel, "hatchling")
+    except subprocess.TimeoutExpired:
+        pytest.skip(f"pip has no packages for {python} within {LONGEST:.0f} s")
+    if done.returncode != 0 and any(sign in done.stderr for sign in NOT_TO_BE_HAD):
+        pytest.skip(f"pip has no packages for {python}: {done.stderr.strip().splitlines()[-1]}")
+    assert done.returncode == 0, done.stderr
+    return run
+
+
+def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
+    """As a new user would, with the newest of everything that the wheel asks for: demo, manual, plugins."""
+    assert other("python", "--version").stdout.split()[1].split(".")[:2] != [str(n) for n in sys.version_info[:2]]
+    shown = other("brv-hypo", "demo")
+    assert "Verdict: sticking" in shown.stdout, shown.stderr
+    assert "What data fit" in other("brv-hypo", "docs", "start").stdout
+    known = other("brv-hypo", "mechanisms").stdout
+    assert all(name in known for name in ("sticking", "magnus", "gyro_bias"))
+
+
+def test_another_python_builds_and_installs_the_sdist(other, built) -> None:
+    (sdist,) = built.glob("*.tar.gz")
+    install = ("install", "-q", "--no-deps", "--no-index", "--no-build-isolation", "--force-reinstall")
+    done = other("pip", *install, sdist)
+    assert done.returncode == 0, done.stderr
+    assert other("brv-hypo", "--version").stdout.split()[-1] == version("brv-hypo")
+    assert other("brv-hypo", "docs", "--notebooks", "books").returncode == 0
 
 
 def test_the_sdist_holds_what_the_wheel_is_built_from(built) -> None:

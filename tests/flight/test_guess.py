@@ -251,3 +251,39 @@ def test_measured_logs_are_guessed_right() -> None:
     assert set(UNITS) & set(entry) == set(entry)
     assert all("scale" not in each for each in entry.values())
     assert entry["velocity"]["units"] == "m/s"
+
+
+@pytest.mark.parametrize(
+    ("column", "channel", "units"),
+    [
+        ("qbar_kPa", "dynamic_pressure", "kPa"),
+        ("dyn_press_hPa", "dynamic_pressure", "hPa"),
+        ("qbar_Pa", "dynamic_pressure", "Pa"),
+        ("qbar [mbar]", "dynamic_pressure", "mbar"),
+        ("VelocityKmh", "velocity", "km/hour"),
+        ("AltFt", "altitude", "ft"),
+        ("gyroX_degS", "p", "deg/s"),
+    ],
+)
+def test_units_at_the_end_of_a_name_are_read_with_their_capitals(column: str, channel: str, units: str) -> None:
+    assert by_name([column])[0][channel].units == units
+
+
+@pytest.mark.parametrize("struct", ["", "log"])
+def test_what_the_axial_accelerometer_is_in_the_others_are_in(tmp_path: Path, struct: str) -> None:
+    """In flight throughout: no rest tells gravity, and no name tells units; of a MATLAB file in a struct or not."""
+    log = logged()
+    flown = log["time"] > 3.0
+    names = {"time": "t_ms", "p": "gyro_x", "q": "gyro_y", "r": "gyro_z", "ax": "acc_x", "ay": "acc_y", "az": "acc_z"}
+    sizes = {"time": 1e-3, "p": DEGREE, "q": DEGREE, "r": DEGREE, "ax": 9.80665, "ay": 9.80665, "az": 9.80665}
+    columns = {name: log[channel][flown] / sizes[channel] for channel, name in names.items()}
+    columns |= {"speed": log["velocity"][flown]}
+    guess = guess_map(write_mat(tmp_path / "log.mat", {struct: columns} if struct else columns))
+    found = channels_of(guess.text)
+    assert {name: found[name]["units"] for name in ("ax", "ay", "az", "p")} == {
+        **dict.fromkeys(("ax", "ay", "az"), "g"),
+        "p": "deg/s",
+    }
+    assert found["q"]["column"] == (f"{struct}." if struct else "") + "gyro_y"
+    assert not any("acc_" in doubt for doubt in guess.unsure)
+    assert next(doubt for doubt in guess.unsure if "gyro_x" in doubt).endswith("deg/s is a guess")

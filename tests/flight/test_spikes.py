@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.flight import despiked
-from brv_hypo.flight.spikes import find_spikes
+from brv_hypo.flight.spikes import find_spikes, spike_note
 from tests.flight.records import flight, motion
 
 SAMPLES = 600
@@ -93,5 +93,8 @@ def test_despiking_restores_the_motion_and_says_so() -> None:
     found = despiked(spiked)
     np.testing.assert_allclose(found.q, clean["q"], atol=6e-3)
     assert np.flatnonzero(found.q != q).tolist() == [100, 250]
+    assert spike_note("q", np.arange(5) == 3, np.arange(5.0)) == (
+        "q: 1 spike sample replaced by a cubic spline, the first at 3.000 s"
+    )
     assert found.notes == ("q: 2 spike samples replaced by a cubic spline, the first at 11.000 s",)
     assert despiked(found) is found

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.attitude import derolled_attitude
 from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.effect_responses import EffectFit, corrected, no_responses
 from brv_hypo.motion.inertial import inertial_record
 from brv_hypo.motion.noise import white_noise_level
+from brv_hypo.motion.perturbation import Perturbation
 from tests.motion.truth import CONE, Truth, observe
 
 
@@ -74,3 +76,18 @@ def test_what_cannot_be_integrated_is_refused(truths: dict[str, Truth], change: 
     flight = replace(observe(truths[CONE.name], 0), **change)
     with pytest.raises(UnanswerableError, match=words):
         inertial_record(flight, ReconstructionConfig())
+
+
+def test_errors_that_leave_no_pressure_are_refused_by_name(truths: dict[str, Truth]) -> None:
+    """Moments over a pressure below zero would have errors below zero."""
+    flight = observe(truths[CONE.name], 1)
+    effect = Perturbation(
+        *("dynamic_pressure_scale", "", "1"),
+        size=0.5,
+        apply=lambda flight, value: replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + value)),
+    )
+    responses = replace(no_responses(inertial_record(flight, ReconstructionConfig())), effects=(effect,))
+    found = EffectFit(responses, np.zeros(1), np.array([1.0]), np.eye(1))
+    np.testing.assert_allclose(corrected(flight, found).dynamic_pressure, 0.5 * flight.dynamic_pressure)
+    with pytest.raises(UnanswerableError, match=r"many times their tolerances \(dynamic_pressure_scale  3\)"):
+        corrected(flight, replace(found, value=np.array([3.0])))

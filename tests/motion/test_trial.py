@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from brv_hypo import compare
 from brv_hypo.flight import load_flight
+from brv_hypo.flight.faults import RecordFault
 from brv_hypo.motion import try_record
 from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe, thinned
 from tests.shared_data import shared_file
@@ -67,7 +69,7 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
     trial = try_record(spoil(flights["slender"]))[1]
     assert not trial.sound
     assert [(one.channel, one.fault, one.decisive) for one in trial.faults] == [(channel, fault, True)]
-    assert "--accept-record" in trial.faults[0].action
+    assert "correct the map" in trial.faults[0].action
 
 
 @pytest.mark.parametrize("turns", [pytest.param(0.5, marks=THOROUGH), 1.0, pytest.param(2.0, marks=THOROUGH)])
@@ -135,3 +137,18 @@ def test_a_window_too_short_to_try_is_left_to_who_asks_for_it(flights):
     assert tried is window
     assert trial.sound
     assert trial.faults == ()
+
+
+def test_a_comparison_is_refused_by_the_flight_that_is_at_fault_and_its_fault(flights):
+    """Of the first flight only a spike is masked; what may be done is said once, by the command that has the option."""
+    spiked, turned = flights["slender"], scaled(flights["slender"], -1.0, "q")
+    q = spiked.q.copy()
+    q[100] += 1.0
+    faults = (RecordFault("q", "spikes", 0.0, 0.0, "a spike replaced", False),)
+    sound, at_fault = replace(spiked, q=q, faults=faults, path="first.h5"), replace(turned, path="second.h5")
+    found = compare([sound, at_fault])
+    assert found.verdict.outcome == "record fault"
+    assert found.record.faults[0].fault == "sign"
+    assert found.verdict.reason.startswith("The record of second.h5 contradicts itself (sign: q;")
+    assert found.verdict.reason.endswith("correct the map. `compare --accept-record` goes on all the same.")
+    assert not any("--accept-record" in fault.action for fault in found.record.faults)

@@ -12,12 +12,17 @@ import pytest
 import brv_hypo
 from brv_hypo.docs.offline import manual_page
 from brv_hypo.ranking import CompareConfig
+from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.blocks import Document, Picture
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel, Span
+from brv_hypo.report.motion_charts import Setting, motion_chart
 from brv_hypo.report.pages import page
 from brv_hypo.report.provenance import Provenance
+from brv_hypo.report.study import study_document
 from brv_hypo.report.write import document_of
 from brv_hypo.residuals import TraceConfig
+from brv_hypo.study import StudyConfig, summarise
+from tests.study.outcomes import outcome
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = (
@@ -49,6 +54,16 @@ ZOOM = """<script>(async () => {
   root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
 })();</script>"""
 
+STRETCHES = """<script>(async () => {
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  const [time, path] = document.querySelectorAll(".chart");
+  const titles = () => path.layout.annotations.map((each) => each.text).join(" | ");
+  root.dataset.whole = titles();
+  root.dataset.points = path.data.map((trace) => trace.x.length).join(" ");
+  await Plotly.relayout(time, { "xaxis.range": [5, 7] });
+  await new Promise((done) => setTimeout(done, 300));
+  root.dataset.zoomed = titles();
+})();</script>"""
 PRINT = """<script>(async () => {
   while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
   dispatchEvent(new Event("beforeprint"));
@@ -114,7 +129,7 @@ def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
 
 @pytest.fixture(scope="module")
 def pages() -> dict[str, str]:
-    """The pages of real results: a short flight reconstructed and compared, and traced."""
+    """The pages of real results: a short flight reconstructed, compared, traced and predicted; and of a study."""
     sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
     short = {"base": "research_cone", "duration": 3.0, "sample_rate": 100.0, "mechanisms": [sticking]}
     flown = brv_hypo.simulate(short, seed=4)
@@ -124,10 +139,14 @@ def pages() -> dict[str, str]:
         "trace": brv_hypo.trace(flown, settings),
     }
     results["predict"] = brv_hypo.predict(flown, results["trace"])
-    return {name: page(document_of(result), Provenance()) for name, result in results.items()}
+    results["reconstruct"] = brv_hypo.reconstruct(flown)
+    drawn = {name: page(document_of(result), Provenance()) for name, result in results.items()}
+    outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
+    studied = summarise(StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=6), outcomes)
+    return {**drawn, "study": page(study_document(studied, outcomes), Provenance())}
 
 
-@pytest.mark.parametrize("name", ["compare", "trace", "predict"])
+@pytest.mark.parametrize("name", ["compare", "trace", "predict", "reconstruct", "study"])
 @pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
 def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages, name, width, scheme) -> None:
     """Every chart, without an error, in the scheme's colours, and no wider than the window."""
@@ -142,6 +161,23 @@ def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages,
 
 def test_charts_over_time_are_zoomed_together_and_the_others_are_not(shown) -> None:
     assert 'data-zoomed="1.0-2.0 1.0-2.0 0.0-3.0"' in shown(report(ZOOM))
+
+
+def test_a_path_is_divided_into_the_stretches_of_its_chart_and_anew_by_a_zoom(shown) -> None:
+    """Forty turns in 20 s: twelve stretches, of two seconds that charts over time are zoomed to only one."""
+    time = np.linspace(0.0, 20.0, 2001)
+    setting = Setting((0.0, 20.0))
+    alpha = np.full(2001, 0.05)
+    path = attitude_chart(setting, time, alpha, -2.0 * np.pi * 2.0 * time, np.zeros(2001))
+    charts = (motion_chart(setting, time, alpha, alpha), path)
+    document = Document("t", (), "c", "words", True, [Picture(chart) for chart in charts])
+    root = shown(page(document, Provenance()).replace("</body>", f"{STRETCHES}</body>"))
+    assert "data-failed" not in root
+    titles = " | ".join([*(panel.title for panel in path.panels), "psi, deg", "theta, deg"])
+    assert f'data-whole="{titles}"' in root
+    sizes = " ".join(f"{len(panel.layers[0].x)} 1" for panel in path.panels)
+    assert f'data-points="{sizes}"' in root
+    assert 'data-zoomed="5.0–7.0 s | psi, deg | theta, deg"' in root
 
 
 def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
@@ -159,6 +195,16 @@ def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
     assert bars == 157
     assert most < 1000
     assert f'data-paper="{SCHEMES["light"][1]}"' in root
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
+def test_the_manual_is_no_wider_than_the_window(shown, width, scheme) -> None:
+    measure = """<script>document.documentElement.dataset.wide = document.documentElement.scrollWidth > innerWidth;
+      document.documentElement.dataset.paper = getComputedStyle(document.body).backgroundColor;</script>"""
+    root = shown(manual_page().replace("</body>", f"{measure}</body>"), width, scheme)
+    assert "data-failed" not in root
+    assert 'data-wide="false"' in root
+    assert f'data-paper="{SCHEMES[scheme][1]}"' in root
 
 
 def test_the_manual_is_searched(shown) -> None:

@@ -6,18 +6,21 @@ import base64
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from brv_hypo.docs import text
 from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import MOST_POINTS, Band, Bars, Chart, Line, Mark, Panel, Span, wrapped_degrees
 from brv_hypo.report.chart_names import RECONSTRUCTION, TRACE, comparison_names
 from brv_hypo.report.compare import comparison_document
 from brv_hypo.report.comparison_charts import comparison_charts
 from brv_hypo.report.drawing import draw_into, drawn
+from brv_hypo.report.figure import chart_figure
 from brv_hypo.report.motion_charts import Setting
 from brv_hypo.report.pages import page
 from brv_hypo.report.plotly_chart import plotly_chart
@@ -64,6 +67,35 @@ def test_the_in_plane_moment_is_drawn_for_several_numbers_of_terms(comparison, c
     slope = next(s for s in comparison.coefficients if (s.flight, s.mechanism, s.name) == (0, "none", "C_N' by alpha"))
     if slope.method == "regression":
         np.testing.assert_allclose(baseline.slope, slope.value, rtol=1e-6, atol=1e-9)
+
+
+def cone(cycles: float) -> Chart:
+    """Pitch against yaw of a body that cones `cycles` times in 20 s, at 3 deg, and does not roll."""
+    time = np.linspace(0.0, 20.0, 2001)
+    meridian = -2.0 * np.pi * cycles * time / 20.0
+    return attitude_chart(Setting((0.0, 20.0)), time, np.full(2001, np.radians(3.0)), meridian, np.zeros(2001))
+
+
+@pytest.mark.parametrize(("cycles", "stretches"), [(0.4, 1), (4, 1), (8, 2), (20, 8), (90, 16)])
+def test_pitch_against_yaw_is_drawn_a_few_cycles_at_a_time(cycles, stretches) -> None:
+    """Stretches follow each other without a gap, each with its times above it and its first point marked."""
+    panels = cone(cycles).panels
+    assert len(panels) == stretches
+    ends = [panel.title.removesuffix(" s").split("–") for panel in panels]
+    assert (ends[0][0], ends[-1][1]) in {("0", "20"), ("0.0", "20.0"), ("0.00", "20.00")}
+    assert [stop for _, stop in ends[:-1]] == [start for start, _ in ends[1:]]
+    paths = [panel.layers[0] for panel in panels]
+    assert sum(len(path.x) for path in paths) == 2001 + stretches - 1
+    assert all((path.x[-1], path.y[-1]) == (after.x[0], after.y[0]) for path, after in pairwise(paths))
+    assert all(list(panel.layers[1].x) == [path.x[0]] for panel, path in zip(panels, paths, strict=True))
+    np.testing.assert_allclose([np.hypot(path.x, path.y).max() for path in paths], 3.0)
+
+
+def test_stretches_of_a_path_are_squares_at_one_scale_in_a_picture() -> None:
+    figure = chart_figure(cone(90))
+    assert len({(*axes.get_xlim(), *axes.get_ylim()) for axes in figure.axes}) == 1
+    assert figure.axes[0].get_xlim() == pytest.approx((-3.15, 3.15))
+    assert [axes.get_title() for axes in figure.axes] == [panel.title for panel in cone(90).panels]
 
 
 def test_what_the_baseline_leaves_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:

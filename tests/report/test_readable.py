@@ -54,12 +54,6 @@ def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> Non
     assert all(panel.range is None for panel in moment_chart(SETTING, TIME, (WAVE, WAVE), quiet, models).panels)
 
 
-def test_a_band_has_its_upper_edge_above() -> None:
-    band = residual_chart(SETTING, TIME, np.full(200, -1e-3), []).panels[0].layers[0]
-    assert isinstance(band, Band)
-    assert np.all(np.asarray(band.high) > np.asarray(band.low))
-
-
 def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
     faults = [
         RecordFaultSummary(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ import pytest
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.blocks import Texts
 from brv_hypo.report.chart_names import PREDICTION
 from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_charts, prediction_document
 from brv_hypo.report.provenance import provenance
+from brv_hypo.report.rows import CONTRADICTED
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
@@ -181,3 +184,14 @@ def test_the_page_draws_the_band(predicted: Prediction) -> None:
     assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION)
     assert [panel.title for panel in chart.panels] == list(BODY)
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
+
+
+def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flight, held: Prediction) -> None:
+    assert held.record.sound
+    turned = predict(replace(sister, q=-sister.q), traced.model.definition)
+    assert [(fault.channel, fault.fault) for fault in turned.record.faults] == [("q", "sign")]
+    document = prediction_document(turned)
+    assert (document.conclusion_title, document.settled) == ("Record in doubt", False)
+    assert document.conclusion == f"{CONTRADICTED.format(told='left')} {turned.reason}"
+    (warning,) = (block for block in document.blocks if isinstance(block, Texts) and block.warning)
+    assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]

@@ -18,6 +18,7 @@
 
   const painted = (value, style) => {
     if (typeof value === "string") return value.startsWith("--") ? style.getPropertyValue(value).trim() : value;
+    if (ArrayBuffer.isView(value)) return value;
     if (Array.isArray(value)) return value.map((each) => painted(each, style));
     if (value && typeof value === "object") {
       return Object.fromEntries(Object.entries(value).map(([key, each]) => [key, painted(each, style)]));
@@ -37,29 +38,49 @@
   const LEAST = 300;  // px: charts of no more keep their height
   const SMALLER = 11;  // px: the letters of closer panels
   const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "resetScale2d"]] };
-  const draw = async () => {
-    const style = getComputedStyle(root);
-    for (const [index, node] of nodes.entries()) {
-      const chart = charts[index];
-      const layout = painted({ ...common, ...chart.layout, height: chart.height }, style);
-      if ("printing" in root.dataset) {
-        layout.width = PAPER;
-        layout.height = Math.min(Math.max(CLOSER * chart.height, Math.min(chart.height, LEAST)), SHEET);
-        layout.font.size = SMALLER;
-      }
-      if (node.layout && node.layout.xaxis && chart.time) layout.xaxis.range = node.layout.xaxis.range;
-      await Plotly.react(node, painted(chart.traces, style), layout, config);
-    }
-    root.dataset.drawn = nodes.length;
-  };
-  await draw();
-
   const linked = nodes.filter((node, index) => charts[index].time);
+  const paths = nodes.filter((node, index) => charts[index].path);
   let leading = null;
   const others = (node, act) => {
     if (leading) return;
     leading = node;
     Promise.all(linked.filter((other) => other !== node).map(act)).finally(() => { leading = null; });
+  };
+  const listenToPath = (node) => {
+    node.on("plotly_hover", (event) => {
+      others(node, (other) => Plotly.Fx.hover(other, { xval: event.points[0].customdata }, "xy"));
+    });
+    node.on("plotly_unhover", () => others(node, (other) => Plotly.Fx.unhover(other)));
+  };
+  let shown = null;  // the times that charts over time are zoomed to
+  const drawOne = async (node, style) => {
+    let chart = charts[nodes.indexOf(node)];
+    const height = "printing" in root.dataset
+      ? Math.min(Math.max(CLOSER * chart.height, Math.min(chart.height, LEAST)), SHEET) : chart.height;
+    if (chart.path) {
+      const { l, r, t, b } = common.margin, width = "printing" in root.dataset ? PAPER : node.clientWidth;
+      chart = { ...chart, ...stretchesOf(chart.path, [width - l - r, height - t - b], shown) };
+    }
+    const layout = painted({ ...common, ...chart.layout, height }, style);
+    if ("printing" in root.dataset) {
+      layout.width = PAPER;
+      layout.font.size = SMALLER;
+    }
+    if (node.layout && node.layout.xaxis && chart.time) layout.xaxis.range = node.layout.xaxis.range;
+    // Axes that are tied to each other keep old ranges when they are drawn over.
+    await Plotly[chart.path ? "newPlot" : "react"](node, painted(chart.traces, style), layout, config);
+    if (chart.path) listenToPath(node);
+  };
+  const draw = async () => {
+    for (const node of nodes) await drawOne(node, getComputedStyle(root));
+    root.dataset.drawn = nodes.length;
+  };
+  await draw();
+
+  const showOnPaths = (range) => {
+    if (String(range) === String(shown)) return;
+    shown = range;
+    for (const node of paths) drawOne(node, getComputedStyle(root));
   };
   for (const node of linked) {
     node.on("plotly_relayout", (change) => {
@@ -67,6 +88,7 @@
         ("xaxis.range[0]" in change ? [change["xaxis.range[0]"], change["xaxis.range[1]"]] : null);
       if (range) others(node, (other) => Plotly.relayout(other, { "xaxis.range": range }));
       else if (change["xaxis.autorange"]) others(node, (other) => Plotly.relayout(other, { "xaxis.autorange": true }));
+      if (range || change["xaxis.autorange"]) showOnPaths(range);
     });
     node.on("plotly_hover", (event) => {
       others(node, (other) => Plotly.Fx.hover(other, { xval: event.xvals[0] }, "xy"));
