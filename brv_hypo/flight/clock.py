@@ -15,6 +15,8 @@ MOST_STEPS = 5
 """More odd intervals than this are jitter or dropouts, and no steps."""
 RUNS_ON = 2.0
 """The samples run on where a cubic through the closed interval misses them by this, in squares over noise, or less."""
+FAR_BETTER = 0.01
+"""Or by this share of what one through the interval as it is stamped does: motion may be too fast for a cubic."""
 MOVED, FEWEST_MOVED = 8.0, 2
 """Unless so many channels would have moved by so many sigmas in the time of the interval, nothing can be said."""
 SURE_SLOPE = 5.0
@@ -56,14 +58,18 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
     closed = np.where(np.arange(time.size)[part] >= at, time[part] - excess, time[part])
     if closed.size < 2 * FLANK:
         return False
-    misfits, moved = [], 0
+    misfits, stamped, moved = [], [], 0
     for name in (*GYROS, *ACCELEROMETERS):
         values = channels[name][part] if name in channels else np.array([np.nan])
         sigma = sigma_of_differences([channels[name]]) if name in channels else 0.0
         if sigma > 0.0 and np.all(np.isfinite(values)):
             misfits.append(_misfit(closed, values, sigma))
+            stamped.append(_misfit(time[part], values, sigma))
             moved += _would_move(closed, values, sigma, excess)
-    return moved >= FEWEST_MOVED and float(np.mean(misfits)) < RUNS_ON and max(misfits) < 2.0 * RUNS_ON
+    if moved < FEWEST_MOVED:
+        return False
+    most = max(RUNS_ON, FAR_BETTER * float(np.mean(stamped)))
+    return float(np.mean(misfits)) < most and max(misfits) < 2.0 * most
 
 
 def _would_move(time: FloatArray, values: FloatArray, sigma: float, excess: float) -> bool:

@@ -4,7 +4,8 @@ A run of one or two samples is a spike where all of these hold:
 - it stands out by more than 8 robust standard deviations from the cubic through two samples on either side;
 - that is more than twice the largest second difference among its 4 neighbours on either side, with the run
   replaced by the cubic. A sinusoid of any frequency reaches (2 sin(w h / 2))^2 / 6 < 2/3 of it, a step or a
-  kink 1;
+  kink 1. Where motion bends by more than a spike from sample to sample, 2.5 times the largest fourth difference will
+  do: a kink reaches 1 of it, a step 0.6, a sinusoid near the sampling rate 2.02 (`tests/flight/test_spikes.py`);
 - spikes take up at most 2 % of the channel: more of them are its noise, and it is left as it is.
 """
 
@@ -24,6 +25,7 @@ from brv_hypo.flight.resample import bridge
 
 SIGMAS = 8.0
 TIMES_CURVATURE = 2.0
+TIMES_FOURTH = 2.5
 NEIGHBOURS = 4
 LONGEST_SPIKE = 2
 LARGEST_FRACTION = 0.02
@@ -96,9 +98,9 @@ def _candidates(values: FloatArray, length: int) -> IntArray:
     suspect = np.flatnonzero(outlying > SIGMAS * _scale(departure[:, 0], values))
     replaced = windows[suspect].copy()
     replaced[:, reach : reach + length] = cubic[suspect]
-    curvature = np.abs(np.diff(replaced, n=2, axis=1))
-    largest = np.max(np.nan_to_num(curvature), axis=1, initial=0.0)
-    chosen = suspect[outlying[suspect] > TIMES_CURVATURE * largest]
+    curvature = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=2, axis=1))), axis=1, initial=0.0)
+    fourth = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=4, axis=1)), nan=np.inf), axis=1, initial=0.0)
+    chosen = suspect[outlying[suspect] > np.minimum(TIMES_CURVATURE * curvature, TIMES_FOURTH * fourth)]
     return np.asarray(chosen[np.argsort(-outlying[chosen], kind="stable")], dtype=np.int64)
 
 

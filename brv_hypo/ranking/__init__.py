@@ -4,7 +4,8 @@ compare.py   entrance: one readable `compare`
 config.py    what a comparison may be told; constants.py what decides a verdict
 preparation.py   from reconstructed flights to the problem that all hypotheses share
 criteria.py  C_p, PRESS, AIC and BIC; disagreement.py where they put different hypotheses first
-adequacy.py  whether only noise is left; stability.py whether the same leads without a part of the record
+adequacy.py  whether only noise is left; alternative.py what may be there instead
+stability.py whether a repetition ends the same (repeated.py): other_knots.py, other_methods.py
 limits.py    how large each mechanism may be; intervals.py net values between knots
 verdict.py   a winner, or all that stand
 likelihood.py    those that stand, by maximum likelihood

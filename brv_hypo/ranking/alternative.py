@@ -20,11 +20,17 @@ from brv_hypo.regression.unlisted import unlisted_moment
 class Alternative:
     """Something outside the list: its criterion where it explains the flight alone, and what it is in words.
 
-    As beside the leader, what it gains has to be more than it does on sound flights.
+    As beside the leader, what it gains has to be more than it does on sound flights: by so much its criterion is above
+    that of its `fit`.
     """
 
     information: float
     words: str
+    fit: HypothesisFit
+
+    def repeated(self, information: Mapping[str, float]) -> float:
+        """Its criterion in a repetition, from those of fits by name."""
+        return information[self.fit.name] + self.information - self.fit.information
 
 
 def alternatives(
@@ -40,7 +46,7 @@ def alternatives(
     if not is_particular(problem, null, leader):
         terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
         words = f"a change of {terms} alone, which is not particular to {leader.name}"
-        found.append(Alternative(leader.information, words))
+        found.append(Alternative(leader.information, words, leader))
     listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
@@ -60,7 +66,7 @@ def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> 
 def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:
     """The best fit of a moment as a mechanism."""
     fit = fit_hypothesis(problem, moment.name, (moment,), leader.information)
-    return Alternative(fit.information + OTHER_FLOOR, _described(fit))
+    return Alternative(fit.information + OTHER_FLOOR, _described(fit), fit)
 
 
 def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:

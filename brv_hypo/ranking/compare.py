@@ -19,12 +19,11 @@ from brv_hypo.model.columns import theta_grid
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.adequacy import Misfit
 from brv_hypo.ranking.alternative import alternatives
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.constants import BOUND_SIGMAS, REPETITIONS
 from brv_hypo.ranking.criteria import criteria_of
-from brv_hypo.ranking.fitting import Hypotheses, Progress, searched
+from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series
 from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.likelihood import identify_standing
@@ -32,12 +31,11 @@ from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
-from brv_hypo.ranking.stability import stability
+from brv_hypo.ranking.stability import repetitions, stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.ranking.verdict import Score, judge
+from brv_hypo.ranking.verdict import Contest, Score, judge
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
-from brv_hypo.regression.problem import Problem
 
 
 def compare(
@@ -94,7 +92,7 @@ def _compare(
     without = [leaving.of(fit.frame, fit.columns) for fit in fits]
     errors = [held_out(problem, each, config.held_out_blocks) for each in without]
     say("judging")
-    verdict = _judged(problem, answered, fits, errors, without, fitted.left, config.other_prior)
+    verdict = _judged(fitted, answered, errors, leaving, without, config.other_prior)
     selected = clock.perf_counter()
     likelihoods = identify_standing(fits, config, say)
     finished = clock.perf_counter()
@@ -110,22 +108,26 @@ def _compare(
 
 
 def _judged(
-    problem: Problem,
+    fitted: Fitted,
     hypotheses: Hypotheses,
-    fits: Sequence[HypothesisFit],
     errors: Sequence[HeldOut],
+    leaving: LeavingOut,
     without: Sequence[FitsWithout],
-    left: Misfit,
     other_prior: float,
 ) -> Verdict:
-    """The verdict on fits with their held-out errors."""
+    """The verdict on fits with their held-out errors; what may be there instead takes part in the repetitions."""
+    problem, fits = fitted.problem, fitted.fits
     scores = [
         Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
         for fit, error in zip(fits, errors, strict=True)
     ]
-    repeated = stability(problem, fits, without, REPETITIONS)
     instead = alternatives(problem, hypotheses, fits)
-    return judge(scores, left, repeated, limits(problem, hypotheses, fits), instead, other_prior)
+    contest = Contest(scores, fitted.left, instead, other_prior)
+    listed = {fit.name for fit in fits}
+    further = [each.fit for each in instead if each.fit.name not in listed]
+    without = [*without, *(leaving.of(fit.frame, fit.columns) for fit in further)]
+    repeated = stability(contest, repetitions(problem, [*fits, *further], without, REPETITIONS))
+    return judge(contest, repeated, limits(problem, hypotheses, fits))
 
 
 def _impossible(fit: HypothesisFit) -> str | None:

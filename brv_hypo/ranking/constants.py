@@ -58,6 +58,12 @@ BOUND_SIGMAS = 3.0
 REPETITIONS = (8, 12)
 # Errors of what is told of vehicle and air, of which each is taken a tolerance higher and lower in turn for the same.
 REPEATED_ERRORS = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
+# Spacings by which all knots are moved, and refined again, for the same: no grid lies farther from another.
+KNOT_SHIFTS = (-0.5, 0.5)
+# Criterion behind the leader up to which the knots of rivals are moved as well: a factor of 3e-15 in probability.
+REPEATED_WITHIN = 100.0
+# Stated errors of another reconstruction method by which the accelerometers may contradict it before it has failed.
+METHOD_SIGMAS = 3.0
 # Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
 SLOPE_DEGREE = 3
 # Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows

@@ -1,57 +1,82 @@
-"""How often the same hypothesis leads: without a part of the record, with other inertia or dynamic pressure."""
+"""How often a comparison ends the same when it is repeated.
+
+Repetitions are without a part of the record, with inertia or dynamic pressure a tolerance off, from other knots, and on
+the motion of other reconstruction methods. Coefficients and nuisances are fitted anew in each.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.ranking.constants import REPEATED_ERRORS
+from brv_hypo.ranking.other_knots import on_other_knots
+from brv_hypo.ranking.other_methods import on_other_motions
+from brv_hypo.ranking.repeated import Criteria, Repeated, criteria, criteria_at
+from brv_hypo.ranking.verdict import Contest, Stability
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import FitsWithout
 from brv_hypo.regression.problem import Problem
 
 
-def stability(
+def repetitions(
     problem: Problem, fits: Sequence[HypothesisFit], without: Sequence[FitsWithout], blocks: Sequence[int]
-) -> float:
-    """Share of repetitions that have the same leader as the record as it is.
+) -> tuple[Repeated, ...]:
+    """Every repetition of a comparison of these fits, by kind.
 
-    Each is without one of `blocks` blocks, or with an error of `REPEATED_ERRORS` expected a tolerance higher or lower.
-    `without` are the fits of the same columns without blocks, one for each of `fits`. Coefficients and nuisances are
-    fitted anew; knots and delays stay.
+    `without` are the fits of the same columns without blocks, one for each of `fits`; `blocks` says into how many the
+    record is divided, of which one is left out in turn.
     """
-    same = [*_without_blocks(fits, without, blocks), *_within_tolerances(problem, fits)]
-    return sum(same) / max(len(same), 1)
+    return (
+        without_blocks(fits, without, blocks),
+        within_tolerances(problem, fits),
+        on_other_knots(problem, fits),
+        on_other_motions(problem, fits),
+    )
 
 
-def _without_blocks(
+def stability(contest: Contest, repeated: Sequence[Repeated]) -> Stability:
+    """Shares of all repetitions that end as the record does, judged by the same rules, and that have its leader."""
+    pairs = [
+        (contest.repeated(kind.whole), contest.repeated(each)) for kind in repeated for each in kind.each
+    ]
+    ends = [(one.outcome, one.winner) == (other.outcome, other.winner) for one, other in pairs]
+    leads = [one.leader is other.leader for one, other in pairs]
+    return Stability(sum(ends) / max(len(ends), 1), sum(leads) / max(len(leads), 1))
+
+
+def without_blocks(
     fits: Sequence[HypothesisFit], without: Sequence[FitsWithout], blocks: Sequence[int]
-) -> Iterator[bool]:
-    """Whether the whole record's leader leads, by repetition.
+) -> Repeated:
+    """Without each block in turn; delays and knots stay.
 
-    It is that of the same likelihood, in which rows may be left out (`Problem.untied`).
+    The whole record is under the same likelihood, in which rows may be left out (`Problem.untied`).
     """
-    leader = _leader(fits, {fit.name: each.nothing for fit, each in zip(fits, without, strict=True)})
-    for number in blocks:
-        for repetition in zip(*(each.each(number) for each in without), strict=True):
-            rests = {fit.name: each.rest for fit, each in zip(fits, repetition, strict=True)}
-            yield _leader(fits, rests) == leader
+    whole = {fit.name: each.nothing for fit, each in zip(fits, without, strict=True)}
+    left_out = [
+        {fit.name: each.rest for fit, each in zip(fits, repetition, strict=True)}
+        for number in blocks
+        for repetition in zip(*(each.each(number) for each in without), strict=True)
+    ]
+    return Repeated(criteria_at(fits, whole), [criteria_at(fits, rss) for rss in left_out])
 
 
-def _within_tolerances(problem: Problem, fits: Sequence[HypothesisFit]) -> Iterator[bool]:
-    """Whether the record's leader leads where the priors of errors have another centre, by repetition."""
+def within_tolerances(problem: Problem, fits: Sequence[HypothesisFit]) -> Repeated:
+    """With one of `REPEATED_ERRORS` expected a tolerance higher or lower; delays and knots stay."""
+    return Repeated(criteria(fits), list(_expecting_others(problem, fits)))
+
+
+def _expecting_others(problem: Problem, fits: Sequence[HypothesisFit]) -> Iterator[Criteria]:
     expected = _expected_elsewhere(problem)
-    leader = _leader(fits, {fit.name: fit.rss for fit in fits})
     left = {}
     for fit in fits:
         basis = np.linalg.qr(problem.design(fit.frame, fit.columns))[0]
         changes = expected - basis @ (basis.T @ expected)
         left[fit.name] = np.sum((fit.residual[:, np.newaxis] + np.hstack([changes, -changes])) ** 2, axis=0)
     for k in range(2 * expected.shape[1]):
-        yield _leader(fits, {name: float(rss[k]) for name, rss in left.items()}) == leader
+        yield criteria_at(fits, {name: float(rss[k]) for name, rss in left.items()})
 
 
 def _expected_elsewhere(problem: Problem) -> FloatArray:
@@ -65,9 +90,3 @@ def _expected_elsewhere(problem: Problem) -> FloatArray:
     changes = np.zeros((problem.rows.size, len(prior_rows)))
     changes[prior_rows, np.arange(len(prior_rows))] = 1.0
     return problem.rows.projected(changes)
-
-
-def _leader(fits: Sequence[HypothesisFit], rss: Mapping[str, float]) -> str:
-    """The hypothesis of the least criterion with these residual sums of squares."""
-    criteria = {fit.name: replace(fit, residual=np.array([np.sqrt(rss[fit.name])])).information for fit in fits}
-    return min(criteria, key=lambda name: criteria[name])

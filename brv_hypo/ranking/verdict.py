@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -56,53 +58,120 @@ def probabilities(
     return {name: weight / total for name, weight in weights.items()}
 
 
-def judge(
-    scores: Sequence[Score],
-    left: Misfit,
-    stability: float,
-    limits: Sequence[Limit] = (),
-    alternatives: Sequence[Alternative] = (),
-    other_prior: float = OTHER_PRIOR,
-) -> Verdict:
-    """Name a hypothesis that leads, predicts held-out blocks, leaves only noise and has possible values.
+class Stability(NamedTuple):
+    """Shares of the repetitions of a comparison that give the same outcome and name, and the same leader."""
 
-    `left` is what the leader leaves; `stability` the share of repetitions that give the same leader; `alternatives`
-    what may be there in its place; `other_prior` the prior of something outside the list. What a leader that cannot be
-    explains, something outside the list does. That nothing listed is adequate has to be as probable as a name.
+    outcome: float
+    leader: float
+
+
+@dataclass(frozen=True)
+class Ruling:
+    """What the rules make of criteria: who leads, how probable all are, whether it is adequate and beats none."""
+
+    leader: Score
+    chances: Mapping[str, float]
+    adequate: bool
+    beaten: bool
+
+    @property
+    def outcome(self) -> Literal["named", "undecided", "none adequate"]:
+        """That nothing listed is adequate has to be as probable as a name."""
+        if not self.adequate:
+            return "none adequate"
+        return "named" if self.chances[self.leader.name] >= WINNING_PROBABILITY and self.beaten else "undecided"
+
+    @property
+    def winner(self) -> str | None:
+        """What is named."""
+        return self.leader.name if self.outcome == "named" else None
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What is judged, on a record and in its repetitions.
+
+    `left` is what the leader leaves; `alternatives` what may be there in its place; `other_prior` the prior of
+    something outside the list.
     """
-    leader = min(scores, key=lambda score: score.information)
-    beside = leader.information - left.gain
-    others = [beside, *(each.information for each in alternatives)]
-    chances = probabilities({s.name: s.information for s in scores}, others, other_prior)
-    chances = _shaken(chances, leader.name, stability)
-    possible = leader.impossible is None and left.errors_p_value >= IMPROBABLE_ERRORS
-    if not possible:
-        chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
-    adequate = chances[OTHER] < WINNING_PROBABILITY and possible
-    rivals = [score for score in scores if score is not leader]
-    null = next((score for score in scores if score.name == NONE), None)
-    beaten = null is None or leader is null or np.sum(leader.by_block) < np.sum(null.by_block)
+
+    scores: Sequence[Score]
+    left: Misfit
+    alternatives: Sequence[Alternative] = ()
+    other_prior: float = OTHER_PRIOR
+
+    @cached_property
+    def leader(self) -> Score:
+        """The hypothesis of the least criterion."""
+        return min(self.scores, key=lambda score: score.information)
+
+    @cached_property
+    def null(self) -> Score | None:
+        """The baseline alone, where it is among them."""
+        return next((score for score in self.scores if score.name == NONE), None)
+
+    @cached_property
+    def beside(self) -> float:
+        """The criterion of the leader with something beside it."""
+        return self.leader.information - self.left.gain
+
+    def ruling(self, confirmed: float = 1.0) -> Ruling:
+        """That of the record; `confirmed` is the share of repetitions that have its leader."""
+        others = [self.beside, *(each.information for each in self.alternatives)]
+        return self._ruled({score.name: score.information for score in self.scores}, others, confirmed)
+
+    def repeated(self, information: Mapping[str, float]) -> Ruling:
+        """That of a repetition, by the criteria of hypotheses and of the fits of alternatives.
+
+        What the record's leader leaves, which values are impossible and what held-out blocks say stay as they are.
+        """
+        others = [information[self.leader.name] - self.left.gain]
+        others += [each.repeated(information) for each in self.alternatives]
+        return self._ruled({score.name: information[score.name] for score in self.scores}, others, 1.0)
+
+    def _ruled(self, information: Mapping[str, float], others: Sequence[float], confirmed: float) -> Ruling:
+        """What a leader that cannot be explains, something outside the list does."""
+        leader = min(self.scores, key=lambda score: information[score.name])
+        chances = _shaken(probabilities(information, others, self.other_prior), leader.name, confirmed)
+        possible = leader.impossible is None and not (leader is self.leader and self._improbable)
+        if not possible:
+            chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
+        adequate = chances[OTHER] < WINNING_PROBABILITY and possible
+        null = self.null
+        beaten = null is None or leader is null or bool(np.sum(leader.by_block) < np.sum(null.by_block))
+        return Ruling(leader, chances, adequate, beaten)
+
+    @property
+    def _improbable(self) -> bool:
+        """Whether the leader asks for errors of the record that tolerances hardly allow."""
+        return self.left.errors_p_value < IMPROBABLE_ERRORS
+
+
+def judge(contest: Contest, stability: Stability, limits: Sequence[Limit] = ()) -> Verdict:
+    """Name a hypothesis that leads, predicts held-out blocks, leaves only noise and has possible values."""
+    ruling, left = contest.ruling(stability.leader), contest.left
+    leader, chances, beaten = ruling.leader, ruling.chances, ruling.beaten
+    rivals = [score for score in contest.scores if score is not leader]
     standing = [s.name for s in rivals if chances[s.name] >= STANDING_PROBABILITY]
     verdict = Verdict(
-        winner=None,
-        outcome="undecided",
+        winner=ruling.winner,
+        outcome=ruling.outcome,
         equivalent=tuple(dict.fromkeys([leader.name, *standing, *([] if beaten else [NONE])])),
-        probability=chances,
-        adequacy=Adequacy(ratio=left.ratio, p_value=left.p_value, adequate=adequate),
+        probability=dict(chances),
+        adequacy=Adequacy(ratio=left.ratio, p_value=left.p_value, adequate=ruling.adequate),
         limits=tuple(
             MechanismLimit(mechanism=x.mechanism, share_of_moment_95=x.share_of_moment) for x in limits
         ),
-        stability=stability,
+        stability=stability.outcome,
         reason="",
     )
-    if not adequate:
-        reason = _inadequate(leader, left, chances, _instead(alternatives, beside))
-        return verdict.model_copy(update={"outcome": "none adequate", "equivalent": (), "reason": reason})
-    if chances[leader.name] >= WINNING_PROBABILITY and beaten:
-        named = {"winner": leader.name, "outcome": "named", "equivalent": (leader.name,)}
-        reason = _won(leader, null, chances, verdict.limits)
-        return verdict.model_copy(update={**named, "reason": reason})
-    return verdict.model_copy(update={"reason": _undecided(verdict, leader, beaten, _instead(alternatives, beside))})
+    instead = _instead(contest.alternatives, contest.beside)
+    if ruling.outcome == "none adequate":
+        return verdict.model_copy(update={"equivalent": (), "reason": _inadequate(leader, left, chances, instead)})
+    if ruling.outcome == "named":
+        reason = _won(leader, contest.null, chances, stability.outcome, verdict.limits)
+        return verdict.model_copy(update={"equivalent": (leader.name,), "reason": reason})
+    return verdict.model_copy(update={"reason": _undecided(verdict, leader, beaten, instead)})
 
 
 def _instead(alternatives: Sequence[Alternative], beside: float) -> Alternative | None:
@@ -157,9 +226,13 @@ def _inadequate(
 
 
 def _won(
-    leader: Score, null: Score | None, chances: Mapping[str, float], limits: Sequence[MechanismLimit]
+    leader: Score,
+    null: Score | None,
+    chances: Mapping[str, float],
+    stability: float,
+    limits: Sequence[MechanismLimit],
 ) -> str:
-    chance = _share(chances[leader.name])
+    chance = f"{_share(chances[leader.name])}; of repetitions {100.0 * stability:.0f} % end so too"
     if leader.name == NONE:
         most = max(limits, key=lambda limit: limit.share_of_moment_95, default=None)
         room = (

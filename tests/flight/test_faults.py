@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from brv_hypo.flight.bursts import find_bursts
 from brv_hypo.flight.clock import joint_jumps, stamped_steps
 from brv_hypo.flight.faults import mask_faults
+from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.stuck import constant_runs, flat_tops
 from tests.flight.records import motion
 
@@ -99,6 +100,20 @@ def test_a_clock_that_was_set_ahead_is_set_back_and_a_gap_is_not():
     np.testing.assert_allclose(steady, time, atol=1e-9)
     assert [(one.channel, one.fault, one.decisive) for one in faults] == [("time", "clock step", False)]
     kept = np.delete(np.arange(SAMPLES), np.arange(400, 410))
+    assert stamped_steps(time[kept], {name: values[kept] for name, values in found.items()}) == ()
+
+
+@pytest.mark.parametrize("at", range(380, 460, 8))
+def test_a_clock_step_in_motion_too_fast_for_a_cubic_is_one_all_the_same(at):
+    """Some fifty samples a cycle, and next to no noise: a cubic through twelve misses them by more."""
+    time, found = channels()
+    wave = np.exp(2j * np.pi * np.arange(SAMPLES) / 45.0)
+    fast = {"q": wave.real, "r": wave.imag, "ay": wave.real, "az": wave.imag}
+    for name, values in fast.items():
+        found[name] = found[name] + 1000.0 * sigma_of_differences([found[name]]) * values
+    late = np.where(np.arange(SAMPLES) >= at, time + 0.1, time)
+    assert [place for place, _ in stamped_steps(late, found)] == [at]
+    kept = np.delete(np.arange(SAMPLES), np.arange(at, at + 10))
     assert stamped_steps(time[kept], {name: values[kept] for name, values in found.items()}) == ()
 
 

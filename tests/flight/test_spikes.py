@@ -71,6 +71,20 @@ def test_isolated_spikes_are_found_exactly(
     np.testing.assert_array_equal(find_spikes(values), expected)
 
 
+@pytest.mark.parametrize("samples_per_cycle", [41.3, 61.7])
+def test_spikes_below_what_the_motion_bends_by_are_found(samples_per_cycle: float) -> None:
+    """Thirty sigma, where one sample bends from the next by some hundred: a cubic follows the motion all the same."""
+    wave = 5e3 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / samples_per_cycle)
+    noise = np.random.default_rng(3).standard_normal(SAMPLES)
+    at = np.arange(20, SAMPLES - 20, 60)
+    spiked = wave + noise
+    spiked[at] += 30.0
+    found = np.flatnonzero(find_spikes(spiked))
+    assert set(found) <= set(at)
+    assert found.size >= at.size // 2
+    assert not np.any(find_spikes(wave + noise))
+
+
 def test_spikes_close_together_and_beside_gaps_are_found() -> None:
     values = np.random.default_rng(2).standard_normal(SAMPLES)
     values[[100, 105, 110]] += [100.0, -70.0, 40.0]

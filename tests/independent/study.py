@@ -36,6 +36,8 @@ DETECTED = 25.0
 REPRODUCED = 0.9
 # F from one to three detection limits, between which limits are neither idle nor sure.
 LIMITS_TRIED = (DETECTED, 9.0 * DETECTED)
+# Share of repetitions with the same outcome from which a verdict is called stable.
+STABLE = 0.9
 # 95 %, one-sided.
 ONE_SIDED = 1.645
 MIXED = "mixed"
@@ -53,6 +55,7 @@ class Outcome:
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism;
     `reproduced` the share of what was planted, in squares, that the nearest listed mechanism reproduces on the true
     motion. `stated` are stated over true rms errors of alpha, meridian and moments; `leads` has probability `chance`.
+    `stability` is the verdict's.
     """
 
     seed: int
@@ -69,6 +72,7 @@ class Outcome:
     chance: float
     limit: float
     stated: tuple[float, float, float]
+    stability: float
 
 
 def drawn_flight(
@@ -126,6 +130,7 @@ def fly(
         max(verdict.probability.values(), default=0.0),
         limits.get(made.truth, np.nan),
         _stated(made),
+        np.nan if verdict.stability is None else verdict.stability,
     )
 
 
@@ -192,6 +197,9 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         "outside the list, all: a mechanism is named", [o.winner not in (None, "none") for o in other]
     )
     yield f"expected calibration error, above the detection limit: {_calibration_error([*seen, *apart]):.3f}"
+    for said in ("named", "undecided", "none adequate"):
+        shares = [o.stability for o in outcomes if o.outcome == said]
+        yield _count(f"{said}: stability of 0.9 or more", [share >= STABLE for share in shares])
     yield _count("records refused", [o.outcome == "record fault" for o in outcomes])
     for k, what in enumerate(("alpha", "meridian", "moments")):
         ratios = np.array([o.stated[k] for o in outcomes])
@@ -266,7 +274,8 @@ def main() -> None:
             print(
                 f"{found.seed} {found.vehicle} {found.truth} share {found.share:.4f} F {found.f_ratio:.0f} "
                 f"parted {found.parted_by:.0f} reproduced {found.reproduced:.2f}: "
-                f"{found.outcome} {found.winner} {found.equivalent} limit {found.limit:.4f}",
+                f"{found.outcome} {found.winner} {found.equivalent} limit {found.limit:.4f} "
+                f"stability {found.stability:.2f}",
                 flush=True,
             )
     print("\n".join(report(outcomes)))
