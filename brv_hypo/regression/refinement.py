@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,6 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
-# A step that gains less than this, in units of twice the log-likelihood, ends the iteration.
-SMALLEST_GAIN = 0.2
 # Values of a parameter that are tried before Gauss-Newton, and once more about the model that was settled on.
 SCANNED = 7
 SCANNED_FINELY = 25  # values of that second scan
@@ -29,6 +27,19 @@ SCANNED_FINELY = 25  # values of that second scan
 _SAME = 1e-12
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
+
+
+class Stop(NamedTuple):
+    """Gauss-Newton ends after so many steps, or with one that gains less than this in twice the log-likelihood."""
+
+    steps: int
+    gain: float
+
+
+ROUGH = Stop(6, 0.2)  # of models that are compared: a tenth of what one term costs
+# Of one that is told, or linearised about: a knot is 1e-3 of its standard error from where the steps lead. Where a
+# model leaves much, ten of them each gain more than 0.05, and how they began shows in where the first six end.
+SETTLED = Stop(40, 1e-6)
 
 
 @dataclass(frozen=True)
@@ -83,8 +94,8 @@ def refine(
     nonlinear: tuple[Nonlinear, ...],
     fresh: frozenset[int],
     reduced: Reduced,
-    iterations: int = 6,
     points: int = SCANNED,
+    stop: Stop = ROUGH,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
@@ -94,13 +105,13 @@ def refine(
     size = len(reduced.problem.baseline)
     own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
     state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh), points)
-    for _ in range(iterations if nonlinear else 0):
+    for _ in range(stop.steps if nonlinear else 0):
         improved = _line_search(reduced, state, _step(reduced, state))
         if improved is None:
             break
         gained = state.fitted.rss - improved.fitted.rss
         state = improved
-        if reduced.problem.samples * gained < SMALLEST_GAIN * state.fitted.rss:
+        if reduced.problem.samples * gained < stop.gain * state.fitted.rss:
             break
     return Refined(
         (*reduced.problem.baseline, *state.columns),
