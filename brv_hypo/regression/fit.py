@@ -22,7 +22,7 @@ from brv_hypo.regression.refinement import (
     SCANNED_FINELY,
     SETTLED,
     Nonlinear,
-    Stop,
+    Steps,
     nonlinear_parameters,
     prediction_slopes,
     refine,
@@ -201,10 +201,10 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return with_errors(problem, renewed(problem, fit))
 
 
-def renewed(problem: Problem, fit: HypothesisFit, stop: Stop = ROUGH) -> HypothesisFit:
+def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     columns = (*problem.baseline, *sorted(fit.selected, key=_place))
-    return settled(problem, fit, columns, fit.selected, stop)
+    return settled(problem, fit, columns, fit.selected, steps)
 
 
 def converged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -251,11 +251,11 @@ def settled(
     fit: HypothesisFit,
     columns: tuple[Column, ...],
     known: tuple[Column, ...],
-    stop: Stop = ROUGH,
+    steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
     """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
     reduced = Reduced(problem, fit.frame)
-    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), stop=stop)
+    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), steps=steps)
     return replace(found, ended_early=fit.ended_early, grid=fit.grid)
 
 
@@ -306,7 +306,7 @@ def _settled(
     searched: int,
     known: frozenset[Column],
     points: int = SCANNED,
-    stop: Stop = ROUGH,
+    steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem
@@ -318,7 +318,7 @@ def _settled(
     size, frame = len(problem.baseline), reduced.frame
     parameters = nonlinear_parameters(columns, size, frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, points, stop)
+    refined = refine(columns, parameters, fresh, reduced, points, steps)
     return HypothesisFit(
         name,
         mechanisms,

@@ -25,21 +25,26 @@ SCANNED = 7
 SCANNED_FINELY = 25  # values of that second scan
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
+
+
+class Steps(NamedTuple):
+    """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood.
+
+    `width`: half the width of the differences that slopes are made of, of a parameter's bounds.
+    """
+
+    most: int
+    gain: float
+    width: float
+
+
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
-
-
-class Stop(NamedTuple):
-    """Gauss-Newton ends after so many steps, or with one that gains less than this in twice the log-likelihood."""
-
-    steps: int
-    gain: float
-
-
-ROUGH = Stop(6, 0.2)  # of models that are compared: a tenth of what one term costs
-# Of one that is told, or linearised about: a knot is 1e-3 of its standard error from where the steps lead. Where a
-# model leaves much, ten of them each gain more than 0.05, and how they began shows in where the first six end.
-SETTLED = Stop(40, 1e-6)
+ROUGH = (Steps(6, 0.2, _WIDTH),)  # of models that are compared: a tenth of what one term costs
+# Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
+# began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
+# ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
+SETTLED = (Steps(40, 1e-6, _WIDTH), Steps(10, 1e-9, 1e-5))
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,7 @@ def refine(
     fresh: frozenset[int],
     reduced: Reduced,
     points: int = SCANNED,
-    stop: Stop = ROUGH,
+    steps: tuple[Steps, ...] = ROUGH,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
@@ -105,14 +110,8 @@ def refine(
     size = len(reduced.problem.baseline)
     own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
     state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh), points)
-    for _ in range(stop.steps if nonlinear else 0):
-        improved = _line_search(reduced, state, _step(reduced, state))
-        if improved is None:
-            break
-        gained = state.fitted.rss - improved.fitted.rss
-        state = improved
-        if reduced.problem.samples * gained < stop.gain * state.fitted.rss:
-            break
+    for some in steps if nonlinear else ():
+        state = _stepped(reduced, state, some)
     return Refined(
         (*reduced.problem.baseline, *state.columns),
         reduced.with_baseline(state.batch, state.fitted.values),
@@ -129,6 +128,19 @@ class _State:
     columns: tuple[Column, ...]
     batch: Batch
     fitted: Fitted
+
+
+def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
+    """Where the steps lead."""
+    for _ in range(steps.most):
+        improved = _line_search(reduced, state, _step(reduced, state, steps.width))
+        if improved is None:
+            break
+        gained = state.fitted.rss - improved.fitted.rss
+        state = improved
+        if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
+            break
+    return state
 
 
 def nonlinear_parameters(
@@ -206,17 +218,21 @@ def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
 
 
 def prediction_slopes(
-    nonlinear: Sequence[Nonlinear], columns: Sequence[Column], values: FloatArray, frame: RateFrame
+    nonlinear: Sequence[Nonlinear],
+    columns: Sequence[Column],
+    values: FloatArray,
+    frame: RateFrame,
+    share: float = _WIDTH,
 ) -> ComplexArray:
     """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
 
-    By central differences, all in one batch: where a knot lies at a sample, the derivatives on its two sides differ,
-    and their mean is wanted.
+    By central differences, a `share` of its bounds to either side, all in one batch: where a knot lies at a sample, the
+    derivatives on its two sides differ, and their mean is wanted.
     """
     moved: list[Column] = []
     weights: list[tuple[int, float]] = []
     for p, parameter in enumerate(nonlinear):
-        width = _WIDTH * (parameter.bounds[1] - parameter.bounds[0])
+        width = share * (parameter.bounds[1] - parameter.bounds[0])
         for sign in (1.0, -1.0):
             there = parameter.moved(columns, parameter.value + sign * width)
             moved += [there[j] for j in parameter.columns]
@@ -227,10 +243,11 @@ def prediction_slopes(
     return np.asarray(frame.columns(moved) @ mixed, dtype=complex)
 
 
-def _step(reduced: Reduced, state: _State) -> FloatArray:
+def _step(reduced: Reduced, state: _State, width: float) -> FloatArray:
     """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
     values = state.fitted.values
-    slopes = reduced.batch_of_rates(prediction_slopes(state.nonlinear, state.columns, values, reduced.frame))
+    rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame, width)
+    slopes = reduced.batch_of_rates(rates)
     across = state.batch.products(slopes)
     inside, count = state.fitted.products, values.size
     products = np.empty((count + len(state.nonlinear),) * 2)
