@@ -30,12 +30,14 @@ _SAME = 1e-12
 class Steps(NamedTuple):
     """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood.
 
-    `width`: half the width of the differences that slopes are made of, of a parameter's bounds.
+    `width`: half the width of the differences that slopes are made of, of a parameter's bounds. `whole`: one more step
+    is taken as it is, unless it loses as much: sums of squares do not tell where a fit is best, their slopes do.
     """
 
     most: int
     gain: float
     width: float
+    whole: bool = False
 
 
 # Half the width of differences, of a parameter's bounds.
@@ -44,7 +46,7 @@ ROUGH = (Steps(6, 0.2, _WIDTH),)  # of models that are compared: a tenth of what
 # Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
 # began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
 # ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
-SETTLED = (Steps(40, 1e-6, _WIDTH), Steps(10, 1e-9, 1e-5))
+SETTLED = (Steps(40, 1e-6, _WIDTH), Steps(10, 1e-6, 1e-5, whole=True))
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,10 @@ def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
         state = improved
         if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
             break
+    if steps.whole:
+        last = _moved(reduced, state, _step(reduced, state, steps.width))
+        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) < steps.gain * state.fitted.rss:
+            return last
     return state
 
 
@@ -259,17 +265,22 @@ def _step(reduced: Reduced, state: _State, width: float) -> FloatArray:
 
 
 def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = 4) -> _State | None:
-    places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
     for halving in range(halvings):
-        trial = state.columns
-        moved = []
-        for parameter, full in zip(state.nonlinear, step, strict=True):
-            low, high = parameter.bounds
-            value = min(max(parameter.value + float(full) * 0.5**halving, low), high)
-            trial = parameter.moved(trial, value)
-            moved.append(replace(parameter, value=value))
-        batch = state.batch.with_columns(places, reduced.batch([trial[j] for j in places]))
-        fitted = reduced.fit(batch)
-        if fitted.rss < state.fitted.rss:
-            return _State(tuple(moved), trial, batch, fitted)
+        trial = _moved(reduced, state, 0.5**halving * step)
+        if trial.fitted.rss < state.fitted.rss:
+            return trial
     return None
+
+
+def _moved(reduced: Reduced, state: _State, step: FloatArray) -> _State:
+    """The fit where a step (parameters,) leads, within their bounds."""
+    places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
+    columns = state.columns
+    moved = []
+    for parameter, change in zip(state.nonlinear, step.tolist(), strict=True):
+        low, high = parameter.bounds
+        value = min(max(parameter.value + change, low), high)
+        columns = parameter.moved(columns, value)
+        moved.append(replace(parameter, value=value))
+    batch = state.batch.with_columns(places, reduced.batch([columns[j] for j in places]))
+    return _State(tuple(moved), columns, batch, reduced.fit(batch))
