@@ -25,6 +25,7 @@ from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_
 from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import (
     HypothesisFit,
+    converged,
     fit_hypothesis,
     likeliest,
     plainer,
@@ -137,7 +138,8 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
     null = next(fit for fit in found.fits if not fit.mechanisms)
     if leader.rss > found.rss - SETTLED:
         return None
-    point = point_of(found.problem, leader.frame, leader.columns, leader.mechanisms)
+    fit = converged(found.problem, leader)
+    point = point_of(found.problem, fit.frame, fit.columns, fit.mechanisms)
     far = farthest_apart(found.problem, found.settings.taken, point.taken) >= SETTLED_ERRORS
     return point if far or null.rss - leader.rss > LINEARISED_AGAIN else None
 
@@ -145,7 +147,7 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
 def _with_errors(found: Fitted) -> Fitted:
     """The fits with the uncertainty of their coefficients, and the problem at the sample size that goes with it."""
     leader = likeliest(found.fits)
-    anew = {fit.name: renewed(found.problem, fit) for fit in found.fits}
+    anew = {fit.name: converged(found.problem, fit) for fit in found.fits}
     problem = _with_efficiency(found.problem, anew[leader.name])
     return replace(
         found, problem=problem, fits=[within_bounds(with_errors(problem, fit)) for fit in anew.values()]

@@ -17,9 +17,12 @@ from brv_hypo.regression.linear import covariance_of
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import (
+    ROUGH,
     SCANNED,
     SCANNED_FINELY,
+    SETTLED,
     Nonlinear,
+    Steps,
     nonlinear_parameters,
     prediction_slopes,
     refine,
@@ -198,10 +201,15 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return with_errors(problem, renewed(problem, fit))
 
 
-def renewed(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     columns = (*problem.baseline, *sorted(fit.selected, key=_place))
-    return settled(problem, fit, columns, fit.selected)
+    return settled(problem, fit, columns, fit.selected, steps)
+
+
+def converged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same with knots and delays where their steps end: rounding moves them no more than the data let it."""
+    return renewed(problem, fit, SETTLED)
 
 
 def _place(column: Column) -> tuple[bool, float, str, Theta]:
@@ -239,11 +247,15 @@ def _design_moment(problem: Problem, fit: HypothesisFit) -> DesignMoment | None:
 
 
 def settled(
-    problem: Problem, fit: HypothesisFit, columns: tuple[Column, ...], known: tuple[Column, ...]
+    problem: Problem,
+    fit: HypothesisFit,
+    columns: tuple[Column, ...],
+    known: tuple[Column, ...],
+    steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
     """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
     reduced = Reduced(problem, fit.frame)
-    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known))
+    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), steps=steps)
     return replace(found, ended_early=fit.ended_early, grid=fit.grid)
 
 
@@ -294,6 +306,7 @@ def _settled(
     searched: int,
     known: frozenset[Column],
     points: int = SCANNED,
+    steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem
@@ -305,7 +318,7 @@ def _settled(
     size, frame = len(problem.baseline), reduced.frame
     parameters = nonlinear_parameters(columns, size, frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, points=points)
+    refined = refine(columns, parameters, fresh, reduced, points, steps)
     return HypothesisFit(
         name,
         mechanisms,

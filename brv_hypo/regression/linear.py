@@ -11,10 +11,11 @@ from brv_hypo.arrays import FloatArray
 # columns in normal equations.
 _SPENT = 1e-12
 _ROUNDING = 1e-14  # some 45 units of double precision's rounding
-_SHORT = 3e-7  # of the longest direction: the root of what products of double precision tell from nothing
+_SHORT = 1e-5  # of the longest direction, of which products keep half their digits
+_CUTOFF = 1e-12  # of the longest direction: below is rounding
 
 
-def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = 1e-12) -> FloatArray:
+def solve_scaled(design: FloatArray, response: FloatArray, cutoff: float = _CUTOFF) -> FloatArray:
     """Coefficients (columns,); singular values below `cutoff` of the largest drop out."""
     scale = lengths(design)
     return np.asarray(np.linalg.lstsq(design / scale, response, rcond=cutoff)[0] / scale, dtype=float)
@@ -52,17 +53,28 @@ def covariance_of(design: FloatArray, residual: FloatArray, samples: int, effici
 def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Orthonormal columns (rows, rank) that span those of `design`, and what makes them of these (columns, rank).
 
-    From products of the columns, and once more from those of what is found, which leaves rounding alone (Yamamoto et
-    al., ETNA 44:306, 2015: Cholesky QR twice); directions of unit columns that are shorter than `_SHORT` drop out.
+    Long directions of unit columns from products of the columns, and once more from those of what is found, which
+    leaves rounding alone (Yamamoto et al., ETNA 44:306, 2015: Cholesky QR twice). Short ones, few, from what the long
+    ones leave of them: products hold no digit of a direction that is 1e-8 of the longest. Directions that are rounding
+    drop out.
     """
     scale = lengths(design)
     size, directions = np.linalg.eigh(design.T @ design / np.outer(scale, scale))
-    kept = size > _SHORT**2 * size[-1]
-    first = directions[:, kept] / np.sqrt(size[kept]) / scale[:, np.newaxis]
+    directions /= scale[:, np.newaxis]
+    long = size > _SHORT**2 * size[-1]
+    first = directions[:, long] / np.sqrt(size[long])
     nearly = design @ first
     triangle = np.linalg.cholesky(nearly.T @ nearly).T
     inverse = solve_triangular(triangle, np.eye(triangle.shape[0]))
-    return np.asarray(nearly @ inverse, dtype=float), first @ inverse
+    basis, made = nearly @ inverse, first @ inverse
+    rest, of_rest = design @ directions[:, ~long], directions[:, ~long]
+    for _ in range(2):
+        inside = basis.T @ rest
+        rest, of_rest = rest - basis @ inside, of_rest - made @ inside
+    others, length, turned = np.linalg.svd(rest, full_matrices=False)
+    kept = length > _CUTOFF * np.sqrt(size[-1])
+    made_of_rest = of_rest @ (turned[kept].T / length[kept])
+    return np.column_stack([basis, others[:, kept]]), np.column_stack([made, made_of_rest])
 
 
 def lengths(design: FloatArray) -> FloatArray:

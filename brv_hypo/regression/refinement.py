@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -20,15 +20,33 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
-# A step that gains less than this, in units of twice the log-likelihood, ends the iteration.
-SMALLEST_GAIN = 0.2
 # Values of a parameter that are tried before Gauss-Newton, and once more about the model that was settled on.
 SCANNED = 7
 SCANNED_FINELY = 25  # values of that second scan
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
+
+
+class Steps(NamedTuple):
+    """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood.
+
+    `width`: half the width of the differences that slopes are made of, of a parameter's bounds. `whole`: one more step
+    is taken as it is, unless it loses as much: sums of squares do not tell where a fit is best, their slopes do.
+    """
+
+    most: int
+    gain: float
+    width: float
+    whole: bool = False
+
+
 # Half the width of differences, of a parameter's bounds.
 _WIDTH = 2e-3
+ROUGH = (Steps(6, 0.2, _WIDTH),)  # of models that are compared: a tenth of what one term costs
+# Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
+# began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
+# ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
+SETTLED = (Steps(40, 1e-6, _WIDTH), Steps(10, 1e-6, 1e-5, whole=True))
 
 
 @dataclass(frozen=True)
@@ -83,8 +101,8 @@ def refine(
     nonlinear: tuple[Nonlinear, ...],
     fresh: frozenset[int],
     reduced: Reduced,
-    iterations: int = 6,
     points: int = SCANNED,
+    steps: tuple[Steps, ...] = ROUGH,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
@@ -94,14 +112,8 @@ def refine(
     size = len(reduced.problem.baseline)
     own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
     state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh), points)
-    for _ in range(iterations if nonlinear else 0):
-        improved = _line_search(reduced, state, _step(reduced, state))
-        if improved is None:
-            break
-        gained = state.fitted.rss - improved.fitted.rss
-        state = improved
-        if reduced.problem.samples * gained < SMALLEST_GAIN * state.fitted.rss:
-            break
+    for some in steps if nonlinear else ():
+        state = _stepped(reduced, state, some)
     return Refined(
         (*reduced.problem.baseline, *state.columns),
         reduced.with_baseline(state.batch, state.fitted.values),
@@ -118,6 +130,23 @@ class _State:
     columns: tuple[Column, ...]
     batch: Batch
     fitted: Fitted
+
+
+def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
+    """Where the steps lead."""
+    for _ in range(steps.most):
+        improved = _line_search(reduced, state, _step(reduced, state, steps.width))
+        if improved is None:
+            break
+        gained = state.fitted.rss - improved.fitted.rss
+        state = improved
+        if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
+            break
+    if steps.whole:
+        last = _moved(reduced, state, _step(reduced, state, steps.width))
+        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) < steps.gain * state.fitted.rss:
+            return last
+    return state
 
 
 def nonlinear_parameters(
@@ -195,17 +224,21 @@ def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
 
 
 def prediction_slopes(
-    nonlinear: Sequence[Nonlinear], columns: Sequence[Column], values: FloatArray, frame: RateFrame
+    nonlinear: Sequence[Nonlinear],
+    columns: Sequence[Column],
+    values: FloatArray,
+    frame: RateFrame,
+    share: float = _WIDTH,
 ) -> ComplexArray:
     """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
 
-    By central differences, all in one batch: where a knot lies at a sample, the derivatives on its two sides differ,
-    and their mean is wanted.
+    By central differences, a `share` of its bounds to either side, all in one batch: where a knot lies at a sample, the
+    derivatives on its two sides differ, and their mean is wanted.
     """
     moved: list[Column] = []
     weights: list[tuple[int, float]] = []
     for p, parameter in enumerate(nonlinear):
-        width = _WIDTH * (parameter.bounds[1] - parameter.bounds[0])
+        width = share * (parameter.bounds[1] - parameter.bounds[0])
         for sign in (1.0, -1.0):
             there = parameter.moved(columns, parameter.value + sign * width)
             moved += [there[j] for j in parameter.columns]
@@ -216,10 +249,11 @@ def prediction_slopes(
     return np.asarray(frame.columns(moved) @ mixed, dtype=complex)
 
 
-def _step(reduced: Reduced, state: _State) -> FloatArray:
+def _step(reduced: Reduced, state: _State, width: float) -> FloatArray:
     """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
     values = state.fitted.values
-    slopes = reduced.batch_of_rates(prediction_slopes(state.nonlinear, state.columns, values, reduced.frame))
+    rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame, width)
+    slopes = reduced.batch_of_rates(rates)
     across = state.batch.products(slopes)
     inside, count = state.fitted.products, values.size
     products = np.empty((count + len(state.nonlinear),) * 2)
@@ -231,17 +265,22 @@ def _step(reduced: Reduced, state: _State) -> FloatArray:
 
 
 def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = 4) -> _State | None:
-    places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
     for halving in range(halvings):
-        trial = state.columns
-        moved = []
-        for parameter, full in zip(state.nonlinear, step, strict=True):
-            low, high = parameter.bounds
-            value = min(max(parameter.value + float(full) * 0.5**halving, low), high)
-            trial = parameter.moved(trial, value)
-            moved.append(replace(parameter, value=value))
-        batch = state.batch.with_columns(places, reduced.batch([trial[j] for j in places]))
-        fitted = reduced.fit(batch)
-        if fitted.rss < state.fitted.rss:
-            return _State(tuple(moved), trial, batch, fitted)
+        trial = _moved(reduced, state, 0.5**halving * step)
+        if trial.fitted.rss < state.fitted.rss:
+            return trial
     return None
+
+
+def _moved(reduced: Reduced, state: _State, step: FloatArray) -> _State:
+    """The fit where a step (parameters,) leads, within their bounds."""
+    places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
+    columns = state.columns
+    moved = []
+    for parameter, change in zip(state.nonlinear, step.tolist(), strict=True):
+        low, high = parameter.bounds
+        value = min(max(parameter.value + change, low), high)
+        columns = parameter.moved(columns, value)
+        moved.append(replace(parameter, value=value))
+    batch = state.batch.with_columns(places, reduced.batch([columns[j] for j in places]))
+    return _State(tuple(moved), columns, batch, reduced.fit(batch))

@@ -57,9 +57,6 @@ Moved = TypeVar("Moved")
 # Half the width of differences by the start's direction and by gravity.
 _TURN = 1e-4  # rad
 _PULL = 0.05  # m/s^2
-# Step of the derivatives by the random walk's sines, in their standard deviations: a walk turns the attitude so little
-# that what is of second order is lost in rounding.
-_WALKED = 1e-4
 
 
 @dataclass(frozen=True)
@@ -93,11 +90,6 @@ class LinearisedFlight:
     def crossflow(self) -> ComplexArray:
         """The reconstruction's crossflow (n,)."""
         return self.reconstruction.crossflow
-
-    @cached_property
-    def here(self) -> Rows:
-        """The residual as it stands; constants of integration are not in it."""
-        return self._residuals([(self.record, self.crossflow)])[0]
 
     def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Rows]:
         """What components of effects, by these sizes, do to the residual (n,) to first order, on the fitted, noise-free
@@ -227,12 +219,14 @@ class LinearisedFlight:
             for number, weight in enumerate(weights)
             for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
         ]
-        flows = (self.crossflow + _WALKED * part * turn * walk[:, number] for _, number, part, _ in modes)
-        batches = in_batches((self.record, flow) for flow in flows)
-        found = (moved for batch in batches for moved in self._residuals(batch))
-        for (name, number, part, present), moved in zip(modes, found, strict=True):
-            seen = 1j * part * derolled * noise[:, number]
-            yield name, (moved - self.here).times(1.0 / _WALKED), present, seen
+        for some in self._so_many(modes):
+            half = [0.5 * STEP * part * turn * walk[:, number] for _, number, part, _ in some]
+            both = (
+                self._residuals([(self.record, self.crossflow + sign * each) for each in half])
+                for sign in (1.0, -1.0)
+            )
+            for (name, number, part, present), change in zip(some, _slopes(*both), strict=True):
+                yield name, change, present, 1j * part * derolled * noise[:, number]
 
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> Iterator[Rows]:
         """The residual had the record read so and the motion started there, for each of these in turn."""

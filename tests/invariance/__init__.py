@@ -1,4 +1,4 @@
-"""What no verdict may depend on: units, axes, origin of time, handedness, order, threads, scale and copies of columns.
+"""What no verdict may depend on: units, last digits, axes, origin of time, handedness, order, threads, scale, copies.
 
 chain.py    short flights, their comparisons, and how far apart two comparisons are
 changes.py  the same flight told otherwise

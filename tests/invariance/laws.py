@@ -30,6 +30,7 @@ from tests.invariance.changes import (
     with_isotropic_errors,
     written,
 )
+from tests.last_digit import flight_last_digit_off
 
 NOTHING = Distance(0.0, 0.0)
 # Of numbers of 53 bits, where the flight holds what is fitted to it.
@@ -61,6 +62,11 @@ def any_units(data: st.DataObject, case: Case) -> Found:
             for k, units in enumerate((SI_UNITS, others))
         )
     return distance(compared([plain], case), compared([told], case)), _rounding(case)
+
+
+def any_last_digit(data: st.DataObject, case: Case) -> Found:
+    off = flight_last_digit_off(flight(case), data.draw(st.integers(0, 1000)))
+    return distance(original(case), compared([off], case)), _rounding(case)
 
 
 def any_origin_of_time(data: st.DataObject, case: Case) -> Found:
@@ -150,6 +156,7 @@ LAWS: dict[str, Law] = {
     law.__name__: law
     for law in (
         any_units,
+        any_last_digit,
         any_origin_of_time,
         rolled_axes,
         a_mirror,

@@ -8,21 +8,33 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit, scanned_finely
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    converged,
+    fit_hypothesis,
+    refit,
+    scanned_finely,
+    with_errors,
+)
 from brv_hypo.regression.refinement import nonlinear_parameters
 from tests.ranking.pulse import fitted, problem
 
 
-def astray(fit: HypothesisFit, shift: float) -> HypothesisFit:
-    """The fit with its first knot moved (s) and settled there again, which may be in a neighbouring minimum."""
+def moved(fit: HypothesisFit, shift: float) -> HypothesisFit:
+    """The fit with its first knot moved (s), and nothing fitted again."""
     start = min(column.course.start for column in fit.selected)
-    moved = tuple(
+    columns = tuple(
         replace(column, course=TimeFunction(column.course.kind, start + shift, column.course.stop))
         if column.course.start == start
         else column
         for column in fit.columns
     )
-    return refit(problem(), replace(fit, columns=moved))
+    return replace(fit, columns=columns)
+
+
+def astray(fit: HypothesisFit, shift: float) -> HypothesisFit:
+    """The fit with its first knot moved (s) and settled there again, which may be in a neighbouring minimum."""
+    return refit(problem(), moved(fit, shift))
 
 
 @pytest.mark.parametrize("shift", [-0.35, 0.3])
@@ -49,3 +61,11 @@ def test_a_knot_stays_within_the_record(place: float) -> None:
     for knot in nonlinear_parameters(columns, 0, best.frame, told.knots):
         assert start <= knot.bounds[0] <= knot.value <= knot.bounds[1] <= stop
         assert knot.bounds[0] < knot.bounds[1]
+
+
+@pytest.mark.parametrize("shift", [-0.01, 0.01])
+def test_knots_of_a_model_that_is_told_are_where_the_steps_lead_wherever_they_begin(shift: float) -> None:
+    best = with_errors(problem(), converged(problem(), fitted("bodyfixed")))
+    found = converged(problem(), moved(best, shift))
+    for one, other, error in zip(found.nonlinear, best.nonlinear, best.nonlinear_errors, strict=True):
+        assert one.value == pytest.approx(other.value, abs=1e-6 * error)

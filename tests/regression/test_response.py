@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,9 +10,12 @@ import pytest
 
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.motion.perturbation import perturbed
 from brv_hypo.regression.build import first_values, linearised
+from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.response import LinearisedFlight
 from tests.chains import prepared
+from tests.last_digit import flight_last_digit_off
 
 EFFECTS = [effect for effect in carried_effects() if effect.name != "wind"]
 
@@ -34,3 +38,16 @@ def test_the_opposite_error_does_the_opposite(effect: RecordEffect) -> None:
         )
         for one, other in ((more.rates, less.rates), (more.force, less.force)):
             np.testing.assert_allclose(one, -other, atol=1e-6 * max(float(np.max(np.abs(one))), 1e-300))
+
+
+def test_the_last_digit_of_the_record_moves_the_columns_of_the_walk_by_no_more_than_a_hundred_millionth() -> None:
+    """One-sided differences of 1e-4 standard deviations move them by 1e-6."""
+    here = flight()
+    (other,) = perturbed(here.record, [flight_last_digit_off(here.record.flight, 1)])
+    pairs = zip(here.random_walk(), replace(here, record=other).random_walk(), strict=True)
+    apart = [_size(after - before) / _size(before) for (_, before, *_), (_, after, *_) in pairs]
+    assert 0.0 < max(apart) < 1e-7
+
+
+def _size(rows: Rows) -> float:
+    return float(np.linalg.norm(rows.rates))
