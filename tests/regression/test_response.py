@@ -41,7 +41,7 @@ def test_the_opposite_error_does_the_opposite(effect: RecordEffect) -> None:
 
 
 def test_the_last_digit_of_the_record_moves_the_columns_of_the_walk_by_no_more_than_a_hundred_millionth() -> None:
-    """One-sided differences of 1e-4 standard deviations move them by 1e-6."""
+    """One-sided differences of 1e-4 standard deviations, as they were, move them by more."""
     here = flight()
     (other,) = perturbed(here.record, [flight_last_digit_off(here.record.flight, 1)])
     pairs = zip(here.random_walk(), replace(here, record=other).random_walk(), strict=True)
