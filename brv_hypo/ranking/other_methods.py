@@ -18,6 +18,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.quadrature import at_nodes
 from brv_hypo.ranking.constants import DETECTABLE, METHOD_SIGMAS
 from brv_hypo.ranking.repeated import Criteria, Repeated, criteria, criteria_at
 from brv_hypo.regression.build import normal_force_slope
@@ -87,7 +88,9 @@ def _moved(fit: HypothesisFit, motions: Sequence[Reconstruction]) -> RateFrame:
     """The fit's frame with other motions, in the time that flights share."""
     common = [own.common_time for own in fit.frame.motions]
     moved = [replace(rec.motion, common_time=time) for rec, time in zip(motions, common, strict=True)]
-    frame = replace(fit.frame, motions=tuple(moved))
+    nodes = [own.nodes for own in fit.frame.reconstructions]
+    finer = tuple(at_nodes(motion, own) for motion, own in zip(moved, nodes, strict=True))
+    frame = replace(fit.frame, motions=tuple(moved), finer=finer)
     if any(mechanism.parameters() for mechanism in fit.mechanisms):
         frame = frame.with_in_plane_moment(fit.columns, fit.values)
     return frame

@@ -183,6 +183,7 @@ def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):
             observed=segment.observed[:8],
             factor=segment.factor[:8],
             rows=slice(0, 8),
+            finer=None,
         )
         for segment in work.frame.segments
     )

@@ -42,7 +42,7 @@ def said(
 
 def side(information: float) -> Alternative:
     """Something instead of the leader; the criterion of its fit is 0."""
-    nothing = RateFrame((), (), (), {})
+    nothing = RateFrame((), (), (), (), {})
     fit = HypothesisFit("side", (), nothing, (), 0, np.zeros(0), np.ones(1), 1, 1.0, 0)
     return Alternative(information, SIDE, fit)
 
