@@ -20,6 +20,7 @@ from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.constants import (
+    BEND_DEGREE,
     COLOURED,
     MOST_LINEARISATIONS,
     SETTLED_ERRORS,
@@ -80,7 +81,9 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
         tuple(ReconstructionConfig(method=config.method) for _ in reconstructions), shared_time(reconstructions)
     )
     problem = _problem(reconstructions, settings, config)
-    settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
+    smooth = problem.frame.reconstructions
+    speeds = wavering_speeds(_alongs(smooth, settings.common), BEND_DEGREE, WAVERING_SPEED)
+    settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem, speeds))
     found = errors_found(problem)
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
     for _ in range(MOST_LINEARISATIONS):
@@ -123,13 +126,14 @@ def _static_of(problem: Problem) -> StaticMoment:
     return static
 
 
-def _bend_of(problem: Problem) -> StaticBend:
-    """The bend that a body with this slope may have."""
+def _bend_of(problem: Problem, speeds: tuple[float, float] | None) -> StaticBend:
+    """The bend that a body with this slope may have, which drifts with `speeds` too."""
     values, _ = problem.solution(problem.frame, problem.baseline)
     by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
     static = _static_of(problem)
     slopes = [static.mean_slope(motion, by_term) for motion in problem.frame.motions]
-    return StaticBend(slope=float(np.mean(slopes)), drift=(static.by, static.start, static.stop))
+    drift = (static.by, static.start, static.stop)
+    return StaticBend(slope=float(np.mean(slopes)), drift=drift, speeds=speeds)
 
 
 def cleaned(
