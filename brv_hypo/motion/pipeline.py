@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.answerable import require_answerable
+from brv_hypo.motion.axial_force import axial_share
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, corrected
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
@@ -94,24 +95,8 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
         in_plane_moment=static_in_plane(in_plane, alpha, weight),
         reference_length=flight.vehicle.reference_length,
         roll_acceleration=np.gradient(flight.p, flight.time),
-        axial_share=_axial_share(record, alpha),
+        axial_share=axial_share(record, alpha),
     )
-
-
-def _axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
-    """The axial force's coefficient over its median (n,): what drifts, and what goes with alpha squared.
-
-    None where it changes the force by no more than the fit leaves: errors of the accelerometers go with alpha too.
-    """
-    seen, scale = record.measured, record.force_scale
-    place = np.linspace(-1.0, 1.0, alpha.size)
-    shapes = np.column_stack([np.ones_like(place), place, place**2, alpha**2])
-    columns, force = scale[:, np.newaxis] * shapes, record.force[:, 0]
-    values = np.linalg.lstsq(columns[seen], force[seen], rcond=None)[0]
-    coefficient = shapes @ values
-    median = float(np.median(coefficient))
-    left = float(np.std((force - columns @ values)[seen]))
-    return coefficient / median if float(np.std(coefficient) * np.median(scale)) > left else None
 
 
 def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:

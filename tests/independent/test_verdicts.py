@@ -12,6 +12,7 @@ from brv_hypo.ranking.result import Verdict
 from tests.independent.flights import Made, draw_flight
 from tests.independent.instruments import Noise
 from tests.independent.mechanisms import LISTED
+from tests.independent.study import drawn_flight
 
 pytestmark = pytest.mark.thorough
 
@@ -104,6 +105,26 @@ def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str
     assert max(verdict.probability, key=verdict.probability.__getitem__) == truth
     assert verdict.probability["other"] < 0.01
     assert verdict.winner == truth if truth != "none" else verdict.outcome in ("named", "undecided")
+
+
+@pytest.mark.parametrize("truth", ["none", "sticking"])
+def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axial_force(truth: str) -> None:
+    """A c.g. off the axis makes such a body spin up and down with its coning: 0.2 % of the torque was 3,000 sigma."""
+    verdict = said(draw_flight(162023, truth=truth, grade="industrial"))
+    assert verdict.winner == truth if truth != "none" else verdict.winner in (None, "none")
+    assert truth in verdict.equivalent
+
+
+def test_a_delay_that_is_short_because_the_motion_is_fast_is_found() -> None:
+    """The meridian turns at 44 rad/s: two delays that are a turn apart were named instead, with less than no flow."""
+    assert said(drawn_flight(134005, 5, "mixed", 1.0, 5, True, True)).winner == "sticking"
+
+
+def test_a_bend_of_large_angles_that_changes_with_the_speed_is_no_mechanism() -> None:
+    """Alpha reaches 30 deg, and the slope falls by a seventh with the speed."""
+    verdict = said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True))
+    assert verdict.winner in (None, "none")
+    assert "none" in verdict.equivalent
 
 
 @pytest.mark.parametrize(
