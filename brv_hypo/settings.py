@@ -1,8 +1,9 @@
-"""Settings from YAML files: one reader, one wording of what is wrong; any layer may use it."""
+"""Settings from YAML files and mappings: one reader, one wording of what is wrong; any layer may use it."""
 
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +14,20 @@ from brv_hypo.files.mappings import read_yaml
 from brv_hypo.files.printed import one_line
 
 Settings = TypeVar("Settings", bound=BaseModel)
+
+
+def settings_of(model: type[Settings], source: Settings | Mapping[str, Any] | str | Path | None) -> Settings:
+    """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; UsageError as below."""
+    if isinstance(source, model):
+        return source
+    if isinstance(source, Mapping):
+        return read_settings(model, None, **source)
+    if source is None or isinstance(source, str | Path):
+        return read_settings(model, source)
+    raise UsageError(
+        f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or the "
+        "path of a YAML file."
+    )
 
 
 def read_settings(model: type[Settings], path: str | Path | None, **overrides: Any) -> Settings:

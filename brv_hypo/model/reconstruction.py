@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -12,20 +15,24 @@ from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.mechanisms.carried import carried_mechanisms, perturbations
 from brv_hypo.motion import Reconstruction, ReconstructionConfig
 from brv_hypo.motion import reconstruct as reconstruct_with
+from brv_hypo.settings import settings_of
 
 
 def reconstruct(
-    flight: FlightSource, config: ReconstructionConfig | None = None, like: Reconstruction | None = None
+    flight: FlightSource,
+    config: ReconstructionConfig | Mapping[str, Any] | str | Path | None = None,
+    like: Reconstruction | None = None,
 ) -> Reconstruction:
     """Wind-relative motion and moments, with standard deviations, of a path, a `Flight` or a simulated flight.
 
     Instruments, vehicle and air are taken as known to the record's tolerances (`flight.instruments`) and no
-    better. `like` is what the same options made of nearly the same record, where that is known. Raises
-    UnanswerableError where the record is too short, or the vehicle is not in the air.
+    better. `config`: settings, a mapping of them, or the YAML file that holds them. `like` is what the same options
+    made of nearly the same record, where that is known. Raises UnanswerableError where the record is too short, or the
+    vehicle is not in the air.
     """
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found = reconstruct_with(record, config, perturbations(record), like)
+        found = reconstruct_with(record, settings_of(ReconstructionConfig, config), perturbations(record), like)
     sigma = np.hypot(found.moments.sigma, _of_the_vehicle(found))
     return replace(found, moments=replace(found.moments, sigma=sigma))
 

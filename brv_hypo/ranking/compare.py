@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -36,20 +38,22 @@ from brv_hypo.ranking.summary import flight_summary, record_summary, refused, su
 from brv_hypo.ranking.verdict import Contest, Score, judge
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
+from brv_hypo.settings import settings_of
 
 
 def compare(
     flights: FlightSource | Sequence[FlightSource],
-    config: CompareConfig | None = None,
+    config: CompareConfig | Mapping[str, Any] | str | Path | None = None,
     *,
     progress: Progress | None = None,
 ) -> Comparison:
     """Rank competing mechanisms on one or several flights of a vehicle: paths, `Flight`s or simulated flights.
 
+    `config`: settings, a mapping of them, or the YAML file that holds them.
     A record that contradicts itself is not compared unless `config.accept_record`: the verdict says why. Raises
     UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
     """
-    config, say = config or CompareConfig(), progress or (lambda message: None)
+    config, say = settings_of(CompareConfig, config), progress or (lambda message: None)
     _hypotheses(config)  # an unknown name is refused whatever the record is like
     say("trying the record")
     trials = [try_record(flight) for flight in flights_of(flights)]

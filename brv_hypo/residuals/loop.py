@@ -5,8 +5,10 @@ explain.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -53,6 +55,7 @@ from brv_hypo.residuals.result import Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary
 from brv_hypo.residuals.unneeded import unneeded, without
+from brv_hypo.settings import settings_of
 
 Progress = Callable[[str], None]
 SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
@@ -61,18 +64,19 @@ _GENERIC = 4  # terms at most, of what is described in the end
 
 def trace(
     flights: FlightSource | Sequence[FlightSource],
-    config: TraceConfig | None = None,
+    config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
     *,
     progress: Progress | None = None,
 ) -> Trace:
     """Trace what a model lacks on one flight or several (paths, `Flight`s or simulated flights), effect by effect.
 
+    `config`: settings, a mapping of them, or the YAML file that holds them.
     Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
     the record are of each. Long records far finer than their motion are traced as means of samples. A record that
     contradicts itself is traced as it is, for the effect may be what does it; `record` of the result says so. Raises
     UsageError for an unknown effect and UnanswerableError where a record is too short.
     """
-    config = config or TraceConfig()
+    config = settings_of(TraceConfig, config)
     own = flights_of(flights)
     records = tuple(averaged(flight) for flight in own)
     fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -37,6 +38,7 @@ from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import ModelError, SavedModel
 from brv_hypo.residuals.summary import term_estimates
+from brv_hypo.settings import settings_of
 
 # Stretches of the record whose errors are told apart.
 _REGIONS = 8
@@ -52,13 +54,14 @@ def predict(
     flight: FlightSource,
     model: Trace | SavedModel | str | Path,
     refit: Sequence[str] = (),
-    config: TraceConfig | None = None,
+    config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
     `model` is what `trace` returned, the model of it, or a file that holds either.
     `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
     `instruments` stands for all of these, within their tolerances.
+    `config`: settings of the loop, a mapping of them, or the YAML file that holds them.
     Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
     (its file, at its times); so is what belongs to its times, unless `refit` names it.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
@@ -66,11 +69,11 @@ def predict(
     Raises UsageError where the model holds no coefficients or `refit` names what is not there.
     """
     saved = model.model.definition if isinstance(model, Trace) else model
-    path = None if isinstance(saved, SavedModel) else Path(saved)
+    path, settings = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config)
     content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, tuple(refit), config or TraceConfig())
+        found = _predict(record, content, path, tuple(refit), settings)
     return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
 
 

@@ -7,10 +7,11 @@ import json
 import pytest
 import yaml
 
+from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.residuals import TraceConfig
-from brv_hypo.settings import read_settings
+from brv_hypo.settings import read_settings, settings_of
 from brv_hypo.settings_file import commented, meanings
 from brv_hypo.simulation import load_config
 from brv_hypo.study import read_study
@@ -25,6 +26,23 @@ def test_a_new_file_sets_nothing_until_it_is_changed(brv_hypo, kind, model, tmp_
     path = tmp_path / f"{kind}.yaml"
     assert read_settings(model, path) == model()
     assert f"--config {kind}.yaml" in done.stdout
+
+
+@pytest.mark.parametrize("model", MODELS.values())
+def test_settings_are_an_object_a_mapping_or_a_file(model, tmp_path):
+    path = tmp_path / "s.yaml"
+    path.write_text("{}\n")
+    given = model()
+    assert settings_of(model, given) is given
+    assert all(settings_of(model, source) == given for source in (None, {}, path, str(path)))
+
+
+@pytest.mark.parametrize(
+    ("source", "said"), [({"mechanism": ["lag"]}, "is 'mechanisms' meant"), (3, "type int, expected a CompareConfig")]
+)
+def test_settings_that_are_none_are_refused_in_words(source, said):
+    with pytest.raises(UsageError, match=said):
+        settings_of(CompareConfig, source)
 
 
 @pytest.mark.parametrize("model", MODELS.values())
