@@ -65,13 +65,13 @@ def searched(
     for anew in (True, False):
         for _ in range(LINEARISATIONS):
             point = _about_leader(found)
-            motions = None if point is None else cleaned(point, reconstructions, found.settings)
-            if point is None or motions is None:
+            records = None if point is None else cleaned(found.problem, point, reconstructions, found.settings)
+            if point is None or records is None:
                 break
             say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
             fits, settings = found.fits, found.settings
             del found
-            found = _linearised(about(point, motions, settings, config), fits, settings, point)
+            found = _linearised(about(point, records, settings, config), fits, settings, point)
         found = _with_errors(found)
         if not (anew and _something_stands(found, config.other_prior)):
             break

@@ -39,7 +39,7 @@ from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.wander import linearisation_point
+from brv_hypo.regression.propagated_motion import PropagatedMotion, linearisation_point
 
 SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and six terms
 
@@ -88,10 +88,10 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
     for _ in range(MOST_LINEARISATIONS):
         point = baseline_point(problem, found)
-        motions = cleaned(point, reconstructions, settings)
-        if motions is None:
+        records = cleaned(problem, point, reconstructions, settings)
+        if records is None:
             break
-        taken, problem = found, about(point, motions, settings, config)
+        taken, problem = found, about(point, records, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
         if heard == settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
             break
@@ -136,27 +136,36 @@ def _bend_of(problem: Problem, speeds: tuple[float, float] | None) -> StaticBend
     return StaticBend(slope=float(np.mean(slopes)), drift=drift, speeds=speeds)
 
 
+@dataclass(frozen=True)
+class Cleaned:
+    """A record without the errors of a linearisation point, and the motion that goes with them."""
+
+    reconstruction: Reconstruction
+    motion: PropagatedMotion
+
+
 def cleaned(
-    point: LinearisationPoint, reconstructions: Sequence[Reconstruction], settings: Settings
-) -> list[Reconstruction] | None:
-    """The motion of the records without the errors of a linearisation point; None where a record has none left."""
+    problem: Problem, point: LinearisationPoint, reconstructions: Sequence[Reconstruction], settings: Settings
+) -> list[Cleaned] | None:
+    """The records without the errors of a point that a problem's fit led to; None where a record has no motion left."""
+    before = zip(problem.records, problem.frame.reconstructions, point.taken, strict=True)
+    motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
     try:
-        return [
+        found = [
             reconstruct(without(rec.flight, errors), setting, rec if _plain(setting) else None)
             for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
         ]
     except UnanswerableError:
         return None
+    return [Cleaned(*each) for each in zip(found, motions, strict=True)]
 
 
 def about(
-    point: LinearisationPoint,
-    reconstructions: Sequence[Reconstruction],
-    settings: Settings,
-    config: CompareConfig,
+    point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
 ) -> Problem:
-    """The problem of records, those of `cleaned`, at a linearisation point, under the noise that they have."""
-    problem = _problem(reconstructions, settings, config, point)
+    """The problem of records at a linearisation point, under the noise that they have."""
+    motions = [each.motion for each in records]
+    problem = _problem([each.reconstruction for each in records], settings, config, point, motions)
     return problem.under(settled_noise(problem))
 
 
@@ -170,9 +179,13 @@ def _problem(
     settings: Settings,
     config: CompareConfig,
     point: LinearisationPoint | None = None,
+    motions: Sequence[PropagatedMotion | None] | None = None,
 ) -> Problem:
-    """The problem of the flights, linearised where what the reconstruction found of their errors is taken out."""
-    points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, strict=True)]
+    """The problem of the flights, linearised about `motions`, or where the reconstruction's errors are taken out."""
+    where = motions or [None] * len(reconstructions)
+    points = [
+        linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)
+    ]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
     static = settings.static or _static(smooth, config, settings.common)
     bend = () if settings.bend is None else (settings.bend,)

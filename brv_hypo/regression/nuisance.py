@@ -18,6 +18,7 @@ from brv_hypo.motion.kept_rows import PER_CYCLE, kept_rows
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.histories import Histories
+from brv_hypo.regression.propagated_motion import MOTION
 from brv_hypo.regression.response import LinearisedFlight
 
 
@@ -111,9 +112,9 @@ def nuisances(
         known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
         names, histories, values = linearised.start_and_gravity()
         for name, history, value in zip(names, histories, values, strict=True):
-            add(Nuisance("motion", name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
+            add(Nuisance(MOTION, name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
         for name, history, value, seen in linearised.random_walk():
-            item = Nuisance("motion", name, number, "1", 1.0, value)
+            item = Nuisance(MOTION, name, number, "1", 1.0, value)
             add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, np.zeros_like(seen))))
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):

@@ -35,16 +35,15 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError
 from brv_hypo.motion.splines import running_integral
 from brv_hypo.motion.wind import (
-    FREE_GRAVITY,
     WindStart,
     body_crossflow,
-    gravity_magnitude,
     propagated_crossflows,
     transverse_axes,
     wind_direction,
 )
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
+from brv_hypo.regression.propagated_motion import GRAVITY, START, PropagatedMotion, gravity_size, walk_name
 from brv_hypo.regression.wander import (
     walk_modes,
     walk_noise,
@@ -189,7 +188,7 @@ class LinearisedFlight:
         Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
-        size = gravity_magnitude(self.record.flight) or FREE_GRAVITY
+        size = gravity_size(self.record.flight)
         turned = [_TURN * axis[0] for axis in (second, third)]
         pulled = [_PULL * axis for axis in np.eye(3)]
         starts = [replace(self.start, direction=self.start.direction + s * turn) for turn in turned for s in (1, -1)]
@@ -198,8 +197,7 @@ class LinearisedFlight:
         moved = list(self._propagated((self.record, start) for start in starts))
         pairs = zip(moved[::2], moved[1::2], per_unit, strict=True)
         rows = [(high - low).times(unit) for high, low, unit in pairs]
-        names = ["start y", "start z", "gravity x", "gravity y", "gravity z"]
-        return names, rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
+        return [*START, *GRAVITY], rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
 
     def random_walk(self) -> Iterator[tuple[str, Rows, float, ComplexArray]]:
         """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.
@@ -207,17 +205,15 @@ class LinearisedFlight:
         Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
         is in the derolled rates: the integral of -i times it is the walk, so that a walk is seen in the rates as well.
         """
-        direction = wind_direction(self.record, self.start)
-        turn = wind_to_body(self.record, direction)
+        turn = wind_to_body(self.record, wind_direction(self.record, self.start))
         count = walk_modes(self.record, self.reconstruction)
         walk, noise = walk_sines(self.record, count), walk_noise(self.record, count)
-        offset = (self.crossflow - body_crossflow(self.record, direction)) * np.conj(turn)
-        weights = np.linalg.lstsq(walk, offset, rcond=None)[0]
+        weights = PropagatedMotion.of(self.record, self.reconstruction).weights(walk)
         derolled = turn * np.exp(1j * self.record.spin_angle)
         modes = [
-            (f"walk {label} {number}", number, part, float(value))
+            (walk_name(axis, number), number, part, float(value))
             for number, weight in enumerate(weights)
-            for label, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
+            for axis, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
         ]
         for some in self._so_many(modes):
             half = [0.5 * STEP * part * turn * walk[:, number] for _, number, part, _ in some]

@@ -1,22 +1,16 @@
-"""The motion to linearise about, and what the gyros' white noise lets the attitude wander from it."""
+"""What the gyros' white noise lets the attitude wander from a motion."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.angles import crossflow_rate, with_crossflow
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.frames import crossflow
-from brv_hypo.motion.history import recorded
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.inputs import with_smooth_inputs
+from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.wind import body_crossflow, transverse_axes, wind_direction
+from brv_hypo.motion.wind import transverse_axes
 
 _FEWEST_MODES, _MOST_MODES = 10, 80  # sines; the most bound the time
 # Sines for each cycle of the motion. A walk at frequency f turns the vehicle by the static moment, which is (f_n / f)^2
@@ -24,42 +18,6 @@ _FEWEST_MODES, _MOST_MODES = 10, 80  # sines; the most bound the time
 _MODES_PER_CYCLE = 3.0
 # What the sines may leave of the random walk, in standard deviations of alpha.
 _LEFT_OUT = 0.8
-
-
-def linearisation_point(
-    reconstruction: Reconstruction, config: ReconstructionConfig
-) -> tuple[InertialRecord, Reconstruction]:
-    """The flight with what was found of its errors taken out, and the motion to linearise about.
-
-    The motion has the slow part alone of what the reconstruction lets the attitude wander: the faster part follows
-    errors as they turn with the body, and here those are unknowns of their own.
-    """
-    flight, errors = with_smooth_inputs(reconstruction)
-    record = inertial_record(flight, config)
-    motion = replace(
-        reconstruction.motion,
-        p=flight.p,
-        q=record.transverse_rate.real,
-        r=record.transverse_rate.imag,
-        velocity=flight.velocity,
-        dynamic_pressure=flight.dynamic_pressure,
-    )
-    smooth = replace(reconstruction, flight=flight, motion=motion, input_errors=errors)
-    return record, _without_wander(record, smooth)
-
-
-def _without_wander(record: InertialRecord, reconstruction: Reconstruction) -> Reconstruction:
-    """The reconstruction with its motion propagated from the start, and a slow walk."""
-    motion, start = reconstruction.motion, reconstruction.start
-    direction = wind_direction(record, start)
-    turn, walk = wind_to_body(record, direction), walk_sines(record, walk_modes(record, reconstruction))
-    open_loop = body_crossflow(record, direction)
-    xi = crossflow(motion.alpha, motion.windward_meridian)
-    slow = walk @ np.linalg.lstsq(walk, (xi - open_loop) * np.conj(turn), rcond=None)[0]
-    smooth = open_loop + turn * slow
-    xi_rate = crossflow_rate(motion, xi) + np.gradient(smooth - xi, motion.time)
-    moved = with_crossflow(replace(motion, history=None), smooth, xi_rate)
-    return replace(reconstruction, motion=recorded(moved))
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:

@@ -20,7 +20,7 @@ from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
-from brv_hypo.regression.wander import linearisation_point
+from brv_hypo.regression.propagated_motion import linearisation_point
 from brv_hypo.regression.whitening import difference
 from brv_hypo.residuals.config import TraceConfig
 

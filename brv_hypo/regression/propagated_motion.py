@@ -1,0 +1,124 @@
+"""The motion to linearise about, by where it starts and how its attitude wanders: a fit moves both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.motion.angles import crossflow_rate, with_crossflow
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.history import recorded
+from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.inputs import with_smooth_inputs
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.wind import (
+    FREE_GRAVITY,
+    WindStart,
+    body_crossflow,
+    gravity_magnitude,
+    transverse_axes,
+    wind_direction,
+)
+from brv_hypo.regression.wander import walk_modes, walk_sines, wind_to_body
+
+# Names of a motion's unknowns: what a fit says that it has too much of.
+MOTION = "motion"
+START = ("start y", "start z")
+GRAVITY = ("gravity x", "gravity y", "gravity z")
+
+
+def walk_name(axis: str, number: int) -> str:
+    """Name of a sine of the walk about an axis, y or z."""
+    return f"walk {axis} {number}"
+
+
+def gravity_size(flight: Flight) -> float:
+    """How large gravity may be, m/s^2."""
+    return gravity_magnitude(flight) or FREE_GRAVITY
+
+
+@dataclass(frozen=True)
+class PropagatedMotion:
+    """A motion by its `start` and the `walk` (n,) rad of the attitude across the velocity, in axes carried along it."""
+
+    start: WindStart
+    walk: ComplexArray
+
+    @classmethod
+    def of(cls, record: InertialRecord, reconstruction: Reconstruction) -> PropagatedMotion:
+        """That of a reconstruction."""
+        direction = wind_direction(record, reconstruction.start)
+        offset = reconstruction.crossflow - body_crossflow(record, direction)
+        return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, direction))))
+
+    def slow(self, sines: FloatArray) -> PropagatedMotion:
+        """The motion with what of its walk is a sum of `sines` (n, modes).
+
+        The faster part follows errors as they turn with the body, and those are unknowns of their own.
+        """
+        return replace(self, walk=np.asarray(sines @ self.weights(sines)))
+
+    def weights(self, sines: FloatArray) -> ComplexArray:
+        """Weights (modes,) of sines (n, modes) of the walk."""
+        return np.asarray(np.linalg.lstsq(sines, self.walk, rcond=None)[0])
+
+    def less(self, record: InertialRecord, found: Mapping[tuple[str, str], float]) -> PropagatedMotion:
+        """The motion without what a fit about it found too much, by (MOTION, name)."""
+        first, second = (found.get((MOTION, name), 0.0) for name in START)
+        across, beside = transverse_axes(self.start.direction[np.newaxis])
+        direction = self.start.direction - first * across[0] - second * beside[0]
+        pull = gravity_size(record.flight) * np.array([found.get((MOTION, name), 0.0) for name in GRAVITY])
+        count = sum((MOTION, walk_name("y", number)) in found for number in range(len(found)))
+        weights = [complex(*(found[MOTION, walk_name(axis, number)] for axis in "yz")) for number in range(count)]
+        return PropagatedMotion(
+            WindStart(direction / np.linalg.norm(direction), self.start.gravity - pull),
+            self.walk - walk_sines(record, count) @ np.array(weights, dtype=complex),
+        )
+
+    def crossflow(self, record: InertialRecord) -> ComplexArray:
+        """The crossflow (n,) of a record that moves so."""
+        direction = wind_direction(record, self.start)
+        return body_crossflow(record, direction) + wind_to_body(record, direction) * self.walk
+
+
+def linearisation_point(
+    reconstruction: Reconstruction, config: ReconstructionConfig, motion: PropagatedMotion | None = None
+) -> tuple[InertialRecord, Reconstruction]:
+    """The flight with what was found of its errors taken out, and the motion to linearise about.
+
+    `motion` is that of a fit whose errors are out of the flight already: nothing more is taken out then. A new one from
+    the forces alone would lie as far off as they leave it, and the next fit as far from linear as the last.
+    """
+    if motion is not None:
+        reconstruction = _as_it_reads(reconstruction, motion.start.gravity)
+    flight, errors = with_smooth_inputs(reconstruction)
+    record = inertial_record(flight, config)
+    read = replace(
+        reconstruction.motion,
+        p=flight.p,
+        q=record.transverse_rate.real,
+        r=record.transverse_rate.imag,
+        velocity=flight.velocity,
+        dynamic_pressure=flight.dynamic_pressure,
+    )
+    smooth = replace(reconstruction, flight=flight, motion=read, input_errors=errors)
+    if motion is None:
+        motion = PropagatedMotion.of(record, smooth).slow(walk_sines(record, walk_modes(record, smooth)))
+    return record, _moved(record, smooth, motion)
+
+
+def _as_it_reads(reconstruction: Reconstruction, gravity: FloatArray) -> Reconstruction:
+    """The reconstruction of a flight that is taken as it reads, under this gravity."""
+    none_found = tuple(replace(effect, value=0.0) for effect in reconstruction.effects)
+    return replace(reconstruction, corrected=reconstruction.flight, effects=none_found, gravity_body=gravity)
+
+
+def _moved(record: InertialRecord, reconstruction: Reconstruction, propagated: PropagatedMotion) -> Reconstruction:
+    """The reconstruction with a motion that is propagated."""
+    motion, before, after = reconstruction.motion, reconstruction.crossflow, propagated.crossflow(record)
+    rate = crossflow_rate(motion, before) + np.gradient(after - before, motion.time)
+    return replace(reconstruction, motion=recorded(with_crossflow(replace(motion, history=None), after, rate)))
