@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
 from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import default_knots
@@ -16,6 +17,7 @@ from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.motion.answerable import require_answerable
 from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
@@ -152,12 +154,20 @@ def cleaned(
     motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
     try:
         found = [
-            reconstruct(without(rec.flight, errors), setting, rec if _plain(setting) else None)
+            _anew(rec, without(rec.flight, errors), setting)
             for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
         ]
     except UnanswerableError:
         return None
     return [Cleaned(*each) for each in zip(found, motions, strict=True)]
+
+
+def _anew(reconstruction: Reconstruction, flight: Flight, setting: ReconstructionConfig) -> Reconstruction:
+    """That of the flight without errors, whose motion is known: another noise alone may want another normal force."""
+    if setting.gyro_sigma is not None or setting.accel_sigma is not None:
+        return reconstruct(flight, setting)
+    require_answerable(flight)
+    return replace(reconstruction, flight=flight)
 
 
 def about(
@@ -167,11 +177,6 @@ def about(
     motions = [each.motion for each in records]
     problem = _problem([each.reconstruction for each in records], settings, config, point, motions)
     return problem.under(settled_noise(problem))
-
-
-def _plain(setting: ReconstructionConfig) -> bool:
-    """Whether the noise is the record's own: another may want another normal force."""
-    return setting.gyro_sigma is None and setting.accel_sigma is None
 
 
 def _problem(

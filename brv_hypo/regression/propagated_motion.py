@@ -10,11 +10,13 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.angles import crossflow_rate, with_crossflow
+from brv_hypo.motion.axial_force import axial_share
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import with_smooth_inputs
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.splines import SplineGrid
 from brv_hypo.motion.wind import (
     FREE_GRAVITY,
     WindStart,
@@ -118,7 +120,13 @@ def _as_it_reads(reconstruction: Reconstruction, gravity: FloatArray) -> Reconst
 
 
 def _moved(record: InertialRecord, reconstruction: Reconstruction, propagated: PropagatedMotion) -> Reconstruction:
-    """The reconstruction with a motion that is propagated."""
+    """The reconstruction with a motion that is propagated, and what the record reads about it."""
     motion, before, after = reconstruction.motion, reconstruction.crossflow, propagated.crossflow(record)
     rate = crossflow_rate(motion, before) + np.gradient(after - before, motion.time)
-    return replace(reconstruction, motion=recorded(with_crossflow(replace(motion, history=None), after, rate)))
+    moved = with_crossflow(replace(motion, history=None), after, rate)
+    read = replace(
+        moved,
+        roll_acceleration=SplineGrid(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
+        axial_share=axial_share(record, moved.alpha),
+    )
+    return replace(reconstruction, motion=recorded(read))

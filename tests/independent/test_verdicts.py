@@ -115,6 +115,15 @@ def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axia
     assert truth in verdict.equivalent
 
 
+@pytest.mark.parametrize(
+    ("seed", "number", "truth", "drawn"), [(163158, 158, "inplane", False), (132146, 26, "inplane", True)]
+)
+def test_the_motion_is_moved_to_where_the_moments_say(seed: int, number: int, truth: str, drawn: bool) -> None:
+    """The forces alone leave alpha a fortieth of itself off, each time anew: no fit about that was ever linear."""
+    verdict = said(drawn_flight(seed, number, "mixed", 1.0, 5, True, drawn))
+    assert truth in verdict.equivalent
+
+
 def test_a_delay_that_is_short_because_the_motion_is_fast_is_found() -> None:
     """The meridian turns at 44 rad/s: two delays that are a turn apart were named instead, with less than no flow."""
     assert said(drawn_flight(134005, 5, "mixed", 1.0, 5, True, True)).winner == "sticking"
