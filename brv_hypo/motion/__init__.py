@@ -5,6 +5,7 @@ reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py
     the crossflow: joint, velocity, rates, polar  methods/
     what errors of the record make of it all      perturbation.py, effect_responses.py
     Euler's equations inverted                    moments.py
+    the course of the axial force                 axial_force.py
     inputs freed of noise, and what is left of it inputs.py, smoothing.py
 write_motion(reconstruction, path)                store.py
 try_record(flight) -> flight, RecordTrial         trial.py, consistency.py, corrections.py

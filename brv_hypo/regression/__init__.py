@@ -5,6 +5,7 @@ weakform.py    moments integrated to rates, so that no differentiation colours t
 whitening.py   the noise model and its filter
 frame.py       the frame of all flights
 channels.py    rates and specific force, on parts of a record
+propagated_motion.py  the motion to linearise about; wander.py what noise lets its attitude wander
 response.py    what a change of the record does to the residual
 nuisance.py    what is fitted along in every hypothesis
 problem.py     data, noise and what is projected out; noise.py settles the noise
