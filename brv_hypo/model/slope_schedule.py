@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebval
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -48,7 +49,7 @@ class SlopeSchedule(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term for each cosine, times alpha, and one times its cube."""
-        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
+        place = self._place(motion)
         nothing = np.zeros_like(motion.alpha)
         return tuple(
             Term(f"{name} cos {k}", motion.alpha**power * np.cos(k * np.pi * place), nothing, units)
@@ -77,6 +78,10 @@ class SlopeSchedule(Mechanism):
         sigmas = self.size * np.sqrt(2.0 / self._range * density)
         return np.asarray(sigmas[sigmas > max(_SMALLEST * sigmas[0], _NOTHING * self.size)], dtype=float)
 
+    def _place(self, motion: Motion) -> FloatArray:
+        """Where in its range of Mach numbers each sample is, from 0 to 1."""
+        return np.asarray(np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range)
+
     @property
     def _range(self) -> float:
         return float(np.log(self.high / self.low))
@@ -92,9 +97,16 @@ class SlopeCourse(SlopeSchedule):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The sum of the schedule's terms."""
-        parts = zip(self.coefficients, super().terms(motion, theta), strict=True)
-        total = np.sum([value * term.in_plane for value, term in parts], axis=0)
+        # Cosines of multiples are Chebyshev polynomials of the first: one cosine for all of them.
+        slope, bend = (chebval(np.cos(np.pi * self._place(motion)), (0.0, *own)) for own in self._halves)
+        total = motion.alpha * (slope + motion.alpha**2 * bend)
         return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
+
+    @property
+    def _halves(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Coefficients of the slope, and of its bend."""
+        count = len(self.coefficients) // 2
+        return self.coefficients[:count], self.coefficients[count:]
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """None: the course is known."""

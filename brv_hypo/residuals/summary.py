@@ -62,7 +62,7 @@ class Ending:
 def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
     state, last, model = end.state, end.state.seen, end.state.model
-    here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
+    here = bare_look(last, model, state.linear, end.config, state.problem.rows.noise)
     final = find(here, state.left)
     moments = _coefficients(here)
     elsewhere = _elsewhere(flights, end, moments)
@@ -158,7 +158,7 @@ def _elsewhere(flights: Sequence[Flight], end: Ending, own: _Coefficients) -> _E
         return _Elsewhere(own.by_column, state.left)
     columns = tuple(itertools.compress(model.columns, lasts))
     state = settled_state(flights, replace(model, columns=columns, applied=()), end.config)
-    here = bare_look(state.seen, state.model, state.values, end.config, state.problem.rows.noise)
+    here = bare_look(state.seen, state.model, state.linear, end.config, state.problem.rows.noise)
     return _Elsewhere(_coefficients(here).by_column, state.left)
 
 

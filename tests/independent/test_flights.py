@@ -227,6 +227,7 @@ STUDIES = (
     "faulty_records.py",
     "loop_study.py",
     "record_oracle.py",
+    "effects.py",
     "sisters.py",
     "near_zero.py",
     "integrals.py",
