@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebval
+from numpy.polynomial.chebyshev import chebval, chebvander
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -49,12 +49,12 @@ class SlopeSchedule(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term for each cosine, times alpha, and one times its cube."""
-        place = self._place(motion)
-        nothing = np.zeros_like(motion.alpha)
+        count = self.sizes.size
+        cosines, nothing = chebvander(self._cosine(motion), count), np.zeros_like(motion.alpha)
         return tuple(
-            Term(f"{name} cos {k}", motion.alpha**power * np.cos(k * np.pi * place), nothing, units)
-            for name, power, units in (("C_Nalpha", 1, "1/rad"), ("C_Nalpha3", 3, "1/rad^3"))
-            for k in range(1, self.sizes.size + 1)
+            Term(f"{name} cos {k}", alpha * cosines[:, k], nothing, units)
+            for name, alpha, units in (("C_Nalpha", motion.alpha, "1/rad"), ("C_Nalpha3", motion.alpha**3, "1/rad^3"))
+            for k in range(1, count + 1)
         )
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
@@ -78,9 +78,10 @@ class SlopeSchedule(Mechanism):
         sigmas = self.size * np.sqrt(2.0 / self._range * density)
         return np.asarray(sigmas[sigmas > max(_SMALLEST * sigmas[0], _NOTHING * self.size)], dtype=float)
 
-    def _place(self, motion: Motion) -> FloatArray:
-        """Where in its range of Mach numbers each sample is, from 0 to 1."""
-        return np.asarray(np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range)
+    def _cosine(self, motion: Motion) -> FloatArray:
+        """cos(pi x) of each sample; the cosines of multiples are Chebyshev polynomials of it."""
+        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
+        return np.asarray(np.cos(np.pi * place), dtype=float)
 
     @property
     def _range(self) -> float:
@@ -97,8 +98,7 @@ class SlopeCourse(SlopeSchedule):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The sum of the schedule's terms."""
-        # Cosines of multiples are Chebyshev polynomials of the first: one cosine for all of them.
-        slope, bend = (chebval(np.cos(np.pi * self._place(motion)), (0.0, *own)) for own in self._halves)
+        slope, bend = (chebval(self._cosine(motion), (0.0, *own)) for own in self._halves)
         total = motion.alpha * (slope + motion.alpha**2 * bend)
         return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
 

@@ -20,6 +20,8 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import nonlinear_parameters, prediction_slopes
 from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
@@ -163,15 +165,28 @@ def _elsewhere(flights: Sequence[Flight], end: Ending, own: _Coefficients) -> _E
 
 
 def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
-    """Coefficients and nuisances on the whole record, constants of integration left out, and their covariance."""
+    """Coefficients and nuisances on the whole record, constants of integration left out, and their covariance.
+
+    Delays and knots are as uncertain as the record leaves them.
+    """
     problem = with_efficiency(here.problem, here.null).on(here.seen.whole)
     design, response = problem.whole_design(here.null.frame, here.null.columns), problem.raw_response
     values = solve_scaled(design, response)
     left = response - design @ values
-    covariance = covariance_of(design, left, problem.samples, problem.efficiency)
+    covariance = covariance_of(_with_slopes(problem, here, values, design), left, problem.samples, problem.efficiency)
     count, constants = len(here.null.columns), 2 * len(problem.rows.part.levels)
     kept = np.r_[:count, count + constants : values.size]
     return values[kept], covariance[np.ix_(kept, kept)]
+
+
+def _with_slopes(problem: Problem, here: Look, values: FloatArray, design: FloatArray) -> FloatArray:
+    """The design (rows, unknowns) with what delays and knots would change after it."""
+    columns, frame = here.null.columns, here.null.frame
+    nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+    if not nonlinear:
+        return design
+    slopes = prediction_slopes(nonlinear, columns, values[: len(columns)], frame)
+    return np.column_stack([design, problem.rows.of_moments(slopes)])
 
 
 @dataclass(frozen=True)

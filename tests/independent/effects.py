@@ -29,9 +29,10 @@ from tests.independent.record_oracle import (
 )
 
 TIMES = (3.0, 10.0)  # detection limits between which a size is drawn
-# Tolerances that an instrument or the wind is off by at most: what is drawn of its own keeps below the most that the
-# loop believes of any.
+# Tolerances that an instrument, the principal axis or the wind is off by at most: with what is drawn besides it stays
+# below the most that the loop believes of any.
 MOST = LARGEST - 5.0
+ROUGH = 0.5  # limits by which a size may miss: what is planted changes the motion that tells its limit
 FIRST = 0.1  # of its nominal amplitude, at which a moment's limit is asked for
 BENDING = "cubic_stiffness"
 IMBALANCE = "dynamic_imbalance"
@@ -69,16 +70,23 @@ def baseline_for(effect: str) -> Baseline:
 
 
 def sized(seed: int, effect: str) -> Sized:
-    """The flight of a seed with the effect. Raises RuntimeError or ValueError where none can be flown."""
+    """The flight of a seed with the effect.
+
+    Raises RuntimeError or ValueError where none can be flown, or no effect so large.
+    """
     plain, rng = draw_flight(seed, truth="none"), np.random.default_rng([seed, _SIZE])
     wanted = float(np.exp(rng.uniform(*np.log(TIMES))))
     if effect == WIND_STEP:
-        return _with_gust(plain, wanted, rng)
-    if effect == IMBALANCE:
-        return _with_tilt(plain, wanted, rng)
-    if effect in COMPONENTS:
-        return _with_error(plain, effect, wanted, rng)
-    return _with_moment(plain, effect, wanted)
+        found = _with_gust(plain, wanted, rng)
+    elif effect == IMBALANCE:
+        found = _with_tilt(plain, wanted, rng)
+    elif effect in COMPONENTS:
+        found = _with_error(plain, effect, wanted, rng)
+    else:
+        found = _with_moment(plain, effect, wanted)
+    if found.times < TIMES[0] - ROUGH:
+        raise ValueError(f"at most {found.times:.1f} detection limits on this record")
+    return found
 
 
 def deviations(found: Trace, sized: Sized, effect: str) -> tuple[float, ...]:
@@ -108,8 +116,11 @@ def _with_moment(plain: Made, effect: str, wanted: float) -> Sized:
         (f_ratio,) = f_ratios_in_record(made, baseline_for(effect), bent=effect != BENDING)
         return made, float(np.sqrt(f_ratio / DETECTED))
 
-    _, times = flown(FIRST)
-    made, times = flown(min(wanted * FIRST / times, 1.0))
+    first, times = flown(FIRST)
+    # A trim moves the angle about which a vehicle turns, and may be as large as its whole moment; what goes with the
+    # angle itself may be no more than nominal.
+    most = 1.0 / first.true.nominal_share if effect == "trim" else 1.0
+    made, times = flown(min(wanted * FIRST / times, most))
     return Sized(made, times, _values(made))
 
 
@@ -160,9 +171,10 @@ def _with_tilt(plain: Made, wanted: float, rng: np.random.Generator) -> Sized:
     tolerance = plain.flight.instruments.values()[key][0]
     products = _products(plain, no_errors().changed(key, place, tolerance))
     limit = tolerance * float(np.sqrt(DETECTED / f_ratio_of_moment(state, find(IMBALANCE), products)))
-    made = _with_errors(plain, key, _further(plain.true.errors, key, place, wanted * limit))
+    size = min(wanted * limit, MOST * tolerance)
+    made = _with_errors(plain, key, _further(plain.true.errors, key, place, size))
     names = [term.name for term in find(IMBALANCE).terms(state.seen.reconstructions[0].motion, {})]
-    return Sized(made, wanted, dict(zip(names, _products(plain, made.true.errors), strict=True)))
+    return Sized(made, size / limit, dict(zip(names, _products(plain, made.true.errors), strict=True)))
 
 
 def _products(plain: Made, errors: Errors) -> tuple[float, float]:

@@ -156,9 +156,9 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
 
 
 def report_effects(outcomes: Sequence[Outcome]) -> Iterable[str]:
-    """Lines of counts by effect and of all, of what was planted at 3 limits or more in the record."""
+    """Lines of counts by effect and of all."""
     yield from _report_empty([o for o in outcomes if o.truth == "none"])
-    asked = [o for o in outcomes if o.truth != "none" and min(o.times) >= TIMES[0]]
+    asked = [o for o in outcomes if o.truth != "none"]
     for name in dict.fromkeys(o.truth for o in asked):
         own = [o for o in asked if o.truth == name]
         yield _count(f"{name} is first", [_first(o) for o in own]) + _count("; or near", [_near(o) for o in own])
