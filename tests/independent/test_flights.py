@@ -228,6 +228,7 @@ STUDIES = (
     "loop_study.py",
     "record_oracle.py",
     "effects.py",
+    "two_flights.py",
     "sisters.py",
     "near_zero.py",
     "integrals.py",
