@@ -1,8 +1,8 @@
 """Every effect that `trace` tries, planted into an independent flight at 3 to 10 times its limit in the record.
 
-A moment, an error of an instrument beside those that are drawn, a tilt of the principal axis, a step of the wind. The
-limit (F = 25) counts the motion and the errors of record and vehicle as unknown, the latter within their tolerances:
-an instrument has to be off by more than five of them.
+A moment, an error of an instrument or of the vehicle beside those that are drawn, a step of the wind. The limit (F = 25)
+counts the motion and the errors of record and vehicle as unknown, the latter within their tolerances: an instrument has
+to be off by more than five of them.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ from tests.independent.record_oracle import (
 )
 
 TIMES = (3.0, 10.0)  # detection limits between which a size is drawn
-# Tolerances that an instrument, the principal axis or the wind is off by at most: with what is drawn besides it stays
+# Tolerances that an instrument, the vehicle or the wind is off by at most: with what is drawn besides it stays
 # below the most that the loop believes of any.
 MOST = LARGEST - 5.0
 ROUGH = 0.5  # limits by which a size may miss: what is planted changes the motion that tells its limit
 FIRST = 0.1  # of its nominal amplitude, at which a moment's limit is asked for
 BENDING = "cubic_stiffness"
-IMBALANCE = "dynamic_imbalance"
+# Moments of the vehicle's own errors: a c.g. off the axis, a tilted principal axis.
+VEHICLE = {"trim": "cg_offset", "dynamic_imbalance": "principal_axis"}
 # What a baseline with a schedule holds already; it is planted into a slope that nothing else changes.
 SCHEDULED = ("mach_stiffness", "reynolds_stiffness")
 _GYROS, _AXES = ("p", "q", "r"), ("x", "y", "z")
@@ -47,8 +48,7 @@ COMPONENTS = {
     "accel_position": _AXES,
     "time_skew": ("gyros",),
 }
-SEVENTEEN = (*LISTED, "magnus", *THROUGHOUT[:3], IMBALANCE, *COMPONENTS, WIND_STEP)
-EFFECTS = (*SEVENTEEN, *THROUGHOUT[3:])
+EFFECTS = (*LISTED, "magnus", *THROUGHOUT, *VEHICLE, *COMPONENTS, WIND_STEP)
 _SIZE = 13  # the stream of what is drawn here
 
 
@@ -78,8 +78,8 @@ def sized(seed: int, effect: str) -> Sized:
     wanted = float(np.exp(rng.uniform(*np.log(TIMES))))
     if effect == WIND_STEP:
         found = _with_gust(plain, wanted, rng)
-    elif effect == IMBALANCE:
-        found = _with_tilt(plain, wanted, rng)
+    elif effect in VEHICLE:
+        found = _of_vehicle(plain, effect, wanted, rng)
     elif effect in COMPONENTS:
         found = _with_error(plain, effect, wanted, rng)
     else:
@@ -116,11 +116,8 @@ def _with_moment(plain: Made, effect: str, wanted: float) -> Sized:
         (f_ratio,) = f_ratios_in_record(made, baseline_for(effect), bent=effect != BENDING)
         return made, float(np.sqrt(f_ratio / DETECTED))
 
-    first, times = flown(FIRST)
-    # A trim moves the angle about which a vehicle turns, and may be as large as its whole moment; what goes with the
-    # angle itself may be no more than nominal.
-    most = 1.0 / first.true.nominal_share if effect == "trim" else 1.0
-    made, times = flown(min(wanted * FIRST / times, most))
+    _, times = flown(FIRST)
+    made, times = flown(min(wanted * FIRST / times, 1.0))
     return Sized(made, times, _values(made))
 
 
@@ -128,10 +125,6 @@ def _values(made: Made) -> dict[str, float]:
     """The coefficients of a moment, by the program's terms; none where it has no one number."""
     planted = made.true.planted
     size, angle = planted.amplitude, planted.values.get("angle", 0.0)
-    if planted.name == "trim":
-        craft, (y, z) = made.true.craft, made.true.errors.cg_offset
-        drag = craft.axial / craft.vehicle.reference_length
-        return {"C_m0": size * np.cos(angle) + z * drag, "C_n0": -size * np.sin(angle) - y * drag}
     return {
         "bodyfixed": {"C_b cos(phi_b)": size * np.cos(angle), "C_b sin(phi_b)": size * np.sin(angle)},
         "stiffness_asymmetry": {"pitch-yaw": size * np.cos(angle), "diagonal": size * np.sin(angle)},
@@ -164,23 +157,26 @@ def _with_error(plain: Made, effect: str, wanted: float, rng: np.random.Generato
     return Sized(made, float(size / limits[place]), values)
 
 
-def _with_tilt(plain: Made, wanted: float, rng: np.random.Generator) -> Sized:
-    """The principal axis is tilted about body y or z."""
-    key, state = "principal_axis", baseline_state(plain.flight)
-    place = int(rng.integers(2))
-    tolerance = plain.flight.instruments.values()[key][0]
-    products = _products(plain, no_errors().changed(key, place, tolerance))
-    limit = tolerance * float(np.sqrt(DETECTED / f_ratio_of_moment(state, find(IMBALANCE), products)))
+def _of_vehicle(plain: Made, effect: str, wanted: float, rng: np.random.Generator) -> Sized:
+    """The c.g. lies off the axis along body y or z, or the principal axis is tilted about either."""
+    key, item, place = VEHICLE[effect], find(effect), int(rng.integers(2))
+    state, tolerance = baseline_state(plain.flight), plain.flight.instruments.values()[key][0]
+    moment = _coefficients(plain, effect, no_errors().changed(key, place, tolerance))
+    limit = tolerance * float(np.sqrt(DETECTED / f_ratio_of_moment(state, item, moment)))
     size = min(wanted * limit, MOST * tolerance)
-    made = _with_errors(plain, key, _further(plain.true.errors, key, place, size))
-    names = [term.name for term in find(IMBALANCE).terms(state.seen.reconstructions[0].motion, {})]
-    return Sized(made, size / limit, dict(zip(names, _products(plain, made.true.errors), strict=True)))
+    made = _with_errors(plain, key, _further(plain.true.errors, key, place, float(size * rng.choice([-1.0, 1.0]))))
+    names = [term.name for term in item.terms(state.seen.reconstructions[0].motion, {})]
+    return Sized(made, size / limit, dict(zip(names, _coefficients(plain, effect, made.true.errors), strict=True)))
 
 
-def _products(plain: Made, errors: Errors) -> tuple[float, float]:
-    """-I_xz and I_xy over S d: elements of the tensor, the latter's of the other sign."""
-    vehicle = plain.true.craft.vehicle
-    tensor = inertia_tensor(vehicle.ixx, vehicle.iyy, errors) / (vehicle.reference_area * vehicle.reference_length)
+def _coefficients(plain: Made, effect: str, errors: Errors) -> tuple[float, float]:
+    """C_m0 and C_n0 of the axial force on its lever; or -I_xz and I_xy over S d, elements of the tensor."""
+    craft = plain.true.craft
+    if effect == "trim":
+        y, z = errors.cg_offset * craft.axial / craft.vehicle.reference_length
+        return float(z), float(-y)
+    tensor = inertia_tensor(craft.vehicle.ixx, craft.vehicle.iyy, errors)
+    tensor = tensor / (craft.vehicle.reference_area * craft.vehicle.reference_length)
     return float(tensor[0, 2]), float(-tensor[0, 1])
 
 

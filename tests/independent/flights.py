@@ -213,7 +213,6 @@ def _nominal(
         "bodyfixed": {"angle": angle},
         "rotating": {"angle": angle},
         "third_harmonic": {"angle": angle},
-        "trim": {"angle": angle},
         "stiffness_asymmetry": {"angle": angle},
         "sticking": {"delay": turn / meridian_rate},
         "inplane": {"offset": float(other_sign * np.sqrt(np.mean(alpha**2))), "slope": 1.0},

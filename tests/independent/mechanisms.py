@@ -18,7 +18,6 @@ UNLISTED = ("rotating", "third_harmonic", "mach_step", "magnus", "vortex")
 TRUTHS = ("none", *LISTED, *UNLISTED)
 # Of the vehicle or its air, and so throughout a record; `magnus` may be as well.
 THROUGHOUT = (
-    "trim",
     "cubic_stiffness",
     "stiffness_asymmetry",
     "mach_stiffness",
@@ -150,10 +149,6 @@ def _vortex(planted: Planted, now: Running) -> complex:
     return 1j * planted.amplitude * now.alpha**2
 
 
-def _trim(planted: Planted, now: Running) -> complex:
-    return planted.amplitude * cmath.exp(1j * (now.meridian - planted.values["angle"]))
-
-
 def _cubic_stiffness(planted: Planted, now: Running) -> complex:
     return complex(planted.amplitude * now.alpha**3)
 
@@ -202,7 +197,6 @@ _FORMS: dict[str, Callable[[Planted, Running], complex]] = {
     "mach_step": _mach_step,
     "magnus": _magnus,
     "vortex": _vortex,
-    "trim": _trim,
     "cubic_stiffness": _cubic_stiffness,
     "stiffness_asymmetry": _stiffness_asymmetry,
     "mach_stiffness": _mach_stiffness,
