@@ -1,8 +1,8 @@
 """Every effect that `trace` tries, planted into an independent flight at 3 to 10 times its limit in the record.
 
-A moment, an error of an instrument or of the vehicle beside those that are drawn, a step of the wind. The limit (F = 25)
-counts the motion and the errors of record and vehicle as unknown, the latter within their tolerances: an instrument has
-to be off by more than five of them.
+A moment, an error of an instrument or of the vehicle beside those that are drawn, a step of the wind. The limit (F of
+25) counts the motion and the errors of record and vehicle as unknown, the latter within their tolerances: an instrument
+has to be off by more than five of them.
 """
 
 from __future__ import annotations
@@ -151,10 +151,17 @@ def _with_error(plain: Made, effect: str, wanted: float, rng: np.random.Generato
     size = min(wanted * limits[place], MOST * tolerance)
     errors = _further(plain.true.errors, effect, place, float(size * rng.choice([-1.0, 1.0])))
     made = _with_errors(plain, effect, errors)
-    whole = float(np.ravel(getattr(made.true.errors, effect))[place])
-    # Late gyros are early accelerometers: the gyros' clock is the record's.
-    values = {"accelerometers": -whole} if effect == "time_skew" else {names[place]: whole}
-    return Sized(made, float(size / limits[place]), values)
+    return Sized(made, float(size / limits[place]), _told(made.true.errors, effect, place))
+
+
+def _told(errors: Errors, effect: str, place: int) -> dict[str, float]:
+    """The whole error of a component, as a trace tells it."""
+    whole = float(np.ravel(getattr(errors, effect))[place])
+    if effect == "time_skew":
+        return {"accelerometers": -whole}  # where the gyros are late: theirs is the record's clock
+    if effect == "accel_position":
+        whole -= float(np.array([0.0, *errors.cg_offset])[place])  # what they sense is where they are off the c.g.
+    return {COMPONENTS[effect][place]: whole}
 
 
 def _of_vehicle(plain: Made, effect: str, wanted: float, rng: np.random.Generator) -> Sized:
