@@ -29,7 +29,6 @@ from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.look_ahead import looked_ahead, looked_ahead_like
 from brv_hypo.residuals.problem import problem_of, with_efficiency
 
-_WORTH_REFINING = 0.4  # share of the best gain, below which variants are not brought closer; rule of thumb
 _TOLD = 8  # candidates whose explained share is found on stretches left out, as many as a report shows
 _CLOSER = 3  # turns at most, each about the best variant of the turn before
 # What is described in generic terms is called this, with the number of its step.
@@ -137,16 +136,14 @@ def _closer(
     flights: Sequence[LinearisedFlight],
     catalogue: Catalogue,
 ) -> tuple[Problem, list[Candidate], Catalogue]:
-    """The candidates, record effects that come in variants brought closer to their best one."""
-    most = max(candidate.gain for candidate in found)
+    """The candidates, record effects that come in variants brought closer to their best one.
+
+    However little they gain: a quarter of a second off its time, a step of the wind may look like nothing.
+    """
     closer = []
     for candidate in found:
         effect = candidate.effect
-        if (
-            effect is not None
-            and len(catalogue[candidate.name]) > 1
-            and candidate.gain > _WORTH_REFINING * most
-        ):
+        if effect is not None and len(catalogue[candidate.name]) > 1:
             for turn in range(_CLOSER):
                 number, _ = _placed(catalogue[candidate.name])[candidate.fit.selected[0].term]
                 variants, histories = _variants_of(problem.frame, {number: flights[number]}, effect, f"{turn}.")

@@ -150,7 +150,7 @@ def _with_error(plain: Made, effect: str, wanted: float, rng: np.random.Generato
     place = int(rng.choice(fit)) if fit.size else int(np.argmin(limits))
     size = min(wanted * limits[place], MOST * tolerance)
     errors = _further(plain.true.errors, effect, place, float(size * rng.choice([-1.0, 1.0])))
-    made = _with_errors(plain, effect, errors)
+    made = _with_errors(plain, errors, effect)
     return Sized(made, float(size / limits[place]), _told(made.true.errors, effect, place))
 
 
@@ -171,9 +171,13 @@ def _of_vehicle(plain: Made, effect: str, wanted: float, rng: np.random.Generato
     moment = _coefficients(plain, effect, no_errors().changed(key, place, tolerance))
     limit = tolerance * float(np.sqrt(DETECTED / f_ratio_of_moment(state, item, moment)))
     size = min(wanted * limit, MOST * tolerance)
-    made = _with_errors(plain, key, _further(plain.true.errors, key, place, float(size * rng.choice([-1.0, 1.0]))))
+    size = float(size * rng.choice([-1.0, 1.0]))
+    errors = _further(plain.true.errors, key, place, size)
+    if effect == "trim":  # accelerometers that kept their declared place would be as far off the c.g., and be found too
+        errors = _further(errors, "accel_position", place + 1, size)
+    made = _with_errors(plain, errors, key, "accel_position")
     names = [term.name for term in item.terms(state.seen.reconstructions[0].motion, {})]
-    return Sized(made, size / limit, dict(zip(names, _coefficients(plain, effect, made.true.errors), strict=True)))
+    return Sized(made, abs(size) / limit, dict(zip(names, _coefficients(plain, effect, made.true.errors), strict=True)))
 
 
 def _coefficients(plain: Made, effect: str, errors: Errors) -> tuple[float, float]:
@@ -192,10 +196,9 @@ def _further(errors: Errors, key: str, place: int, size: float) -> Errors:
     return errors.changed(key, place, float(np.ravel(getattr(errors, key))[place]) + size)
 
 
-def _with_errors(plain: Made, key: str, errors: Errors) -> Made:
-    return make_flight(
-        plain.true.craft, seed=plain.seed, start=plain.true.start, errors={key: getattr(errors, key)}
-    )
+def _with_errors(plain: Made, errors: Errors, *keys: str) -> Made:
+    changed = {key: getattr(errors, key) for key in keys}
+    return make_flight(plain.true.craft, seed=plain.seed, start=plain.true.start, errors=changed)
 
 
 def _with_gust(plain: Made, wanted: float, rng: np.random.Generator) -> Sized:
