@@ -4,7 +4,7 @@ By hand: python -m tests.independent.two_flights --seed 1000 --pairs 10
 
 Pair k has seed SEED + k; a step at a Mach number and one at a time take turns, at 3 to 10 times the limit in the first
 flight's record. The second flight is of the same vehicle at another speed, at which that Mach number is passed at
-another time; the step at a time comes when its Mach number is another.
+another time; the step at a time comes at a third, at which Mach and Reynolds number are others.
 """
 
 from __future__ import annotations
@@ -79,14 +79,16 @@ def pair(seed: int, truth: str) -> tuple[Made, Made, float]:
     rng = np.random.default_rng([seed, _STREAM])
     places = rng.uniform(*PLACES, 64) * span
     other = next(place for place in places if abs(place - crossing) >= APART * span)
+    third = next((p for p in places if min(abs(p - crossing), abs(p - other)) >= APART * span), None)
+    if third is None:
+        raise ValueError("no third time is far enough from both")
     faster = planted.values["mach"] / float(np.interp(other, first.true.time, first.true.mach))
     sister = at_speed(craft, faster)
     ends = {"start": -2.0 * PAD, "stop": span + 2.0 * PAD}
     steps = [replace(planted, **ends)] * 2
     if truth == "inplane":
-        # At the same time in both: the second flight has another Mach number then.
-        jump = Planted("inplane", planted.amplitude, crossing, ends["stop"], {"offset": 0.0, "slope": 1.0})
-        steps = [jump] * 2
+        form = {"offset": 0.0, "slope": 1.0}
+        steps = [Planted("inplane", planted.amplitude, float(at), ends["stop"], form) for at in (crossing, third)]
     made = [
         make_flight(each, seed=number, planted=step, start=first.true.start)
         for each, number, step in zip((craft, sister), (seed, seed + SECOND), steps, strict=True)
