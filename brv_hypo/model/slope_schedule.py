@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebval, chebvander
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -48,12 +49,12 @@ class SlopeSchedule(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term for each cosine, times alpha, and one times its cube."""
-        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
-        nothing = np.zeros_like(motion.alpha)
+        count = self.sizes.size
+        cosines, nothing = chebvander(self._cosine(motion), count), np.zeros_like(motion.alpha)
         return tuple(
-            Term(f"{name} cos {k}", motion.alpha**power * np.cos(k * np.pi * place), nothing, units)
-            for name, power, units in (("C_Nalpha", 1, "1/rad"), ("C_Nalpha3", 3, "1/rad^3"))
-            for k in range(1, self.sizes.size + 1)
+            Term(f"{name} cos {k}", alpha * cosines[:, k], nothing, units)
+            for name, alpha, units in (("C_Nalpha", motion.alpha, "1/rad"), ("C_Nalpha3", motion.alpha**3, "1/rad^3"))
+            for k in range(1, count + 1)
         )
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
@@ -77,6 +78,11 @@ class SlopeSchedule(Mechanism):
         sigmas = self.size * np.sqrt(2.0 / self._range * density)
         return np.asarray(sigmas[sigmas > max(_SMALLEST * sigmas[0], _NOTHING * self.size)], dtype=float)
 
+    def _cosine(self, motion: Motion) -> FloatArray:
+        """cos(pi x) of each sample; the cosines of multiples are Chebyshev polynomials of it."""
+        place = np.log(np.clip(motion.mach, self.low, self.high) / self.low) / self._range
+        return np.asarray(np.cos(np.pi * place), dtype=float)
+
     @property
     def _range(self) -> float:
         return float(np.log(self.high / self.low))
@@ -92,9 +98,15 @@ class SlopeCourse(SlopeSchedule):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The sum of the schedule's terms."""
-        parts = zip(self.coefficients, super().terms(motion, theta), strict=True)
-        total = np.sum([value * term.in_plane for value, term in parts], axis=0)
+        slope, bend = (chebval(self._cosine(motion), (0.0, *own)) for own in self._halves)
+        total = motion.alpha * (slope + motion.alpha**2 * bend)
         return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
+
+    @property
+    def _halves(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Coefficients of the slope, and of its bend."""
+        count = len(self.coefficients) // 2
+        return self.coefficients[:count], self.coefficients[count:]
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """None: the course is known."""

@@ -140,11 +140,11 @@ def scheduled(model: Model, seen: Seen) -> Model:
 def tolerated(model: Model, flight: Flight) -> tuple[Mechanism, ...]:
     """The mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of the baseline.
 
-    What the model has as columns is known from elsewhere, and has none.
+    What the model has as columns, for all flights, is free or known from elsewhere, and has none.
     """
-    held = {column.mechanism for column in model.columns}
-    own = (model.mechanisms[name] for name in TOLERATED if name in model.mechanisms and name not in held)
-    return (*carried_mechanisms(flight), *own)
+    held = {column.mechanism for column in model.columns if column.flight is None}
+    own = (model.mechanisms[name] for name in TOLERATED if name in model.mechanisms)
+    return tuple(mechanism for mechanism in (*carried_mechanisms(flight), *own) if mechanism.name not in held)
 
 
 def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:

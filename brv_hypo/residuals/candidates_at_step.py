@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
@@ -28,9 +27,8 @@ from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, di
 from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.look_ahead import looked_ahead, looked_ahead_like
-from brv_hypo.residuals.problem import linearised_at, problem_of, with_efficiency
+from brv_hypo.residuals.problem import problem_of, with_efficiency
 
-_WORTH_REFINING = 0.4  # share of the best gain, below which variants are not brought closer; rule of thumb
 _TOLD = 8  # candidates whose explained share is found on stretches left out, as many as a report shows
 _CLOSER = 3  # turns at most, each about the best variant of the turn before
 # What is described in generic terms is called this, with the number of its step.
@@ -59,10 +57,13 @@ class Look:
 
 
 def bare_look(
-    seen: Seen, model: Model, values: FloatArray, config: TraceConfig, noise: Noise | None = None
+    seen: Seen,
+    model: Model,
+    flights: tuple[LinearisedFlight, ...],
+    config: TraceConfig,
+    noise: Noise | None = None,
 ) -> Look:
-    """The regression of a model alone on the fitted part."""
-    flights = linearised_at(seen, model, values)
+    """The regression of a model alone on the fitted part of linearised flights."""
     problem = problem_of(seen, model, flights, config, noise=noise)
     return Look(seen, problem, fit_hypothesis(problem, "none", ()), (), flights, {})
 
@@ -70,16 +71,15 @@ def bare_look(
 def look(
     seen: Seen,
     model: Model,
-    values: FloatArray,
+    flights: tuple[LinearisedFlight, ...],
     mechanisms: Sequence[Mechanism],
     effects: Sequence[RecordEffect],
     config: TraceConfig,
 ) -> Look:
-    """Fit the model and every candidate on the fitted part, under the noise that the record itself says.
+    """Fit the model and every candidate on the fitted part of linearised flights, under the noise that they say.
 
     Where the dictionary is searched too, `discovery` is the one entry of it that describes best what is left.
     """
-    flights = linearised_at(seen, model, values)
     catalogue, histories = _histories(seen.frame, flights, effects, model)
     problem = problem_of(seen, model, flights, config, histories)
     null = fit_hypothesis(problem, "none", ())
@@ -136,16 +136,14 @@ def _closer(
     flights: Sequence[LinearisedFlight],
     catalogue: Catalogue,
 ) -> tuple[Problem, list[Candidate], Catalogue]:
-    """The candidates, record effects that come in variants brought closer to their best one."""
-    most = max(candidate.gain for candidate in found)
+    """The candidates, record effects that come in variants brought closer to their best one.
+
+    However little they gain: a quarter of a second off its time, a step of the wind may look like nothing.
+    """
     closer = []
     for candidate in found:
         effect = candidate.effect
-        if (
-            effect is not None
-            and len(catalogue[candidate.name]) > 1
-            and candidate.gain > _WORTH_REFINING * most
-        ):
+        if effect is not None and len(catalogue[candidate.name]) > 1:
             for turn in range(_CLOSER):
                 number, _ = _placed(catalogue[candidate.name])[candidate.fit.selected[0].term]
                 variants, histories = _variants_of(problem.frame, {number: flights[number]}, effect, f"{turn}.")

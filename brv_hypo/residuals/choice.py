@@ -73,9 +73,10 @@ class Tried:
         The moments' error has to fall, unless the fitted part leaves no doubt; an error of the record may show in the
         specific force alone. Then it must not make the moments significantly worse. What every fit holds within its
         tolerance has nothing to predict that others within theirs could not: that it must be larger is asked of the
-        fitted part alone.
+        fitted part alone. Worse by less than noise scatters such an error is not worse: the record is read anew with
+        the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + _WORSE * self.ratio_error
+        no_worse = self.ratio < 1.0 + max(_WORSE * self.ratio_error, self.errors_before[1].scatter)
         if self.carried:
             return no_worse
         if self.certain:

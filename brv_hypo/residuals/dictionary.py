@@ -19,6 +19,9 @@ from brv_hypo.regression.turning import RATES, fastest_turning
 Wave = Literal["cos", "sin"]
 
 _STEPS = 14  # places of a step, evenly over the quantity; `discover` moves the chosen ones between
+# Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
+# would describe better.
+_WIDTHS = {0.1: "", 0.3: " that is gradual", 1.0: " that is slow"}
 _HATS = 8  # places of a hat, each as wide as the way to the next
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 _POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
@@ -177,10 +180,10 @@ def _powers() -> list[Entry]:
 
 
 def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
-    """Steps of the stiffness, in and out of plane, at a value of the quantity."""
+    """Steps of the stiffness, in and out of plane, at a value of the quantity, sharp or gradual."""
     spacing = (high - low) / (_STEPS + 1)
 
-    def maker(axis: Axis) -> Callable[[float], Entry]:
+    def maker(axis: Axis, share: float) -> Callable[[float], Entry]:
         what = (
             "a step of the stiffness"
             if axis == "in_plane"
@@ -188,10 +191,10 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
         )
 
         def entry(value: float) -> Entry:
-            factor = Factor(of=quantity, function="step", at=value, width=0.1 * spacing)
-            name = f"{axis} alpha, step at {quantity} {value:.12g}"
+            factor = Factor(of=quantity, function="step", at=value, width=share * spacing)
+            name = f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}"
             return Entry(
-                f"{what} at {_QUANTITY[quantity]} {value:.5g}",
+                f"{what} at {_QUANTITY[quantity]} {value:.5g}{_WIDTHS[share]}",
                 (FiledTerm(name=name, axis=axis, factors=(factor, *_alpha(1)), units="1/rad"),),
                 value,
                 spacing,
@@ -200,7 +203,8 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
 
         return entry
 
-    return [maker(axis)(low + k * spacing) for axis in _PLANE for k in range(1, _STEPS + 1)]
+    makers = [maker(axis, share) for axis in _PLANE for share in _WIDTHS]
+    return [make(low + k * spacing) for make in makers for k in range(1, _STEPS + 1)]
 
 
 def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:

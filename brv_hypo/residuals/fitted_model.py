@@ -16,9 +16,10 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.baseline import tolerated
 from brv_hypo.residuals.candidates import Candidate
-from brv_hypo.residuals.candidates_at_step import Look, bare_look
+from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.judge import Prediction, moment_errors
 from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
@@ -38,7 +39,7 @@ _TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 class State:
     """A model with its coefficients (columns,), the flights as they are seen with it, and the moments that it leaves.
 
-    `problem` is the regression that the coefficients are of.
+    `problem` is the regression that the coefficients are of, and `linear` the flights as it has them.
     """
 
     model: Model
@@ -48,29 +49,42 @@ class State:
     errors: Prediction
     held_out: Prediction
     problem: Problem
+    linear: tuple[LinearisedFlight, ...]
 
 
-def state_of(model: Model, seen: Seen, problem: Problem) -> State:
+def state_of(model: Model, seen: Seen, problem: Problem, linear: tuple[LinearisedFlight, ...]) -> State:
     """The model's coefficients on the fitted part, and its errors."""
     values, others = problem.solution(seen.frame, model.columns)
     rates = problem.left(seen.frame, model.columns, values, others).rates
     left = residual_moments(seen.frame, problem.records, rates)
     errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
-    return State(model, seen, values, left, errors, held_out, problem)
+    return State(model, seen, values, left, errors, held_out, problem, linear)
 
 
 def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
     """The state of a model of which nothing but its columns is known."""
-    flights = linearised_at(seen, model, seen.values(seen.fitted, model.columns))
-    return state_of(model, seen, problem_of(seen, model, flights, config))
+    return _state_about(seen, model, seen.values(seen.fitted, model.columns), config)
+
+
+def _state_about(seen: Seen, model: Model, values: FloatArray, config: TraceConfig) -> State:
+    """The state of a model that is linearised about coefficients (columns,)."""
+    linear = linearised_at(seen, model, values)
+    return state_of(model, seen, problem_of(seen, model, linear, config), linear)
 
 
 def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
     """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
     What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays
-    of the model are refined there.
+    of the model are refined there. Last it is linearised about its own coefficients, unless it fits worse so: where
+    much is left, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
     """
+    state = _settled(flights, model, config)
+    nearer = _state_about(state.seen, state.model, state.values, config)
+    return state if nearer.errors.mean_square > state.errors.mean_square * _TRIFLE else nearer
+
+
+def _settled(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
     state = first_state(model, with_in_plane_moment(see(flights, model, config), model.columns), config)
     for _ in range(_LINEARISATIONS):
         found = errors_beside(state.problem, fit_hypothesis(state.problem, "none", ()))
@@ -94,8 +108,7 @@ def _about_its_vehicle(state: State, found: Sequence[Errors], config: TraceConfi
         of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
         own = {name: value for name, value in found[number].items() if name[0] in of_vehicle}
         taken.append({**seen.taken[number], **own})
-    seen = replace(seen, taken=tuple(taken))
-    return state_of(model, seen, problem_of(seen, model, linearised_at(seen, model, state.values), config))
+    return _state_about(replace(seen, taken=tuple(taken)), model, state.values, config)
 
 
 def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
@@ -125,7 +138,7 @@ def _refined(state: State) -> State:
     known: frozenset[int] = frozenset()
     found = refine(columns, nonlinear, known, Reduced(replace(problem, baseline=()), frame)).columns
     model = replace(state.model, columns=found)
-    return state_of(model, with_in_plane_moment(seen, found), replace(problem, baseline=found))
+    return state_of(model, with_in_plane_moment(seen, found), replace(problem, baseline=found), state.linear)
 
 
 def with_candidate(
@@ -139,7 +152,7 @@ def with_candidate(
             model, mechanisms=known, columns=candidate.fit.columns, added=(*model.added, candidate.name)
         )
         seen = replace(state.seen, frame=candidate.fit.frame)
-        return state_of(model, seen, replace(here.problem, frame=seen.frame))
+        return state_of(model, seen, replace(here.problem, frame=seen.frame), state.linear)
     values = candidate.fit.values[candidate.fit.baseline_size :]
     applied = tuple(
         Applied(candidate.effect, component.name, component.units, component.size, float(value), number)
@@ -153,7 +166,8 @@ def with_candidate(
         for number, known in enumerate(state.seen.taken)
     ]
     seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
-    return state_of(model, seen, bare_look(seen, model, state.values, config, here.problem.rows.noise).problem)
+    linear = linearised_at(seen, model, state.values)
+    return state_of(model, seen, problem_of(seen, model, linear, config, noise=here.problem.rows.noise), linear)
 
 
 def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> State:
@@ -172,8 +186,8 @@ def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> St
         )
         model = replace(best.model, applied=applied)
         seen = with_in_plane_moment(see(flights, model, config, best.seen.taken), model.columns)
-        problem = bare_look(seen, model, best.values, config, best.problem.rows.noise).problem
-        found = state_of(model, seen, problem)
+        linear = linearised_at(seen, model, best.values)
+        found = state_of(model, seen, problem_of(seen, model, linear, config, noise=best.problem.rows.noise), linear)
         if found.errors.mean_square > best.errors.mean_square * _TRIFLE:
             break
         best = found

@@ -31,6 +31,11 @@ class Prediction:
         """Mean square of the moment coefficients, pitch and yaw together."""
         return float(self.squares.sum() / max(self.sizes.sum(), 1.0))
 
+    @property
+    def scatter(self) -> float:
+        """Relative standard deviation of the mean square of so much white noise, two axes a sample."""
+        return float(1.0 / np.sqrt(max(self.sizes.sum(), 1.0)))
+
 
 @dataclass(frozen=True)
 class Residuals:

@@ -199,12 +199,12 @@ class _Course:
         here = look(
             state.seen,
             state.model,
-            state.values,
+            state.linear,
             untried,
             effects,
             self.config,
         )
-        state = state_of(state.model, state.seen, here.problem)
+        state = state_of(state.model, state.seen, here.problem, state.linear)
         residual = find(here, state.left)
         choice = self._choice(here, state, here.discovery, white=residual.white)
         if choice.taken is None and here.dictionary is not None and not residual.white:
@@ -223,8 +223,8 @@ class _Course:
         """
         model = without_bend(state.model)
         bare = first_state(model, state.seen, self.config)
-        here = look(bare.seen, model, bare.values, bends, (), self.config.model_copy(update={"discover": False}))
-        bare = state_of(model, bare.seen, here.problem)
+        here = look(bare.seen, model, bare.linear, bends, (), self.config.model_copy(update={"discover": False}))
+        bare = state_of(model, bare.seen, here.problem, bare.linear)
         residual = find(here, bare.left)
         choice = self._choice(here, bare, None, white=residual.white)
         return self._turn(number, residual, here, bare, choice, ()) if choice.taken else None

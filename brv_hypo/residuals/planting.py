@@ -22,6 +22,7 @@ from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import Baseline, TraceConfig
 from brv_hypo.residuals.dictionary import WAVES
 from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.problem import linearised_at
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import SimulationConfig
 
@@ -123,7 +124,8 @@ def _clean_look(config: SimulationConfig, case: Case) -> Look:
     model = with_priors(model, seen)
     if any(is_bend(find(effect), seen.frame.motions[0]) for effect in case.effects if effect in AERODYNAMIC):
         model = without_bend(model)
-    return look(seen, model, seen.values(seen.fitted, model.columns), (), record_effects(), settings)
+    linear = linearised_at(seen, model, seen.values(seen.fitted, model.columns))
+    return look(seen, model, linear, (), record_effects(), settings)
 
 
 def _plant(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> Size:

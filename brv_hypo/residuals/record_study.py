@@ -69,7 +69,7 @@ def standing_on(flight: Flight, found: SavedModel) -> Ground:
     settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
         state = settled_state((flight,), restored(found, (flight,)), settings)
-        here = look(state.seen, state.model, state.values, (), (), settings.model_copy(update={"discover": False}))
+        here = look(state.seen, state.model, state.linear, (), (), settings.model_copy(update={"discover": False}))
     return Ground(flight, found, state, here)
 
 
@@ -134,7 +134,7 @@ def _with_error(
     """The record with an error of one component of an instrument, of those that have errors so large."""
     settings = TraceConfig(discover=False, maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
-        here = look(base.state.seen, base.state.model, base.state.values, (), (effect,), settings)
+        here = look(base.state.seen, base.state.model, base.state.linear, (), (effect,), settings)
     problem = with_efficiency(here.problem, here.null)
     limits = {
         component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])

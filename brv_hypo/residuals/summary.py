@@ -15,13 +15,10 @@ from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import BASELINE, Column
 from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
 from brv_hypo.model.static_bend import StaticBend
-from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
-from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.residual_moments import ResidualMoments
-from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, filed
@@ -30,7 +27,6 @@ from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.model_error import lasting, model_error
-from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import Found, saved
 from brv_hypo.residuals.result import (
     ModelSummary,
@@ -42,6 +38,7 @@ from brv_hypo.residuals.result import (
     Trace,
     lasting_steps,
 )
+from brv_hypo.residuals.sizes import Coefficients, coefficients_of, placed_by_the_whole, whole_fit
 
 _FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
 _MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
@@ -61,11 +58,13 @@ class Ending:
 
 def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
-    state, last, model = end.state, end.state.seen, end.state.model
-    here = bare_look(last, model, state.values, end.config, state.problem.rows.noise)
+    state, last = end.state, end.state.seen
+    here = bare_look(last, state.model, state.linear, end.config, state.problem.rows.noise)
     final = find(here, state.left)
-    moments = _coefficients(here)
-    elsewhere = _elsewhere(flights, end, moments)
+    here = placed_by_the_whole(here)
+    model = replace(state.model, columns=here.null.columns)
+    moments = coefficients_of(here)
+    elsewhere = _elsewhere(flights, end, model, moments)
     findings = _added(end.steps, "finding")
     definition = saved(
         replace(model, columns=moments.columns),
@@ -120,7 +119,7 @@ def flown(seen: Seen) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _described(end: Ending, moments: _Coefficients) -> MechanismFile | None:
+def _described(end: Ending, moments: Coefficients) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     model = end.state.model
     pieces = [
@@ -150,59 +149,19 @@ class _Elsewhere:
     left: ResidualMoments
 
 
-def _elsewhere(flights: Sequence[Flight], end: Ending, own: _Coefficients) -> _Elsewhere:
+def _elsewhere(flights: Sequence[Flight], end: Ending, model: Model, own: Coefficients) -> _Elsewhere:
     """What stays is fitted anew: it takes over the mean of what is left out."""
-    state, model = end.state, end.state.model
+    state = end.state
     lasts = lasting(model.columns, model.mechanisms)
     if np.all(lasts) and not model.applied:
         return _Elsewhere(own.by_column, state.left)
     columns = tuple(itertools.compress(model.columns, lasts))
     state = settled_state(flights, replace(model, columns=columns, applied=()), end.config)
-    here = bare_look(state.seen, state.model, state.values, end.config, state.problem.rows.noise)
-    return _Elsewhere(_coefficients(here).by_column, state.left)
-
-
-def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
-    """Coefficients and nuisances on the whole record, constants of integration left out, and their covariance."""
-    problem = with_efficiency(here.problem, here.null).on(here.seen.whole)
-    design, response = problem.whole_design(here.null.frame, here.null.columns), problem.raw_response
-    values = solve_scaled(design, response)
-    left = response - design @ values
-    covariance = covariance_of(design, left, problem.samples, problem.efficiency)
-    count, constants = len(here.null.columns), 2 * len(problem.rows.part.levels)
-    kept = np.r_[:count, count + constants : values.size]
-    return values[kept], covariance[np.ix_(kept, kept)]
-
-
-@dataclass(frozen=True)
-class _Coefficients:
-    """Columns of moments with their coefficients (columns,) and these' covariance."""
-
-    columns: tuple[Column, ...]
-    values: FloatArray
-    covariance: FloatArray
-
-    @property
-    def by_column(self) -> dict[Column, float]:
-        """The coefficient of each column."""
-        return dict(zip(self.columns, self.values.tolist(), strict=True))
-
-
-def _coefficients(here: Look) -> _Coefficients:
-    """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
-    values, covariance = whole_fit(here)
-    columns = here.null.columns
-    count, always = len(columns), TimeFunction("constant")
-    items = here.problem.rows.nuisances.items
-    places = [k for k, item in enumerate(items) if item.name in TOLERATED]
-    scale = np.array([*np.ones(count), *(items[k].size for k in places)])
-    chosen = np.array([*range(count), *(count + k for k in places)], dtype=int)
-    more = (Column(items[k].name, items[k].component, (), always, items[k].units) for k in places)
-    return _Coefficients(
-        (*columns, *more),
-        scale * values[chosen],
-        covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale),
-    )
+    here = bare_look(state.seen, state.model, state.linear, end.config, state.problem.rows.noise)
+    found = coefficients_of(here)
+    # What was refined on the way is the same column still.
+    same = dict(zip(columns, found.values.tolist(), strict=False))
+    return _Elsewhere({**found.by_column, **same}, state.left)
 
 
 def term_estimates(

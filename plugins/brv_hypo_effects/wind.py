@@ -12,6 +12,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
 _AXES = {"y": 1, "z": 2}
+# Instants at which a step is tried first. The attitude's own errors follow all of it but what happens within a part of
+# a second, so that one a grid's step away looks like nothing.
+_INSTANTS = 48
 # Half waves over the record that a slow wind may make.
 _WAVES = 5
 _SHAPES = {"": np.cos, "s": np.sin}
@@ -77,9 +80,9 @@ class WindStep(RecordEffect):
         return tuple(Component(axis, "m/s", flight.instruments.wind[place]) for axis, place in _AXES.items())
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
-        """16 instants over the record; once `time` and `spread` are set, 7 instants near it."""
+        """Instants over the record; once `time` and `spread` are set, 7 instants near it."""
         if self.time is None or self.spread is None:
-            instants = np.linspace(flight.time[0], flight.time[-1], 18)[1:-1]
+            instants = np.linspace(flight.time[0], flight.time[-1], _INSTANTS + 2)[1:-1]
             spread = float(instants[1] - instants[0])
         else:
             instants = self.time + self.spread * np.linspace(-0.75, 0.75, 7)

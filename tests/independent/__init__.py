@@ -7,6 +7,8 @@
 - flights.py: `make_flight`, `draw_flight`, and a command that writes files
 - oracle.py: `judge`, the detection limit and 2 ln L of truth over its rivals
 - study.py: a command that counts how often `compare` is right
+- effects.py, loop_study.py: every effect that `trace` tries, planted, and how often it is right
+- sisters.py, two_flights.py: what a model predicts of another vehicle, what two flights tell that one cannot
 
 Written from the conventions and the record's format alone.
 """

@@ -72,11 +72,18 @@ def viscosity(temperature: float) -> float:
 class Wind:
     """A linear trend and slow sinusoids: `sizes` (3, WIND_TERMS) m/s in earth axes over `duration` s.
 
-    Where every size is N(0, sigma^2), the mean square over the record is sigma^2 in expectation.
+    Where every size is N(0, sigma^2), the mean square over the record is sigma^2 in expectation. `gust`: the time (s)
+    of a step, and by how much (3,).
     """
 
     sizes: np.ndarray
     duration: float
+    gust: tuple[float, np.ndarray] | None = None
+
+    @property
+    def still(self) -> bool:
+        """Whether there is none."""
+        return self.gust is None and not np.any(self.sizes)
 
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Wind (3,) m/s and its rate (3,) m/s^2."""
@@ -89,4 +96,7 @@ class Wind:
             cosine, sine = math.cos(frequency * time), math.sin(frequency * time)
             value += [turn * cosine, turn * sine]
             rate += [-turn * frequency * sine, turn * frequency * cosine]
-        return self.sizes @ value, self.sizes @ rate
+        steady = self.sizes @ value
+        if self.gust is not None and time >= self.gust[0]:
+            steady = steady + self.gust[1]
+        return steady, self.sizes @ rate

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DOP853
 
-from tests.independent.air import GRAVITY, Wind, atmosphere, sound_speed
+from tests.independent.air import GRAVITY, Wind, atmosphere, sound_speed, viscosity
 from tests.independent.instruments import Errors, inertia_tensor
 from tests.independent.mechanisms import Planted, Running
 from tests.independent.vehicles import Craft, Start
@@ -75,8 +75,8 @@ class Body:
 
     def __init__(self, craft: Craft, start: Start, errors: Errors, planted: Planted, pad: float) -> None:
         self.craft, self.start, self.planted = craft, start, planted
-        self.wind = Wind(errors.wind, craft.duration)
-        self.still = not np.any(errors.wind)
+        self.wind = Wind(errors.wind, craft.duration, planted.gust)
+        self.still = self.wind.still
         vehicle = craft.vehicle
         tensor = inertia_tensor(vehicle.ixx, vehicle.iyy, errors)
         self.tensor = tensor.tolist()
@@ -155,7 +155,8 @@ class Body:
         )
         reduced = vehicle.reference_length / (2.0 * speed)
         slope = self.static_slope(speed)
-        running = self._running(time, (u, v, w), (ud, vd, wd), alpha, p, reduced, slope, temperature)
+        air = (density, temperature)
+        running = self._running(time, (u, v, w), (ud, vd, wd), alpha, (p, q, r), reduced, slope, air)
         planted = self.planted.contribution(running)
         meridian = running.meridian
         moment = (
@@ -194,11 +195,12 @@ class Body:
         velocity: tuple[float, float, float],
         change: tuple[float, ...],
         alpha: float,
-        p: float,
+        rates: tuple[float, float, float],
         reduced: float,
         slope: float,
-        temperature: float,
+        air: tuple[float, float],
     ) -> Running:
+        (p, q, r), (density, temperature) = rates, air
         u, v, w = velocity
         ud, vd, wd = change
         square = max(v * v + w * w, 1e-18)
@@ -219,6 +221,8 @@ class Body:
             time, alpha, meridian, alpha_rate, meridian_rate,
             speed / sound_speed(temperature), p * reduced, reduced,
             lambda angle: slope * angle * self.craft.bent(self.craft.static_bend, angle), past,
+            complex(q, r) * cmath.exp(1j * meridian),
+            math.log10(density * speed * self.craft.vehicle.reference_length / viscosity(temperature)),
         )  # fmt: skip
 
     def _crossflow(self, then: float, time: float, here: complex, rate: complex) -> complex:

@@ -27,14 +27,14 @@ from tests.independent.instruments import (
     sensed_force,
     sensed_rates,
 )
-from tests.independent.mechanisms import TRUTHS, Planted
+from tests.independent.mechanisms import THROUGHOUT, TRUTHS, Planted
 from tests.independent.vehicles import CRAFTS, Craft, Start, draw_start
 
 SHARE = (0.1, 0.4)  # of the moment's rms, that a nominal amplitude changes in its region
 LARGEST_GROWTH = 0.7  # e-folds that a nominal amplitude may add to the coning over its region
 SMALLEST_AMPLITUDE = 3e-3  # of a nominal one, drawn by `draw_flight`
 # What feeds or brakes the coning in proportion to it, rather than pushing it.
-_GROWING = ("damping", "lag", "sticking", "magnus", "vortex")
+_GROWING = ("damping", "lag", "sticking", "magnus", "vortex", "mach_damping", "reynolds_damping")
 _STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4}
 
 
@@ -143,8 +143,8 @@ def make_flight(
     vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn; `beside` acts as well; `planted`
     in place of all that would be drawn. The same seed gives the same start, errors and noise whatever is planted.
     """
-    if truth not in TRUTHS:
-        raise ValueError(f"got the truth '{truth}', expected one of {', '.join(TRUTHS)}")
+    if truth not in (*TRUTHS, *THROUGHOUT):
+        raise ValueError(f"got the truth '{truth}', expected one of {', '.join((*TRUTHS, *THROUGHOUT))}")
     craft = CRAFTS[vehicle] if isinstance(vehicle, str) else vehicle
     craft = replace(craft, duration=duration or craft.duration, sample_rate=sample_rate or craft.sample_rate)
     start = start or draw_start(craft, stream(seed, "start"))
@@ -188,6 +188,8 @@ def _nominal(
     """The mechanism at amplitude 1, and the share of the moment's rms that it was sized for."""
     share, span = rng.uniform(*SHARE), craft.duration
     begin = rng.uniform(0.15, 0.45) * span
+    if truth in THROUGHOUT:
+        region = region or (-2.0 * PAD, span + 2.0 * PAD)
     first, last = region or (begin, min(begin + rng.uniform(0.25, 0.45) * span, 0.95 * span))
     angle, sign, other_sign, turn = (
         rng.uniform(-np.pi, np.pi),
@@ -211,9 +213,12 @@ def _nominal(
         "bodyfixed": {"angle": angle},
         "rotating": {"angle": angle},
         "third_harmonic": {"angle": angle},
+        "stiffness_asymmetry": {"angle": angle},
         "sticking": {"delay": turn / meridian_rate},
         "inplane": {"offset": float(other_sign * np.sqrt(np.mean(alpha**2))), "slope": 1.0},
         "mach_step": {"mach": float(mach_at[1]), "width": float(abs(mach_at[1] - mach_at[0]) / 3.0)},
+        **{f"mach_{what}": {"mach": looks[0].running.mach} for what in ("stiffness", "damping")},
+        **{f"reynolds_{what}": {"decades": looks[0].running.decades} for what in ("stiffness", "damping")},
     }
     # All but the lag are linear in their amplitude; it nearly is where it starts from.
     unit_amplitude = share / meridian_rate if truth == "lag" else 1.0

@@ -1,10 +1,11 @@
 """How often `trace` names what is there, and what is not: findings and hints on independent flights.
 
-By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--pairs] [--drawn]
+By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--pairs] [--drawn] [--effects all]
 
 Flight k has seed SEED + k; with nothing planted and with one effect in turn, which the planted flights take one after
 another; with --pairs, two listed effects at once on every flight, each in a region of its own. What is planted is 3 to
-10 times as large as its detection limit, or of its nominal amplitude where that is less.
+10 times as large as its detection limit, or of its nominal amplitude where that is less. With --effects any effect that
+`trace` tries is planted, instruments' errors among them, and limits are those in the record (`effects`).
 """
 
 from __future__ import annotations
@@ -20,13 +21,12 @@ from joblib import Parallel, delayed
 
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from tests.independent.drawn_vehicles import draw_craft
+from tests.independent.effects import EFFECTS, TIMES, baseline_for, deviations, sized
 from tests.independent.flights import Made, draw_flight, make_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import DETECTED, judge
 from tests.independent.record_oracle import f_ratios_in_record
 
-# What is planted, in detection limits (F = 25 of the truth's own column).
-TIMES = (3.0, 10.0)
 STEPS = 4
 # Of a pair the second is drawn under a seed of its own, so many further.
 SECOND = 500_000
@@ -51,7 +51,8 @@ class Added:
 @dataclass(frozen=True)
 class Outcome:
     """One flight: what was planted (of a pair both, joined) and at how many detection limits each, and what the loop
-    added. `in_record` are these limits where the motion has to be found along with them.
+    added. `in_record` are these limits where the motion has to be found along with them, `deviations` the errors of the
+    sizes that were found, in their standard errors.
     """
 
     seed: int
@@ -61,6 +62,7 @@ class Outcome:
     in_record: tuple[float, ...]
     added: tuple[Added, ...]
     seconds: float
+    deviations: tuple[float, ...] = ()
 
 
 def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
@@ -76,6 +78,20 @@ def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
     found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
     in_record = tuple(float(np.sqrt(f_ratio / DETECTED)) for f_ratio in f_ratios_in_record(made)) if times else ()
     return Outcome(seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
+
+
+def fly_effect(seed: int, effect: str) -> Outcome | str:
+    """The same with any effect at 3 to 10 times its limit in the record."""
+    if effect == "none":
+        return fly(seed, effect)
+    try:
+        own = sized(seed, effect)
+    except (RuntimeError, ValueError) as error:
+        return f"seed {seed}: {effect} not flown ({error})"
+    settings = TraceConfig(max_steps=STEPS, maximum_likelihood=False, baseline=baseline_for(effect))
+    found, times = trace(own.made.flight, settings), (own.times,)
+    off = deviations(found, own, effect)
+    return Outcome(seed, own.made.vehicle, effect, times, times, added_by(found), found.seconds, off)
 
 
 def planted(seed: int, truth: str, **vehicle: Any) -> tuple[Made, tuple[float, ...]]:
@@ -126,25 +142,44 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     if pairs:
         yield from _report_pairs([o for o in pairs if min(o.times) >= 1.0])
         return
-    empty = [o for o in outcomes if o.truth == "none"]
-    yield _count("nothing planted: a finding", [bool(_findings(o.added)) for o in empty])
-    yield _count("nothing planted: a hint at most", [bool(o.added) and not _findings(o.added) for o in empty])
+    yield from _report_empty([o for o in outcomes if o.truth == "none"])
     # The oracle counts the errors of the record by their priors; what it cannot part from them is not asked for.
     seen = [o for o in outcomes if o.truth != "none" and min(o.times) >= 1.0]
     listed = [o for o in seen if o.truth in LISTED]
     yield _count("planted, above the limit: something is added", [bool(o.added) for o in seen])
-    yield _count("a listed effect is named first", [bool(o.added) and o.added[0].name == o.truth for o in listed])
-    yield _count(
-        "a listed effect or its near-equal is named first",
-        [bool(o.added) and o.truth in (o.added[0].name, *o.added[0].near) for o in listed],
-    )
+    yield _count("a listed effect is named first", [_first(o) for o in listed])
+    yield _count("a listed effect or its near-equal is named first", [_near(o) for o in listed])
     known = [o for o in listed if min(o.in_record) >= TIMES[0]]
-    yield _count(
-        "the same, at 3 limits or more once the motion has to be found too",
-        [bool(o.added) and o.truth in (o.added[0].name, *o.added[0].near) for o in known],
-    )
+    yield _count("the same, at 3 limits or more once the motion has to be found too", [_near(o) for o in known])
     yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in seen])
     yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in seen])
+
+
+def report_effects(outcomes: Sequence[Outcome]) -> Iterable[str]:
+    """Lines of counts by effect and of all."""
+    yield from _report_empty([o for o in outcomes if o.truth == "none"])
+    asked = [o for o in outcomes if o.truth != "none"]
+    for name in dict.fromkeys(o.truth for o in asked):
+        own = [o for o in asked if o.truth == name]
+        yield _count(f"{name} is first", [_first(o) for o in own]) + _count("; or near", [_near(o) for o in own])
+    yield _count("all: named first", [_first(o) for o in asked])
+    yield _count("all: it or a near-equal is first", [_near(o) for o in asked])
+    yield _count("planted: a second effect is added", [bool(_beside_the_first(o.added)) for o in asked])
+    yield _count("planted: a second finding", [bool(_findings(_beside_the_first(o.added))) for o in asked])
+    yield _count("sizes within 2 sigma", [abs(each) <= 2.0 for o in asked for each in o.deviations])
+
+
+def _first(outcome: Outcome) -> bool:
+    return bool(outcome.added) and outcome.added[0].name == outcome.truth
+
+
+def _near(outcome: Outcome) -> bool:
+    return bool(outcome.added) and outcome.truth in (outcome.added[0].name, *outcome.added[0].near)
+
+
+def _report_empty(empty: Sequence[Outcome]) -> Iterable[str]:
+    yield _count("nothing planted: a finding", [bool(_findings(o.added)) for o in empty])
+    yield _count("nothing planted: a hint at most", [bool(o.added) and not _findings(o.added) for o in empty])
 
 
 def _report_pairs(outcomes: Sequence[Outcome]) -> Iterable[str]:
@@ -207,6 +242,7 @@ def line(outcome: Outcome) -> str:
     return (
         f"{outcome.seed} {outcome.vehicle} {outcome.truth}{limits}, "
         f"{outcome.seconds:.0f} s: {steps or 'nothing'}"
+        + (f"; off by {_joined(outcome.deviations)} sigma" if outcome.deviations else "")
     )
 
 
@@ -223,15 +259,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--truths", default=None, metavar="NAME,...", help="what to plant in turn; none for nothing")
     parser.add_argument("--pairs", action="store_true", help="plant two listed effects at once")
     parser.add_argument("--drawn", action="store_true", help="a vehicle drawn for every flight")
+    parser.add_argument("--effects", default=None, metavar="NAME,...", help="at limits of the record; or all")
     given = parser.parse_args(arguments)
-    truths = given.truths.split(",") if given.truths else _pairs_in_turn() if given.pairs else _in_turn()
-    runs = (delayed(fly)(given.seed + k, truths[k % len(truths)], given.drawn) for k in range(given.flights))
+    if given.effects:
+        truths = ["none", *EFFECTS] if given.effects == "all" else given.effects.split(",")
+        runs = (delayed(fly_effect)(given.seed + k, truths[k % len(truths)]) for k in range(given.flights))
+    else:
+        truths = given.truths.split(",") if given.truths else _pairs_in_turn() if given.pairs else _in_turn()
+        runs = (delayed(fly)(given.seed + k, truths[k % len(truths)], given.drawn) for k in range(given.flights))
     outcomes: list[Outcome] = []
     for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
         print(found if isinstance(found, str) else line(found), flush=True)
         if not isinstance(found, str):
             outcomes.append(found)
-    print("\n".join(report(outcomes)))
+    print("\n".join((report_effects if given.effects else report)(outcomes)))
 
 
 def _in_turn() -> list[str]:

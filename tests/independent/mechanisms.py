@@ -1,6 +1,6 @@
 """What is planted: contributions C_N' + i C_Z' at the running state, after CONVENTIONS or outside its list.
 
-`amplitude` is a coefficient, for `lag` the lag in s. Every one acts in [start, stop) of the record.
+`amplitude` is a coefficient, for `lag` the lag in s, for `wind_step` m/s. Every one acts in [start, stop).
 """
 
 from __future__ import annotations
@@ -16,13 +16,26 @@ import numpy as np
 LISTED = ("damping", "inplane", "bodyfixed", "lag", "sticking")
 UNLISTED = ("rotating", "third_harmonic", "mach_step", "magnus", "vortex")
 TRUTHS = ("none", *LISTED, *UNLISTED)
+# Of the vehicle or its air, and so throughout a record; `magnus` may be as well.
+THROUGHOUT = (
+    "cubic_stiffness",
+    "stiffness_asymmetry",
+    "mach_stiffness",
+    "reynolds_stiffness",
+    "mach_damping",
+    "reynolds_damping",
+)
+WIND_STEP = "wind_step"
 
 ROTATION = 3.0  # rad/s at which the moment of `rotating` goes round the body
 
 
 @dataclass(frozen=True)
 class Running:
-    """The motion at one time, air-relative; `spin` is p d / 2V, `reduced` d / 2V (s)."""
+    """The motion at one time, air-relative; `spin` is p d / 2V, `reduced` d / 2V (s).
+
+    `turning` is q + i r in plane axes (rad/s), `decades` log10 of the Reynolds number.
+    """
 
     time: float
     alpha: float
@@ -34,6 +47,8 @@ class Running:
     reduced: float
     static: Callable[[float], float]
     past: Callable[[float], tuple[float, float]]  # alpha and meridian (to a turn) so many seconds ago
+    turning: complex
+    decades: float
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,12 @@ class Planted:
     def parts(self) -> tuple[Planted, ...]:
         """It and all that act beside it."""
         return (self, *(self.beside.parts if self.beside is not None else ()))
+
+    @property
+    def gust(self) -> tuple[float, np.ndarray] | None:
+        """When the wind steps, s, and by how much (3,), m/s in earth axes."""
+        step = next((part for part in self.parts if part.name == WIND_STEP), None)
+        return None if step is None else (step.start, step.amplitude * np.array(step.values["across"]))
 
     @property
     def delay(self) -> float:
@@ -128,6 +149,43 @@ def _vortex(planted: Planted, now: Running) -> complex:
     return 1j * planted.amplitude * now.alpha**2
 
 
+def _cubic_stiffness(planted: Planted, now: Running) -> complex:
+    return complex(planted.amplitude * now.alpha**3)
+
+
+def _stiffness_asymmetry(planted: Planted, now: Running) -> complex:
+    return planted.amplitude * now.alpha * cmath.exp(1j * (2.0 * now.meridian + planted.values["angle"]))
+
+
+def _tens_of_mach(planted: Planted, now: Running) -> float:
+    return (now.mach - float(planted.values["mach"])) / 10.0
+
+
+def _decades(planted: Planted, now: Running) -> float:
+    return now.decades - float(planted.values["decades"])
+
+
+def _mach_stiffness(planted: Planted, now: Running) -> complex:
+    return complex(planted.amplitude * _tens_of_mach(planted, now) * now.alpha)
+
+
+def _reynolds_stiffness(planted: Planted, now: Running) -> complex:
+    return complex(planted.amplitude * _decades(planted, now) * now.alpha)
+
+
+def _mach_damping(planted: Planted, now: Running) -> complex:
+    return planted.amplitude * _tens_of_mach(planted, now) * now.turning * now.reduced
+
+
+def _reynolds_damping(planted: Planted, now: Running) -> complex:
+    return planted.amplitude * _decades(planted, now) * now.turning * now.reduced
+
+
+def _wind_step(planted: Planted, now: Running) -> complex:
+    """No moment of its own: the air moves."""
+    return 0j
+
+
 _FORMS: dict[str, Callable[[Planted, Running], complex]] = {
     "damping": _damping,
     "inplane": _inplane,
@@ -139,6 +197,13 @@ _FORMS: dict[str, Callable[[Planted, Running], complex]] = {
     "mach_step": _mach_step,
     "magnus": _magnus,
     "vortex": _vortex,
+    "cubic_stiffness": _cubic_stiffness,
+    "stiffness_asymmetry": _stiffness_asymmetry,
+    "mach_stiffness": _mach_stiffness,
+    "reynolds_stiffness": _reynolds_stiffness,
+    "mach_damping": _mach_damping,
+    "reynolds_damping": _reynolds_damping,
+    WIND_STEP: _wind_step,
 }
 
 

@@ -6,37 +6,70 @@ effects' true columns are projected off all that the loop fits along, and off ea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.mechanisms import Mechanism, Term
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import Mechanism, RecordEffect, Term
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.linear import lengths
-from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors
-from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.fitted_model import settled_state
+from brv_hypo.regression.nuisance import on_frame
+from brv_hypo.regression.problem import Problem, given_column
+from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors, without_bend
+from brv_hypo.residuals.config import Baseline, TraceConfig
+from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.linearisation import see
 from tests.independent.flights import Made
 
+_PLANTED = "what was planted"
 
-def f_ratios_in_record(made: Made) -> tuple[float, ...]:
-    """F of each planted effect beside the others, on the part of the record that the loop fits."""
-    flights, config = (made.flight,), TraceConfig()
-    known = _known(made)
-    model = start_model(flights, (), config.baseline)
-    first = see(flights, model, config)
-    model = replace(model, columns=starting_columns(model, first.frame))
-    model = with_priors(model, first)
-    names = [term.name for term in known.terms(first.reconstructions[0].motion, {})]
-    own = tuple(Column(known.name, name, (), TimeFunction("constant"), "1") for name in names)
-    mechanisms = {**model.mechanisms, known.name: known}
-    state = settled_state(flights, replace(model, mechanisms=mechanisms, columns=(*model.columns, *own)), config)
-    design = state.problem.design(state.problem.frame, state.problem.baseline)
-    return tuple(_beyond(design, design.shape[1] - len(own) + k) for k in range(len(own)))
+
+def baseline_state(
+    flight: Flight, known: Sequence[Mechanism] = (), baseline: Baseline = "scheduled", bent: bool = True
+) -> State:
+    """The loop's first model on the record, all terms of `known` mechanisms beside it; `bent`: with its bend."""
+    config = TraceConfig(baseline=baseline)
+    model = start_model((flight,), (), baseline)
+    first = see((flight,), model, config)
+    model = with_priors(replace(model, columns=starting_columns(model, first.frame)), first)
+    if not bent:
+        model = without_bend(model)
+    motion, always = first.reconstructions[0].motion, TimeFunction("constant")
+    own = tuple(Column(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
+    mechanisms = {**model.mechanisms, **{each.name: each for each in known}}
+    return settled_state((flight,), replace(model, mechanisms=mechanisms, columns=(*model.columns, *own)), config)
+
+
+def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool = True) -> tuple[float, ...]:
+    """F of each planted moment beside the others, on the part of the record that the loop fits."""
+    problem = baseline_state(made.flight, (_known(made),), baseline, bent).problem
+    design, count = problem.design(problem.frame, problem.baseline), made.true.parts.shape[1]
+    return tuple(_beyond(design, design.shape[1] - count + k) for k in range(count))
+
+
+def f_ratio_of_error(state: State, effect: RecordEffect, component: str, size: float) -> float:
+    """F of an error of an instrument, or of a wind, of this size (SI)."""
+    history = on_frame(state.problem.frame, 0, state.linear[0].effect(effect, component, size))
+    problem = replace(state.problem, given={_PLANTED: history})
+    return size**2 * _beside_baseline(problem, problem.design(problem.frame, [given_column(_PLANTED)])[:, 0])
+
+
+def f_ratio_of_moment(state: State, mechanism: Mechanism, values: Sequence[float]) -> float:
+    """F of a mechanism's terms at these values, throughout."""
+    problem, always = state.problem, TimeFunction("constant")
+    names = [term.name for term in mechanism.terms(state.seen.reconstructions[0].motion, {})]
+    columns = [Column(mechanism.name, name, (), always, "1") for name in names]
+    moment = problem.design(problem.frame.with_mechanisms([mechanism]), columns) @ np.array(values)
+    return _beside_baseline(problem, moment)
+
+
+def _beside_baseline(problem: Problem, column: np.ndarray) -> float:
+    design = problem.design(problem.frame, problem.baseline)
+    return _beyond(np.column_stack([design, column]), design.shape[1])
 
 
 def _beyond(design: np.ndarray, place: int) -> float:

@@ -25,7 +25,15 @@ from tests.independent.instruments import (
     no_errors,
     sensed_force,
 )
-from tests.independent.mechanisms import LISTED, TRUTHS, UNLISTED, body_components
+from tests.independent.mechanisms import (
+    LISTED,
+    THROUGHOUT,
+    TRUTHS,
+    UNLISTED,
+    WIND_STEP,
+    Planted,
+    body_components,
+)
 from tests.independent.vehicles import CONE
 
 AMPLITUDE = 0.5
@@ -75,7 +83,7 @@ def test_planted_contributions_obey_the_conventions(truth: str) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("truth", TRUTHS)
+@pytest.mark.parametrize("truth", [*TRUTHS, *THROUGHOUT])
 def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
     true = _made(truth).true
     transverse = true.rates[:, 1] + 1j * true.rates[:, 2]
@@ -86,11 +94,29 @@ def test_moment_is_the_vehicles_and_what_is_planted(truth: str) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("truth", [*LISTED, *UNLISTED])
+@pytest.mark.parametrize("truth", [*LISTED, *UNLISTED, *THROUGHOUT])
 def test_nominal_amplitude_changes_the_moment_by_its_share(truth: str) -> None:
     made = _made(truth)
     assert 0.03 <= made.true.nominal_share <= 0.4
     assert made.true.share == pytest.approx(AMPLITUDE * made.true.nominal_share, rel=0.6)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("truth", THROUGHOUT)
+def test_what_is_of_the_vehicle_acts_throughout(truth: str) -> None:
+    assert np.all(_inside(_made(truth)))
+
+
+@pytest.mark.thorough
+def test_a_step_of_the_wind_turns_the_flow_and_not_the_vehicle() -> None:
+    gust = Planted(WIND_STEP, 70.0, 2.5, 10.0, {"across": (0.0, 1.0, 0.0)})
+    made, plain = make_flight("cone", planted=gust, seed=11), _made("none")
+    before, after = plain.true.time < 2.5, plain.true.time >= 2.5
+    np.testing.assert_allclose(made.true.alpha[before], plain.true.alpha[before], atol=1e-9)
+    np.testing.assert_allclose(made.true.rates[before], plain.true.rates[before], atol=1e-8)
+    flow, other = (m.true.alpha * np.exp(1j * m.true.meridian) for m in (made, plain))
+    turned = np.abs(flow - other)[after][0]
+    assert turned == pytest.approx(70.0 / made.true.velocity[after][0], rel=0.05)
 
 
 @pytest.mark.thorough
@@ -227,6 +253,8 @@ STUDIES = (
     "faulty_records.py",
     "loop_study.py",
     "record_oracle.py",
+    "effects.py",
+    "two_flights.py",
     "sisters.py",
     "near_zero.py",
     "integrals.py",

@@ -14,8 +14,9 @@ from brv_hypo.ranking import alternative
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import NEAR, Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
-from brv_hypo.residuals.judge import Agreement
+from brv_hypo.residuals.judge import Agreement, Prediction
 
+SCATTER = 0.05
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -31,9 +32,11 @@ def candidate(
 
 
 def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried:
-    """What was tried, its ratio known to 0.1."""
+    """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
-    return Tried(one, nothing, agreement, ratio, 0.1, (1.0, 1.0), nothing, nothing, certain, carried=False)
+    error = Prediction(np.ones(4), np.full(4, 0.25 / SCATTER**2))
+    force = (1.0, 1.0)
+    return Tried(one, nothing, agreement, ratio, 0.1, force, nothing, (error, error), certain, carried=False)
 
 
 def chosen(
@@ -178,3 +181,10 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
     any_state: Any = None
     found = choose(here, any_state, None, 0.01, lambda each: any_state, scheduled=scheduled)
     assert found.ranked[0].name == first
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(1.0 + 0.9 * SCATTER, True), (1.0 + 1.1 * SCATTER, False)])
+def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(ratio: float, expected: bool) -> None:
+    one: Any = SimpleNamespace(effect=object())
+    tried = replace(judged(one, Agreement(8.0, 16.0), ratio, certain=True), ratio_error=0.001, carried=True)
+    assert tried.taken is expected

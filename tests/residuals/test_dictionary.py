@@ -25,6 +25,14 @@ def test_moments_that_turn_at_nearly_the_same_rate_have_names_of_their_own() -> 
     assert len(set(names)) == len(names)
 
 
+def test_steps_of_every_width_have_names_of_their_own() -> None:
+    steps = [e for e in entries([sample_motion(np.linspace(0.0, 6.0, 600))]) if ", step" in e.terms[0].name]
+    widths = {factor.width for e in steps for factor in e.terms[0].factors if factor.function == "step"}
+    assert len(widths) >= 3
+    assert len({e.terms[0].name for e in steps}) == len({e.words for e in steps}) == len(steps)
+    assert all(e.at is not None and e.at(e.position).terms == e.terms for e in steps)
+
+
 TURNING = FiledTerm(name="along", axis="body_y", turn=Turn(of="time", rate=3.0))
 
 

@@ -1,0 +1,66 @@
+"""The model as it settled on a flight: it is judged where it is linearised, and knows how well its sizes are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from brv_hypo.mechanisms import find
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.regression.linear import covariance_of
+from brv_hypo.residuals import TraceConfig
+from brv_hypo.residuals.baseline import start_model, starting_columns, tolerated
+from brv_hypo.residuals.candidates_at_step import bare_look, look
+from brv_hypo.residuals.fitted_model import State, settled_state, state_of
+from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.sizes import whole_fit
+from tests.chains import TRIM, traced_trim
+from tests.flights import nominal
+from tests.ranking.pulse import fitted, pulse
+
+CONFIG = TraceConfig(maximum_likelihood=False, discover=False)
+
+
+@pytest.fixture(scope="module")
+def state() -> State:
+    """A moment that begins and ends, with the knots that a fit gave it."""
+    flights = (pulse().flight,)
+    model = start_model(flights, [find("bodyfixed")])
+    columns = starting_columns(model, see(flights, model, CONFIG).frame)
+    model = replace(model, columns=(*columns, *fitted("bodyfixed").selected))
+    return settled_state(flights, model, CONFIG)
+
+
+def test_a_step_begins_from_the_state_as_it_settled(state: State) -> None:
+    here = look(state.seen, state.model, state.linear, (), (), CONFIG)
+    again = state_of(state.model, state.seen, here.problem, state.linear)
+    assert again.errors.mean_square == pytest.approx(state.errors.mean_square, rel=0.02)
+    assert again.held_out.mean_square == pytest.approx(state.held_out.mean_square, rel=0.02)
+
+
+def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: State) -> None:
+    here = bare_look(state.seen, state.model, state.linear, CONFIG)
+    _, covariance = whole_fit(here)
+    problem = here.problem.on(state.seen.whole)
+    design = problem.whole_design(here.null.frame, here.null.columns)
+    values = np.linalg.lstsq(design, problem.raw_response, rcond=None)[0]
+    known = covariance_of(design, problem.raw_response - design @ values, problem.samples, 1.0)
+    jumps = [k for k, column in enumerate(here.null.columns) if column.course.kind == "jump"]
+    assert jumps
+    assert np.all(np.diag(covariance)[jumps] > 1.01 * np.diag(known)[jumps])
+
+
+def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
+    flight = nominal().flight
+    model = start_model((flight,), [find("trim")])
+    assert "trim" in [mechanism.name for mechanism in tolerated(model, flight)]
+    held = replace(model, columns=(Column("trim", "C_m0", (), TimeFunction("constant"), "1"),))
+    assert "trim" not in [mechanism.name for mechanism in tolerated(held, flight)]
+    result = traced_trim()
+    found = {term.name: term for term in result.model.terms if term.mechanism == "trim"}
+    for name, planted in zip(("C_m0", "C_n0"), TRIM, strict=True):
+        assert found[name].std_error < 0.02 * abs(planted)
+        assert abs(found[name].value - planted) < 4.0 * found[name].std_error
