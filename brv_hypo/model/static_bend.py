@@ -13,16 +13,17 @@ from brv_hypo.model.baseline import scaled
 from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.motion import Motion
 
-# What the bend changes by, of itself (1 sigma), between the ends of what it drifts with: about what slopes do.
+# What the bend changes by, of itself (1 sigma), between the ends of a flight: about what slopes do.
 _DRIFT = 0.5
+
+Quantity = Literal["time", "mach", "speed"]
 
 
 class StaticBend(Mechanism):
-    """C_N' += (C_Nalpha3 + drift x + drift V y) alpha^3, the first odd power after the slope; Gaussian priors.
+    """C_N' += (C_Nalpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
 
     The bend is `slope` (1/rad) at BENT, 1 sigma. `drift`: what it drifts with, and the ends of that between which x
-    runs from -1 to 1; None where it does not drift. `speeds`: those relative to the air (m/s) between which y does;
-    None where the bend does not follow the speed.
+    runs from -1 to 1; None where it does not drift.
     """
 
     name = "static_bend"
@@ -33,25 +34,23 @@ class StaticBend(Mechanism):
     time_variation = ("constant",)
 
     slope: float
-    drift: tuple[Literal["time", "mach"], float, float] | None = None
-    speeds: tuple[float, float] | None = None
+    drift: tuple[Quantity, float, float] | None = None
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """C_Nalpha3, and its drifts where it has some."""
+        """C_Nalpha3, and its drift where it has one."""
         cube, nothing = motion.alpha**3, np.zeros_like(motion.alpha)
-        courses = {"C_Nalpha3": np.ones_like(cube)}
-        if self.drift is not None:
-            by, low, high = self.drift
-            courses["C_Nalpha3 drift 1"] = scaled(motion.time if by == "time" else motion.mach, low, high)
-        if self.speeds is not None:
-            courses["C_Nalpha3 drift V"] = scaled(motion.velocity, *self.speeds)
-        return tuple(Term(name, cube * course, nothing, "1/rad^3") for name, course in courses.items())
+        bend = Term("C_Nalpha3", cube, nothing, "1/rad^3")
+        if self.drift is None:
+            return (bend,)
+        by, low, high = self.drift
+        along = {"time": motion.time, "mach": motion.mach, "speed": motion.velocity}[by]
+        place = scaled(along, low, high)
+        return bend, Term("C_Nalpha3 drift 1", cube * place, nothing, "1/rad^3")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad^3) of each coefficient."""
         bend = abs(self.slope) / BENT**2
-        drifts = sum(each is not None for each in (self.drift, self.speeds))
-        return (bend, *[_DRIFT * bend] * drifts)
+        return (bend,) if self.drift is None else (bend, _DRIFT * bend)
 
     def of_each_flight(self, flight: Flight) -> bool:
         """Never: the bend is the design's."""

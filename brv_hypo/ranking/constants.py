@@ -66,8 +66,6 @@ REPEATED_WITHIN = 100.0
 METHOD_SIGMAS = 3.0
 # Legendre degree in time of the drift of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola.
 SLOPE_DEGREE = 3
-# The same of its bend, C_Nalpha3: a body at 30 deg whose slope follows the speed left 2,800 in 2 ln L (seed 134000).
-BEND_DEGREE = 1
-# Share of the speed by which it may depart from such a polynomial before either follows it too: stiffness follows
+# Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows
 # Mach number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
 WAVERING_SPEED = 5e-5

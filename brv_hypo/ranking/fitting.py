@@ -28,6 +28,7 @@ from brv_hypo.regression.fit import (
     converged,
     fit_hypothesis,
     likeliest,
+    narrower,
     plainer,
     renewed,
     scanned_finely,
@@ -149,9 +150,19 @@ def _with_errors(found: Fitted) -> Fitted:
     leader = likeliest(found.fits)
     anew = {fit.name: converged(found.problem, fit) for fit in found.fits}
     problem = _with_efficiency(found.problem, anew[leader.name])
-    return replace(
-        found, problem=problem, fits=[within_bounds(with_errors(problem, fit)) for fit in anew.values()]
-    )
+    return replace(found, problem=problem, fits=[_bounded(problem, fit) for fit in anew.values()])
+
+
+def _bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with errors and the price of its bounds; a plainer one where the terms beyond them bring less than that.
+
+    Two knots that nearly meet may hold a value of any size between them, for next to nothing.
+    """
+    own = within_bounds(with_errors(problem, fit))
+    if own.bound_cost == 0.0 or not problem.refine:
+        return own
+    plain = (converged(problem, each) for each in narrower(problem, fit))
+    return likeliest([own, *(within_bounds(with_errors(problem, each)) for each in plain)])
 
 
 def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:

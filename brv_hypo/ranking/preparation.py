@@ -15,14 +15,13 @@ from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import default_knots
 from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.model.static_bend import Quantity, StaticBend
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.answerable import require_answerable
 from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.constants import (
-    BEND_DEGREE,
     COLOURED,
     MOST_LINEARISATIONS,
     SETTLED_ERRORS,
@@ -83,9 +82,7 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
         tuple(ReconstructionConfig(method=config.method) for _ in reconstructions), shared_time(reconstructions)
     )
     problem = _problem(reconstructions, settings, config)
-    smooth = problem.frame.reconstructions
-    speeds = wavering_speeds(_alongs(smooth, settings.common), BEND_DEGREE, WAVERING_SPEED)
-    settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem, speeds))
+    settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
     found = errors_found(problem)
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
     for _ in range(MOST_LINEARISATIONS):
@@ -128,14 +125,14 @@ def _static_of(problem: Problem) -> StaticMoment:
     return static
 
 
-def _bend_of(problem: Problem, speeds: tuple[float, float] | None) -> StaticBend:
-    """The bend that a body with this slope may have, which drifts with `speeds` too."""
+def _bend_of(problem: Problem) -> StaticBend:
+    """The bend that a body with this slope may have; it drifts with the speed where the slope does."""
     values, _ = problem.solution(problem.frame, problem.baseline)
     by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
     static = _static_of(problem)
     slopes = [static.mean_slope(motion, by_term) for motion in problem.frame.motions]
-    drift = (static.by, static.start, static.stop)
-    return StaticBend(slope=float(np.mean(slopes)), drift=drift, speeds=speeds)
+    drift: tuple[Quantity, float, float] = (static.by, static.start, static.stop)
+    return StaticBend(slope=float(np.mean(slopes)), drift=drift if static.speeds is None else ("speed", *static.speeds))
 
 
 @dataclass(frozen=True)

@@ -259,13 +259,16 @@ def settled(
     return replace(found, ended_early=fit.ended_early, grid=fit.grid)
 
 
+def narrower(problem: Problem, fit: HypothesisFit) -> list[HypothesisFit]:
+    """What a search on the fit's own knots and delays alone offers."""
+    subsets = narrowed(problem, fit.frame, fit.columns)
+    return [settled(problem, fit, (*problem.baseline, *chosen), chosen) for chosen in subsets]
+
+
 def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit searched once more on its own knots and delays, while it gains."""
     for _ in range(NARROWINGS if problem.refine else 0):
-        tried = [
-            settled(problem, fit, (*problem.baseline, *chosen), chosen)
-            for chosen in narrowed(problem, fit.frame, fit.columns)
-        ]
+        tried = narrower(problem, fit)
         if not tried or likeliest(tried).information >= fit.information:
             break
         fit = likeliest(tried)
