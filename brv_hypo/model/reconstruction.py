@@ -19,20 +19,17 @@ from brv_hypo.settings import settings_of
 
 
 def reconstruct(
-    flight: FlightSource,
-    config: ReconstructionConfig | Mapping[str, Any] | str | Path | None = None,
-    like: Reconstruction | None = None,
+    flight: FlightSource, config: ReconstructionConfig | Mapping[str, Any] | str | Path | None = None
 ) -> Reconstruction:
     """Wind-relative motion and moments, with standard deviations, of a path, a `Flight` or a simulated flight.
 
     Instruments, vehicle and air are taken as known to the record's tolerances (`flight.instruments`) and no
-    better. `config`: settings, a mapping of them, or the YAML file that holds them. `like` is what the same options
-    made of nearly the same record, where that is known. Raises UnanswerableError where the record is too short, or the
-    vehicle is not in the air.
+    better. `config`: settings, a mapping of them, or the YAML file that holds them. Raises UnanswerableError where the
+    record is too short, or the vehicle is not in the air.
     """
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found = reconstruct_with(record, settings_of(ReconstructionConfig, config), perturbations(record), like)
+        found = reconstruct_with(record, settings_of(ReconstructionConfig, config), perturbations(record))
     sigma = np.hypot(found.moments.sigma, _of_the_vehicle(found))
     return replace(found, moments=replace(found.moments, sigma=sigma))
 

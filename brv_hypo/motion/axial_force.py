@@ -22,10 +22,10 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     count, scale, seen = shapes.shape[1], record.force_scale, record.measured
     columns = np.column_stack([scale[:, np.newaxis] * shapes, _read_along_the_axis(record)])[seen]
     force = record.force[seen, 0]
-    left = float(np.std(force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]))
-    priors = np.diag(np.repeat([0.0, 1.0], [count, columns.shape[1] - count]))[count:]
-    rows = np.vstack([columns / max(left, 1e-300), priors])
-    values = np.linalg.lstsq(rows, np.concatenate([force / max(left, 1e-300), np.zeros(len(priors))]), rcond=None)[0]
+    left = max(float(np.std(force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0])), 1e-300)
+    priors = np.eye(columns.shape[1])[count:]
+    rows = np.vstack([columns / left, priors])
+    values = np.linalg.lstsq(rows, np.concatenate([force / left, np.zeros(len(priors))]), rcond=None)[0]
     coefficient = shapes @ values[:count]
     changes = float(np.std(coefficient) * np.median(scale)) > left
     # With the changes last, the triangle's last rows hold what of them is beyond all others.

@@ -28,20 +28,18 @@ def reconstruct(
     flight: Flight,
     config: ReconstructionConfig | None = None,
     perturbations: Sequence[Perturbation] = (),
-    like: Reconstruction | None = None,
 ) -> Reconstruction:
     """Wind-relative motion and moments of `flight`, with standard deviations.
 
     The record may err by each of `perturbations`, as likely as their sizes say, and the gyros' clock, which the motion
-    is on, may be late; without any it is taken as free of all but white noise. `like` is what the same method and
-    options made of nearly the same record: the joint method begins there. Raises UnanswerableError where the record is
-    too short, or the vehicle is not in the air.
+    is on, may be late; without any it is taken as free of all but white noise. Raises UnanswerableError
+    where the record is too short, or the vehicle is not in the air.
     """
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
     if config.method == "joint":
-        wind = joint(record, config, perturbations, like)
+        wind = joint(record, config, perturbations)
     else:
         wind = METHODS[config.method](record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)

@@ -18,14 +18,12 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import corrected, effect_responses, no_responses, telling
-from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.inputs import with_smooth_air
 from brv_hypo.motion.methods.observed_walk import Near, TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
-from brv_hypo.motion.reconstruction import Reconstruction
 
 _ROUGH_SLOPE = 3  # coefficients of it before it is chosen: a parabola
 _SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of the slope's course that are tried
@@ -46,19 +44,17 @@ def joint(
     record: InertialRecord,
     config: ReconstructionConfig,
     perturbations: Sequence[Perturbation],
-    like: Reconstruction | None = None,
 ) -> WindHistory:
     """The default method; see the module's description.
 
-    The errors of the record are linearised about the motion that is found without them, or about that of a record that
-    is nearly the same (`like`), whose normal-force slope then has as many terms. The air data are freed of noise
+    The errors of the record are linearised about the motion that is found without them. The air data are freed of noise
     first: as a factor of the normal force it would be in what the force is explained by.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
     problem, near, left = TiedWalk(record, config, no_responses(record), np.zeros(0)), None, 1.0
     if perturbations:
-        problem, near, left = _linearised(record, config, perturbations, like)
-    fit, warnings = _fitted(problem, config, near, left, like)
+        problem, near, left = _linearised(record, config, perturbations)
+    fit, warnings = _fitted(problem, config, near, left)
     return _history(problem, fit, warnings)
 
 
@@ -66,7 +62,6 @@ def _linearised(
     record: InertialRecord,
     config: ReconstructionConfig,
     perturbations: Sequence[Perturbation],
-    like: Reconstruction | None,
 ) -> tuple[TiedWalk, Near, float]:
     """The problem with the record's errors, linearised where they are taken out; a rough fit, and what it leaves.
 
@@ -74,22 +69,15 @@ def _linearised(
     of tolerances would be asked of the record, from where no step leads back.
     """
     flight = record.flight
-    if like is None:
-        fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
-        force, near = _normal_force(record, fit), fit.near
-        del fit  # large, like the responses: only the last are kept
-    else:
-        near = Near(like.start, like.crossflow)
-        slope = np.asarray(-record.force_scale * like.normal_force_ratio)
-        force = np.where(np.isfinite(slope), slope * effective(near.crossflow), record.transverse_force)
+    fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
+    force, near = _normal_force(record, fit), fit.near
+    del fit  # large, like the responses: only the last are kept
     responses = telling(effect_responses(record, near.crossflow, force, perturbations))
     known, left = np.zeros(len(responses.effects)), _left(record, force)
     for _ in range(_LINEARISATIONS):
         before, effects = near.crossflow, responses.effects
         fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, near, left)
         moved, near = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas())), fit.near
-        if moved < _MOVED and like is not None:
-            break
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
@@ -122,14 +110,14 @@ def _rough_fit(
 
 
 def _fitted(
-    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, left: float, like: Reconstruction | None
+    problem: TiedWalk, config: ReconstructionConfig, near: Near | None, left: float
 ) -> tuple[TiedFit, tuple[str, ...]]:
     """The fit with the ties that are wanted, or needed, and what is to be said of them."""
     record, responses = problem.record, problem.responses
     moment = moment_tie(record, responses)
     if config.ties == "moment":
         return _with_moment(problem, (), moment), ()
-    fit = _with_force(problem, force_tie(record, responses), near, left, like)
+    fit = _with_force(problem, force_tie(record, responses), near, left)
     alone = _relative_error(fit, record.measured)
     too_little = config.ties == "auto" and alone > _ENOUGH
     if config.ties == "both" or too_little:
@@ -152,17 +140,12 @@ def _normal_force(record: InertialRecord, fit: TiedFit) -> ComplexArray:
 
 
 def _with_force(
-    problem: TiedWalk, tie: TieModel, near: Near | None, left: float, like: Reconstruction | None
+    problem: TiedWalk, tie: TieModel, near: Near | None, left: float
 ) -> TiedFit:
-    """Fit by the normal force: slope chosen by evidence unless it has the terms of another, spikes left out, noise
-    raised to left over, `left` times itself to begin with.
+    """Fit by the normal force: slope chosen by evidence, spikes left out, noise raised to left over, `left` times
+    itself to begin with.
     """
-    if near is not None and like is not None and like.normal_force_terms:
-        known = tie.with_slope_count(problem.record.time, like.normal_force_terms)
-        ties = (replace(known, bends=like.normal_force_bend != 0.0),)
-        fit = replace(problem.solve(ties, near), response=None)
-    else:
-        fit = _slope_under_noise(problem, tie, near, left)
+    fit = _slope_under_noise(problem, tie, near, left)
     residual = fit.residual
     clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
