@@ -13,18 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    ASCENT_DEGREES_OF_FREEDOM,
+    ASCENT_FEWEST,
+    ASCENT_HEIGHT_AT_FIRST,
+    ASCENT_LEAN,
+    ASCENT_LEAST_SIGMA,
+    ASCENT_OFF_AT_FIRST,
+    ASCENT_RATE,
+    ASCENT_REPEATS,
+    ASCENT_SPEED_AT_FIRST,
+    ASCENT_WANDERING,
+)
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.noise import MAD_TO_SIGMA
 from brv_hypo.flight.phases import GRAVITY
-
-RATE = 20.0  # Hz at which the filter runs: the speed has no faster content that a barometer could tell
-WANDERING = 0.3  # m/s^2 per root second: the lean of a path bends as it turns over
-OFF_AT_FIRST = 0.3  # m/s^2, 1-sigma
-LEAN = float(np.radians(10.0))  # 1-sigma of the path's lean: the speed is that much larger than its climb
-LEAST_SIGMA = 1.0  # m: no barometer is better
-REPEATS = 6
-DEGREES_OF_FREEDOM = 4.0
-FEWEST = 20
 
 
 @dataclass(frozen=True)
@@ -43,25 +46,25 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> Ascent:
     Raises UsageError where too little of either is known.
     """
     both = np.isfinite(ax) & np.isfinite(altitude)
-    if np.count_nonzero(both) < FEWEST:
+    if np.count_nonzero(both) < ASCENT_FEWEST:
         raise UsageError(
             f"derive/velocity: ax and altitude are both known at {np.count_nonzero(both)} samples, expected at least "
-            f"{FEWEST}. Likely cause: the recorders' clocks do not overlap. Remedy: correct offset or align of the "
-            "second recorder's time."
+            f"{ASCENT_FEWEST}. Likely cause: the recorders' clocks do not overlap. Remedy: correct offset or align of "
+            "the second recorder's time."
         )
     first, last = time[both][0], time[both][-1]
-    grid = np.arange(first, last, 1.0 / RATE)
+    grid = np.arange(first, last, 1.0 / ASCENT_RATE)
     known = np.isfinite(ax)
     pushed = _mean_between(grid, time[known], ax[known]) - GRAVITY
     heights = np.interp(grid, time[both], altitude[both])
     weights = np.ones(grid.size)
-    spread = LEAST_SIGMA
-    for _ in range(REPEATS):
+    spread = ASCENT_LEAST_SIGMA
+    for _ in range(ASCENT_REPEATS):
         state, variance = _smoothed(pushed, heights, spread**2 / weights)
         residual = heights - state[:, 0]
-        spread = max(LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual))))
-        weights = (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + (residual / spread) ** 2)
-    leaning = 0.5 * LEAN**2 * np.abs(state[:, 1])
+        spread = max(ASCENT_LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual))))
+        weights = (ASCENT_DEGREES_OF_FREEDOM + 1.0) / (ASCENT_DEGREES_OF_FREEDOM + (residual / spread) ** 2)
+    leaning = 0.5 * ASCENT_LEAN**2 * np.abs(state[:, 1])
     sigma = np.sqrt(variance[:, 1] + leaning**2)
     inside = (time >= first) & (time <= grid[-1])
 
@@ -70,7 +73,7 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> Ascent:
 
     note = (
         f"velocity derived from ax and altitude on a steep climb: known to {np.median(sigma):.2g} m/s (a lean of the "
-        f"path of {np.degrees(LEAN):.0f} deg included), altitudes to {spread:.2g} m"
+        f"path of {np.degrees(ASCENT_LEAN):.0f} deg included), altitudes to {spread:.2g} m"
     )
     return Ascent(at(state[:, 1]), at(state[:, 0]), at(sigma), note)
 
@@ -78,22 +81,22 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> Ascent:
 def _mean_between(grid: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:
     """Mean of `values` over the interval of `grid` (m,) that ends at each of its points."""
     area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-    return np.asarray(np.diff(np.interp(grid, time, area), prepend=0.0) * RATE)
+    return np.asarray(np.diff(np.interp(grid, time, area), prepend=0.0) * ASCENT_RATE)
 
 
 def _smoothed(
     pushed: FloatArray, heights: FloatArray, variances: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """States (n, 3) of height, speed and what the acceleration is off, and their variances (n, 3)."""
-    step = 1.0 / RATE
+    step = 1.0 / ASCENT_RATE
     moves = np.array([[1.0, step, 0.5 * step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0]])
     enters = np.array([0.5 * step**2, step, 0.0])
-    wanders = np.diag([0.0, 0.0, WANDERING**2 * step])
+    wanders = np.diag([0.0, 0.0, ASCENT_WANDERING**2 * step])
     count = heights.size
     before, spread_before = np.empty((count, 3)), np.empty((count, 3, 3))
     after, spread_after = np.empty((count, 3)), np.empty((count, 3, 3))
     state = np.array([heights[0], 0.0, 0.0])
-    spread = np.diag([1e4, 1e6, OFF_AT_FIRST**2])
+    spread = np.diag([ASCENT_HEIGHT_AT_FIRST**2, ASCENT_SPEED_AT_FIRST**2, ASCENT_OFF_AT_FIRST**2])
     for k in range(count):
         if k:
             state = moves @ state + enters * pushed[k]

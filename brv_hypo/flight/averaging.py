@@ -1,7 +1,7 @@
 """A record that is sampled far more finely than its motion needs, as means of neighbouring samples.
 
 Means lose nothing of what white noise lets the data say. All channels are damped alike, by (pi / n)^2 / 6 where n
-samples are left to a cycle: 2e-4 of the fastest motion at `PER_CYCLE`, the same in rates as in accelerations.
+samples are left to a cycle: 2e-4 of the fastest motion at `AVERAGED_PER_CYCLE`, the same in rates as in accelerations.
 """
 
 from __future__ import annotations
@@ -12,14 +12,9 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import AVERAGED_BEYOND, AVERAGED_LEFT, AVERAGED_PER_CYCLE
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.resample import dominant_frequency
-
-# Samples that are left to a cycle of the fastest motion.
-PER_CYCLE = 96
-# Samples up to which a record is analysed as it is, and that are left of a longer one at least.
-MOST_SAMPLES = 20_000
-_LEFT = 4_000
 
 
 def averaged(flight: Flight) -> Flight:
@@ -27,8 +22,8 @@ def averaged(flight: Flight) -> Flight:
 
     Samples that a segment's ends leave over belong to no mean.
     """
-    every = min(_to_spare(flight), flight.samples // _LEFT)
-    if flight.samples <= MOST_SAMPLES or every < 2:
+    every = min(_to_spare(flight), flight.samples // AVERAGED_LEFT)
+    if flight.samples <= AVERAGED_BEYOND or every < 2:
         return flight
     segments = tuple(
         (first, last) for a, b in flight.segments if (first := -(-a // every)) < (last := b // every)
@@ -45,11 +40,11 @@ def averaged(flight: Flight) -> Flight:
 
 
 def _to_spare(flight: Flight) -> int:
-    """Samples that may be averaged: of the fastest motion in body axes, coning or spin, a cycle keeps `PER_CYCLE`."""
+    """Samples that may be averaged: of the fastest motion in body axes, coning or spin, a cycle keeps enough."""
     coning = max(dominant_frequency(rate, flight.step) for rate in (flight.q, flight.r))
     spin = float(np.max(np.abs(flight.p))) / (2.0 * np.pi)
     fastest = max(coning, spin)
-    return int(flight.sample_rate / (PER_CYCLE * fastest)) if fastest > 0.0 else 1
+    return int(flight.sample_rate / (AVERAGED_PER_CYCLE * fastest)) if fastest > 0.0 else 1
 
 
 def _means(values: FloatArray, every: int) -> FloatArray:

@@ -14,40 +14,43 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    BURST_EDGE_OCTAVES,
+    BURST_FLANK,
+    BURST_LARGEST_FRACTION,
+    BURST_LONGEST,
+    BURST_MOST_EDGES,
+    BURST_ORDER,
+    BURST_SHORTEST,
+    BURST_SIGMAS,
+    BURST_TIMES_AROUND,
+)
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
 
-SHORTEST = 3
-LONGEST = 60
-FLANK = 8
-ORDER = 5
-SIGMAS = 8.0
-TIMES_AROUND = 3.0
 EDGE_OF_STEP = 1.5
 """Third difference, as taken here, of a step of one."""
-LARGEST_FRACTION = 0.05
-MOST_EDGES = 200
 
 
 def find_bursts(values: FloatArray) -> BoolArray:
     """Which samples of `values` (n,), NaN where missing, belong to bursts; none if too many would."""
     found = np.zeros(values.size, dtype=np.bool_)
-    if values.size < 4 * FLANK:
+    if values.size < 4 * BURST_FLANK:
         return found
     third = _third_difference(values)
     finite = third[np.isfinite(third)]
     scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
     edges = _edges(third, scale)
-    if scale == 0.0 or edges.size > MOST_EDGES:
+    if scale == 0.0 or edges.size > BURST_MOST_EDGES:
         return found
     sigma = sigma_of_differences([values])
     for place, start in enumerate(edges):
         for stop in edges[place + 1 :][::-1]:
-            if not SHORTEST <= stop - start <= LONGEST or np.any(found[start:stop]):
+            if not BURST_SHORTEST <= stop - start <= BURST_LONGEST or np.any(found[start:stop]):
                 continue
             if _is_burst(values, third, int(start), int(stop), sigma):
                 found[start:stop] = True
                 break
-    return found if np.count_nonzero(found) <= LARGEST_FRACTION * values.size else np.zeros_like(found)
+    return found if np.count_nonzero(found) <= BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 
 def _third_difference(values: FloatArray) -> FloatArray:
@@ -62,28 +65,28 @@ def _edges(third: FloatArray, scale: float) -> IntArray:
     """Where the third difference stands out, at the peaks of it."""
     size = np.nan_to_num(np.abs(third))
     peak = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
-    return np.flatnonzero(peak & (size > SIGMAS * scale)).astype(np.int64)
+    return np.flatnonzero(peak & (size > BURST_SIGMAS * scale)).astype(np.int64)
 
 
 def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigma: float) -> bool:
-    if start < FLANK + 2 or stop + FLANK + 2 > values.size:
+    if start < BURST_FLANK + 2 or stop + BURST_FLANK + 2 > values.size:
         return False
-    around = np.abs(np.concatenate([third[start - FLANK : start - 1], third[stop + 2 : stop + FLANK]]))
+    around = np.abs(np.concatenate([third[start - BURST_FLANK : start - 1], third[stop + 2 : stop + BURST_FLANK]]))
     edge = min(abs(third[start]), abs(third[stop]))
     # Most pairs of edges end here, before the fit, which costs a hundred times as much.
-    if not edge > TIMES_AROUND * float(np.max(np.nan_to_num(around))):
+    if not edge > BURST_TIMES_AROUND * float(np.max(np.nan_to_num(around))):
         return False
-    if not np.all(np.isfinite(values[start - FLANK : stop + FLANK])):
+    if not np.all(np.isfinite(values[start - BURST_FLANK : stop + BURST_FLANK])):
         return False
-    before, after = np.arange(start - FLANK, start), np.arange(stop, stop + FLANK)
+    before, after = np.arange(start - BURST_FLANK, start), np.arange(stop, stop + BURST_FLANK)
     flanks = np.concatenate([before, after])
-    middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + FLANK
-    course = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], ORDER)
+    middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + BURST_FLANK
+    course = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], BURST_ORDER)
     inside = np.arange(start, stop)
     departure = values[inside] - course((inside - middle) / reach)
     ends, steps = departure[[0, -1]], np.array([third[start], -third[stop]]) / EDGE_OF_STEP
     return bool(
-        min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > SIGMAS * sigma
+        min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > BURST_SIGMAS * sigma
         and np.all(steps * ends > 0.0)
-        and np.all(np.abs(np.log2(steps / ends)) < 1.0)
+        and np.all(np.abs(np.log2(steps / ends)) < BURST_EDGE_OCTAVES)
     )

@@ -7,26 +7,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    CLOCK_FAR_BETTER,
+    CLOCK_FEWEST_MOVED,
+    CLOCK_FLANK,
+    CLOCK_MOST_STEPS,
+    CLOCK_MOVED_SIGMAS,
+    CLOCK_RUNS_ON,
+    CLOCK_SLOPE_SIGMAS,
+    CLOCK_WORST_CHANNEL,
+    JUMP_AROUND,
+    JUMP_FLANK,
+    JUMP_SIGMAS,
+    JUMP_TIMES_AROUND,
+    MISSING_BEYOND_STEPS,
+    UNIFORM_WITHIN,
+)
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
-from brv_hypo.flight.resample import MISSING_BEYOND_STEPS, UNIFORM_WITHIN
-
-FLANK = 6
-MOST_STEPS = 5
-"""More odd intervals than this are jitter or dropouts, and no steps."""
-RUNS_ON = 2.0
-"""The samples run on where a cubic through the closed interval misses them by this, in squares over noise, or less."""
-FAR_BETTER = 0.01
-"""Or by this share of what one through the interval as it is stamped does: motion may be too fast for a cubic."""
-MOVED, FEWEST_MOVED = 8.0, 2
-"""Unless so many channels would have moved by so many sigmas in the time of the interval, nothing can be said."""
-SURE_SLOPE = 5.0
-"""Standard errors by which such a trend must be known."""
-JUMP_FLANK = 8
-JUMP_SIGMAS = 12.0
-"""A channel jumps where the parabolas before and after miss each other by so many robust standard deviations."""
-
-JUMP_TIMES_AROUND = 3.0
-"""And stands out as much from the misses around it: parabolas miss fast motion all the time."""
 
 GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
 
@@ -40,7 +37,7 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
     intervals = np.diff(time)
     step = float(np.median(intervals))
     odd = np.flatnonzero(np.abs(intervals - step) > UNIFORM_WITHIN * step)
-    if not 0 < odd.size <= MOST_STEPS:
+    if not 0 < odd.size <= CLOCK_MOST_STEPS:
         return ()
     found = []
     for place in odd:
@@ -54,9 +51,9 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
 
 def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, excess: float) -> bool:
     """Whether the samples lie on one course with the interval closed, though in its time they would have moved."""
-    part = slice(max(0, at - FLANK), at + FLANK)
+    part = slice(max(0, at - CLOCK_FLANK), at + CLOCK_FLANK)
     closed = np.where(np.arange(time.size)[part] >= at, time[part] - excess, time[part])
-    if closed.size < 2 * FLANK:
+    if closed.size < 2 * CLOCK_FLANK:
         return False
     misfits, stamped, moved = [], [], 0
     for name in (*GYROS, *ACCELEROMETERS):
@@ -66,18 +63,18 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
             misfits.append(_misfit(closed, values, sigma))
             stamped.append(_misfit(time[part], values, sigma))
             moved += _would_move(closed, values, sigma, excess)
-    if moved < FEWEST_MOVED:
+    if moved < CLOCK_FEWEST_MOVED:
         return False
-    most = max(RUNS_ON, FAR_BETTER * float(np.mean(stamped)))
-    return float(np.mean(misfits)) < most and max(misfits) < 2.0 * most
+    most = max(CLOCK_RUNS_ON, CLOCK_FAR_BETTER * float(np.mean(stamped)))
+    return float(np.mean(misfits)) < most and max(misfits) < CLOCK_WORST_CHANNEL * most
 
 
 def _would_move(time: FloatArray, values: FloatArray, sigma: float, excess: float) -> bool:
     """Whether the trend of a channel would carry it, in `excess` s, well beyond its noise."""
     centred = time - time.mean()
     slope = abs(float(centred @ values)) / float(centred @ centred)
-    known = slope > SURE_SLOPE * sigma / float(np.linalg.norm(centred))
-    return known and slope * excess > MOVED * sigma
+    known = slope > CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
+    return known and slope * excess > CLOCK_MOVED_SIGMAS * sigma
 
 
 def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
@@ -96,15 +93,15 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
     accelerometers = _jumping([channels[name] for name in ACCELEROMETERS if name in channels])
     both = np.minimum(gyros, accelerometers)
     left, found = both.copy(), list[int]()
-    while left.size and float(left.max()) > JUMP_SIGMAS and len(found) <= MOST_STEPS:
+    while left.size and float(left.max()) > JUMP_SIGMAS and len(found) <= CLOCK_MOST_STEPS:
         at = int(np.argmax(left))
         left[max(0, at - JUMP_FLANK) : at + JUMP_FLANK + 1] = 0.0
-        before = both[max(0, at - 5 * JUMP_FLANK) : max(0, at - JUMP_FLANK)]
-        after = both[at + JUMP_FLANK + 1 : at + 5 * JUMP_FLANK]
+        before = both[max(0, at - JUMP_AROUND * JUMP_FLANK) : max(0, at - JUMP_FLANK)]
+        after = both[at + JUMP_FLANK + 1 : at + JUMP_AROUND * JUMP_FLANK]
         around = max(float(part.max(initial=0.0)) for part in (before, after))
         if min(before.size, after.size) > JUMP_FLANK and both[at] > JUMP_TIMES_AROUND * around:
             found.append(at)
-    return tuple(sorted(found)) if len(found) <= MOST_STEPS else ()
+    return tuple(sorted(found)) if len(found) <= CLOCK_MOST_STEPS else ()
 
 
 def _jumping(channels: Sequence[FloatArray]) -> FloatArray:

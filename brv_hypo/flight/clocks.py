@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import CLOCK_LEAST_CORRELATION, CLOCK_LEAST_OVERLAP, CLOCK_STEPS_PER_SAMPLE
 from brv_hypo.errors import UsageError
-
-STEPS_PER_SAMPLE = 2.0  # of the slower recorder: the grid of offsets that are tried
-LEAST_OVERLAP = 0.3  # of the shorter record
-LEAST_CORRELATION = 0.8
 
 
 def clock_offset(
@@ -22,7 +19,7 @@ def clock_offset(
     """
     from scipy.signal import correlate
 
-    step = max(float(np.median(np.diff(each))) for each in (time, other_time)) / STEPS_PER_SAMPLE
+    step = max(float(np.median(np.diff(each))) for each in (time, other_time)) / CLOCK_STEPS_PER_SAMPLE
     first, second = _on_grid(time, values, step), _on_grid(other_time, other, step)
     ones = correlate(np.ones_like(first), np.ones_like(second), method="fft").round()
     sums = [correlate(a, b, method="fft") for a, b in _products(first, second)]
@@ -30,16 +27,17 @@ def clock_offset(
         mean_1, mean_2 = sums[1] / ones, sums[2] / ones
         together = sums[0] / ones - mean_1 * mean_2
         apart = np.sqrt((sums[3] / ones - mean_1**2) * (sums[4] / ones - mean_2**2))
-        likeness = np.where(ones > LEAST_OVERLAP * min(first.size, second.size), together / apart, -np.inf)
+        likeness = np.where(ones > CLOCK_LEAST_OVERLAP * min(first.size, second.size), together / apart, -np.inf)
     # Where either is at rest any other course fits as well: what agrees must also be most of what there is.
     spoken = np.sqrt(np.clip((sums[3] / ones - mean_1**2) / max(float(np.var(first)), 1e-300), 0.0, 1.0))
     score = np.where(np.isfinite(likeness), likeness, -np.inf) * np.maximum(spoken, 1e-9)
     best = int(np.argmax(score))
-    if not likeness[best] >= LEAST_CORRELATION:
+    if not likeness[best] >= CLOCK_LEAST_CORRELATION:
         raise UsageError(
             f"the second recorder's clock cannot be found: the two records agree to a correlation of "
-            f"{max(float(likeness[best]), 0.0):.2f} at best, expected {LEAST_CORRELATION} or more. Likely cause: align "
-            "names columns that do not sense the same, or one of opposite sign. Remedy: give the offset of its time."
+            f"{max(float(likeness[best]), 0.0):.2f} at best, expected {CLOCK_LEAST_CORRELATION} or more. Likely "
+            "cause: align names columns that do not sense the same, or one of opposite sign. Remedy: give the offset "
+            "of its time."
         )
     lag = best + _peak(score, best) - (second.size - 1)
     return float(time[0] + lag * step - other_time[0]), float(likeness[best])

@@ -12,20 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    DECIMATED_KNOWN,
+    DECIMATED_LEAST_GAIN,
+    DECIMATED_PASS_END,
+    DECIMATED_PER_CYCLE,
+    DECIMATED_STOP_BEGIN,
+    DECIMATED_STOP_DECIBEL,
+    VIBRATION,
+)
 from brv_hypo.flight.faults import RecordFault, mask_faults
 from brv_hypo.flight.resample import dominant_frequency, regularise
 from brv_hypo.flight.schema import Record
 from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
-
-STOP_DECIBEL = 60.0
-PASS_END, STOP_BEGIN = 0.3, 0.5  # of the new rate
-SAMPLES_PER_CYCLE = 30.0
-"""Of the transverse oscillation: a moment is differentiated from its rates, and delays are shorter than a cycle."""
-VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
-LEAST_GAIN = 2.0
-"""A record is left as it is unless it has so many times the samples that the motion needs."""
-KNOWN_SHARE = 0.6
-"""Share of the filter's weight that must lie on samples that are there."""
 
 Channels = dict[str, FloatArray]
 
@@ -43,12 +42,13 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
     grid, uniform, _ = regularise(time, {name: channels[name] for name in ("q", "r")})
     before = (grid.size - 1) / float(grid[-1] - grid[0])
     thinned, every = list(uniform.values()), 1
-    if before > LEAST_GAIN * VIBRATION / PASS_END:  # vibration is faster than any oscillation, and may be stronger
-        every = int(before * PASS_END / VIBRATION)
+    # Vibration is faster than any oscillation, and may be stronger.
+    if before > DECIMATED_LEAST_GAIN * VIBRATION / DECIMATED_PASS_END:
+        every = int(before * DECIMATED_PASS_END / VIBRATION)
         thinned = [_filtered(values, low_pass(before, before / every))[::every] for values in thinned]
     frequency = max(dominant_frequency(values, every / before) for values in thinned)
-    rate = SAMPLES_PER_CYCLE * frequency
-    return float(np.ceil(rate)) if 0.0 < LEAST_GAIN * rate <= before else None
+    rate = DECIMATED_PER_CYCLE * frequency
+    return float(np.ceil(rate)) if 0.0 < DECIMATED_LEAST_GAIN * rate <= before else None
 
 
 def decimated(record: Record, rate: float) -> Decimated:
@@ -73,7 +73,7 @@ def decimated(record: Record, rate: float) -> Decimated:
     notes += [
         *resampled,
         f"decimated from {before:.6g} to {rate:.6g} Hz, behind a linear-phase low-pass that passes "
-        f"{PASS_END * rate:.3g} and stops {STOP_BEGIN * rate:.3g} Hz",
+        f"{DECIMATED_PASS_END * rate:.3g} and stops {DECIMATED_STOP_BEGIN * rate:.3g} Hz",
     ]
     update = {"time": grid, "channels": channels, "notes": (*record.notes, *notes)}
     return Decimated(record.model_copy(update=update), faults)
@@ -83,9 +83,9 @@ def low_pass(before: float, after: float) -> FloatArray:
     """Taps (odd,) of the low-pass for decimation from `before` to `after` Hz; they add up to one."""
     from scipy.signal import firwin, kaiserord
 
-    width = (STOP_BEGIN - PASS_END) * after
-    count, beta = kaiserord(STOP_DECIBEL, width / (0.5 * before))
-    middle = 0.5 * (PASS_END + STOP_BEGIN) * after
+    width = (DECIMATED_STOP_BEGIN - DECIMATED_PASS_END) * after
+    count, beta = kaiserord(DECIMATED_STOP_DECIBEL, width / (0.5 * before))
+    middle = 0.5 * (DECIMATED_PASS_END + DECIMATED_STOP_BEGIN) * after
     return np.asarray(firwin(count | 1, middle, window=("kaiser", beta), fs=before))
 
 
@@ -101,7 +101,7 @@ def _filtered(values: FloatArray, taps: FloatArray) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         smooth = fftconvolve(np.where(known, values, 0.0), taps, "valid") / total
     result = np.full(values.size, np.nan)
-    result[half : values.size - half] = np.where(total > KNOWN_SHARE, smooth, np.nan)
+    result[half : values.size - half] = np.where(total > DECIMATED_KNOWN, smooth, np.nan)
     return result
 
 

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import PRESSURE_CONSISTENT
 
 LOWEST_ALTITUDE = -5000.0
 HIGHEST_ALTITUDE = 81000.0
-CONSISTENT_WITHIN = 0.05
 # Where the temperature's gradient changes, m of geopotential altitude, and the radius that makes them geometric (ICAO).
 _LAYERS = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3])
 _EARTH_RADIUS = 6356766.0
@@ -124,6 +124,6 @@ def _inconsistent(known: Mapping[str, FloatArray]) -> list[str]:
     if not np.any(usable):
         return []
     ratio = float(np.nanmedian(known["dynamic_pressure"][usable] / computed[usable]))
-    if abs(ratio - 1.0) <= CONSISTENT_WITHIN:
+    if abs(ratio - 1.0) <= PRESSURE_CONSISTENT:
         return []
     return [f"recorded dynamic pressure is {ratio:.4g} times density * velocity^2 / 2: check their units"]

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import DEAD_CHANGE, DEAD_NOISE, DEAD_PUSH, JUMP_FLANK, MOST_CLIPPED, MOST_STUCK
 from brv_hypo.flight.bursts import find_bursts
-from brv_hypo.flight.clock import JUMP_FLANK, joint_jumps, stamped_steps
+from brv_hypo.flight.clock import joint_jumps, stamped_steps
 from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.resample import places_with_gaps, runs
 from brv_hypo.flight.spikes import find_spikes
@@ -23,13 +24,6 @@ from brv_hypo.flight.stuck import constant_runs, flat_tops, is_constant
 INERTIAL = ("p", "q", "r", "ax", "ay", "az")
 TRIED = (*INERTIAL, "velocity", "dynamic_pressure")
 STOP_AT_ZERO = ("velocity", "dynamic_pressure")
-MOST_CLIPPED = 0.05
-MOST_STUCK = 0.5
-"""Shares of a channel beyond which a fault is not masked, but decides: too little, or too patchy a rest, is left."""
-NOISE_OF_INSTRUMENT = 1e-9
-"""White noise, as a share of the channel's greatest value, that only a real or simulated instrument has."""
-CHANGES = 0.02
-"""Relative change of the speed that a constant gauge must have missed to be called dead."""
 MOST_NAMED = 5
 
 Channels = dict[str, FloatArray]
@@ -120,7 +114,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
         for name in INERTIAL
         if name in channels
         and name not in constant
-        and sigma_of_differences([channels[name]]) > NOISE_OF_INSTRUMENT * np.nanmax(np.abs(channels[name]))
+        and sigma_of_differences([channels[name]]) > DEAD_NOISE * np.nanmax(np.abs(channels[name]))
     ]
     found = {}
     for name in constant:
@@ -135,9 +129,9 @@ def _speed_changes(gauge: str, time: FloatArray, channels: Mapping[str, FloatArr
     """Whether speed, or what is sensed along the axis, says that a constant gauge must have changed."""
     speed = channels["velocity"]
     if gauge != "velocity":
-        return float(np.nanmax(speed) - np.nanmin(speed)) > CHANGES * float(np.nanmax(speed))
+        return float(np.nanmax(speed) - np.nanmin(speed)) > DEAD_CHANGE * float(np.nanmax(speed))
     gained = abs(float(np.nanmean(channels["ax"]))) * float(time[-1] - time[0])
-    return gained > 2.0 * CHANGES * float(np.nanmax(speed))
+    return gained > DEAD_PUSH * DEAD_CHANGE * float(np.nanmax(speed))
 
 
 def _spread(values: FloatArray, places: IntArray) -> FloatArray:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import ASCENT_KNOWN_SPEED
 from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import one_line
 from brv_hypo.flight.ascent import ascent
@@ -32,7 +33,6 @@ from brv_hypo.flight.tables import Columns, RawTable, found_file, read_columns
 from brv_hypo.flight.units import Dimension, to_si
 
 Channels = dict[str, FloatArray]
-KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _derived(read: _Read, mapping: RecordMap) -> _Read:
     if missing:
         raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
     found = ascent(read.time, read.channels["ax"], read.channels["altitude"])
-    moving = found.velocity > KNOWN_SPEED * found.sigma
+    moving = found.velocity > ASCENT_KNOWN_SPEED * found.sigma
     speed = np.where(moving, found.velocity, np.nan)
     channels = {**read.channels, "velocity": speed, "altitude": found.altitude}
     return replace(read, channels=channels, speed_sigma=found.sigma, notes=(*read.notes, found.note))

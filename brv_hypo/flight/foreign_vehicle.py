@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import DENSITY_OF_THE_DAY, STEADY_PROPERTY
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.instruments import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.record_map import RecordMap, VehicleColumn
 from brv_hypo.flight.schema import VEHICLE_DIMENSIONS, VehicleRecord, validated
 from brv_hypo.flight.tables import found_file, read_columns
 from brv_hypo.flight.units import to_si
-
-STEADY = 0.002  # relative change over the window below which a property counts as constant
-DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ def vehicle_of(mapping: RecordMap, folders: tuple[Path, ...], window: tuple[floa
         if isinstance(entry, VehicleColumn):
             values[name], change = _from_table(name, entry, mapping.delimiter, folders, window)
             changes = max(changes, 0.0 if name == "mass" else change)
-            told = f", which changes by ±{100.0 * change:.2g} % in the window" if change > STEADY else ""
+            told = f", which changes by ±{100.0 * change:.2g} % in the window" if change > STEADY_PROPERTY else ""
             notes.append(f"vehicle/{name} {values[name]:.5g} from {entry.file}{told}")
         else:
             label = f"vehicle/{name}"
@@ -64,7 +62,7 @@ def instruments_of(
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
     shown: dict[str, Any] = dict(from_pad)
-    if inertia > STEADY:
+    if inertia > STEADY_PROPERTY:
         shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
     pressure = _pressure_tolerance(channels, speed_sigma)
     if pressure > grade.dynamic_pressure_scale[0]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import yaml
 
+from brv_hypo.constants import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE
 from brv_hypo.files.printed import one_line
-from brv_hypo.flight.decimate import LEAST_GAIN, SAMPLES_PER_CYCLE
 from brv_hypo.flight.guess_names import MAGNETOMETER
 from brv_hypo.flight.guess_table import Entry, Table
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, VEHICLE_DIMENSIONS
@@ -175,7 +175,8 @@ def _offers(found: Guessed, asked: list[str]) -> list[str]:
         lines.append("window: coast   # leaves out pad, burn and parachute; or [start, stop]")
     rate = 1.0 / float(np.median(np.diff(table.seconds)))
     if rate > SLOWEST_FAST:
-        told = f"{SAMPLES_PER_CYCLE:g} samples a cycle of the motion, where the log has over {LEAST_GAIN:g} times that"
+        told = f"{DECIMATED_PER_CYCLE:g} samples a cycle of the motion, where the log has over "
+        told += f"{DECIMATED_LEAST_GAIN:g} times that"
         lines.append(f"rate: auto   # {rate:.4g} Hz brought, behind a low-pass, to {told}")
     return lines
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from brv_hypo.constants import TOLERANCE_LEAST
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.refusal import refusal
 from brv_hypo.flight.units import SI, Dimension, to_si
@@ -40,8 +41,6 @@ _TABLE: Mapping[str, tuple[Dimension, Vector]] = {
     "inertia_ratio": ("dimensionless", (1e-3, 5e-3, 2e-2)),
     "inertia": ("dimensionless", (1e-3, 5e-3, 2e-2)),
 }
-# A tolerance stated as zero counts as this share of the laboratory's: nothing is known exactly.
-_LEAST_SHARE = 1e-3
 INSTRUMENT_DIMENSIONS: Mapping[str, Dimension] = {key: dimension for key, (dimension, _) in _TABLE.items()}
 # Units of a plain number in a file of tolerances, where they are not SI.
 _FILE_UNITS = {"gyro_bias": "deg/s"}
@@ -166,6 +165,6 @@ def _vector(key: str, value: Any) -> Vector:
             "a fill value, or a sigma and its sign",
             "give a standard deviation",
         )
-    least = _LEAST_SHARE * _TABLE[key][1][0]
+    least = TOLERANCE_LEAST * _TABLE[key][1][0]
     x, y, z = np.broadcast_to(np.maximum(array, least), (3,)).tolist()
     return x, y, z

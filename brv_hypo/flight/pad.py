@@ -13,15 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import PAD_FEWEST_SAMPLES, PAD_LEANING, PAD_MOVING
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.phases import AT_REST, GRAVITY
 
 GYROS, ACROSS = ("p", "q", "r"), ("ay", "az")
-FEWEST_SAMPLES = 20
-LEANING = float(
-    np.radians(5.0)
-)  # 1-sigma of the rail's lean: launch rails stand within some 5 deg of the vertical
-MOVING = float(np.radians(2.0))  # rad/s of standard deviation: beyond any wind on a rail
 
 
 @dataclass(frozen=True)
@@ -43,14 +39,14 @@ def take_out_biases(
     inside = (time >= rest[0]) & (time <= rest[1])
     held = {name: values[inside] for name, values in channels.items()}
     count = int(np.count_nonzero(inside))
-    if count < FEWEST_SAMPLES:
+    if count < PAD_FEWEST_SAMPLES:
         raise UsageError(
-            f"the map's pad, {rest[0]:g} to {rest[1]:g} s, holds {count} samples, expected at least {FEWEST_SAMPLES}: "
-            f"the record runs from {time[0]:.3f} to {time[-1]:.3f} s."
+            f"the map's pad, {rest[0]:g} to {rest[1]:g} s, holds {count} samples, expected at least "
+            f"{PAD_FEWEST_SAMPLES}: the record runs from {time[0]:.3f} to {time[-1]:.3f} s."
         )
     axial = float(np.nanmean(held["ax"]))
     swings = max(float(np.nanstd(held[name])) for name in GYROS)
-    if abs(axial - GRAVITY) > AT_REST or swings > MOVING:
+    if abs(axial - GRAVITY) > AT_REST or swings > PAD_MOVING:
         raise UsageError(
             f"the map's pad, {rest[0]:g} to {rest[1]:g} s: ax reads {axial:.3g} m/s^2 and the gyros swing by "
             f"{np.degrees(swings):.2g} deg/s, expected gravity along the nose and rest. Likely cause: times after "
@@ -59,13 +55,13 @@ def take_out_biases(
     changed = dict(channels)
     notes = []
     biases = {name: float(np.nanmean(held[name])) for name in GYROS}
-    biases["ax"] = axial - GRAVITY * float(np.exp(-0.5 * LEANING**2))
+    biases["ax"] = axial - GRAVITY * float(np.exp(-0.5 * PAD_LEANING**2))
     for name, bias in biases.items():
         changed[name] = channels[name] - bias
     told = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
     notes.append(f"biases from the pad taken out: {told}, ax {biases['ax']:.3g} m/s^2")
     across = [abs(float(np.nanmean(held[name]))) for name in ACROSS]
-    lean = 0.5 * GRAVITY * LEANING**2
+    lean = 0.5 * GRAVITY * PAD_LEANING**2
     notes.append(
         f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or lean of the rail: kept, and "
         "within the tolerance of their bias"

@@ -13,18 +13,24 @@ from typing import Literal
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.constants import (
+    PARACHUTE_BEFORE,
+    PARACHUTE_LEAST,
+    PARACHUTE_TIMES,
+    PHASE_AT_REST,
+    PHASE_BURNT_OUT,
+    PHASE_RESTING,
+    PHASE_SHORTEST,
+    PHASE_SMOOTHED,
+    PHASE_THRUST,
+)
 from brv_hypo.flight.resample import joined, runs
 
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
 
 GRAVITY = 9.80665  # m/s^2
-SMOOTHED = 0.1  # s: a median over this takes vibration and spikes out
-AT_REST = 0.15 * GRAVITY  # m/s^2 about gravity along the axis
-THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
-SHORTEST = 0.3  # s of a phase
-BURNT_OUT = 0.0  # m/s^2: drag alone is left
-# A parachute pulls with so many times what was sensed in the seconds before it, and with so many gravities.
-JERK_TIMES, JERK_BEFORE, JERK_LEAST = 5.0, 2.0, 2.0 * GRAVITY
+AT_REST = PHASE_AT_REST * GRAVITY  # m/s^2 about gravity along the axis
+THRUST = PHASE_THRUST * GRAVITY  # m/s^2 sensed
 
 
 @dataclass(frozen=True)
@@ -44,12 +50,12 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     from scipy.ndimage import median_filter
 
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
-    width = max(1, 2 * round(0.5 * SMOOTHED / step) + 1)
+    width = max(1, 2 * round(0.5 * PHASE_SMOOTHED / step) + 1)
     axial = median_filter(joined(ax), width, mode="nearest")
     force = median_filter(np.sqrt(sum(joined(each) ** 2 for each in (ax, ay, az))), width, mode="nearest")
-    least = max(2, round(SHORTEST / step))
+    least = max(2, round(PHASE_SHORTEST / step))
     ignition, burnout = _burn(axial, least)
-    jerk = _jerk(force, burnout, max(2, round(JERK_BEFORE / step)))
+    jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
     edges: dict[PhaseName, tuple[int, int]] = {
         "pad": (0, ignition if _rests(axial[:ignition]) else 0),
         "burn": (ignition, burnout),
@@ -70,21 +76,21 @@ def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
         return 0, 0
     before = np.flatnonzero(np.abs(axial[: thrust[0]] - GRAVITY) < AT_REST)
     ignition = int(before[-1]) + 1 if before.size else thrust[0]
-    dragged = [run for run in runs(axial < BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
+    dragged = [run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
     return ignition, dragged[0][0] if dragged else axial.size
 
 
 def _rests(axial: FloatArray) -> bool:
     near: BoolArray = np.abs(axial - GRAVITY) < AT_REST
-    return bool(near.size and np.mean(near) > 0.9)
+    return bool(near.size and np.mean(near) > PHASE_RESTING)
 
 
 def _jerk(force: FloatArray, begin: int, before: int) -> int:
     """The first sample at which the force leaves what it was, as at a parachute's opening; the end without one."""
-    for at in np.flatnonzero(force > JERK_LEAST):
+    for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY):
         if at < begin + before:
             continue
         usual = float(np.median(force[at - before : at - before // 4]))
-        if force[at] > JERK_TIMES * usual:
+        if force[at] > PARACHUTE_TIMES * usual:
             return int(at)
     return force.size

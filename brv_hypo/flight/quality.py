@@ -8,6 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    INSPECTED_AGREES,
+    INSPECTED_FEWEST_SAMPLES,
+    INSPECTED_LEVEL,
+    INSPECTED_PER_CYCLE,
+)
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.phases import Phase, find_phases
@@ -17,11 +23,6 @@ from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
 from brv_hypo.flight.spikes import find_spikes, without_spikes
 from brv_hypo.flight.store import read_record, windowed
 from brv_hypo.flight.units import SI
-
-LEVEL_WITHIN = 1.5
-AGREES_WITHIN = 1.25
-FEWEST_SAMPLES = 50
-FEWEST_SAMPLES_PER_CYCLE = 10.0
 
 
 @dataclass(frozen=True)
@@ -143,13 +144,13 @@ def white_noise(values: FloatArray) -> Noise:
     start, stop = max(runs(np.isfinite(values)), key=lambda run: run[1] - run[0])
     levels = _upper_band(values[start:stop])
     level = float(np.median(levels))
-    agrees = 0.0 < sigma <= AGREES_WITHIN * level and level <= AGREES_WITHIN * sigma
-    return Noise(sigma, trusted=agrees and bool(levels.max() <= LEVEL_WITHIN * levels.min()))
+    agrees = 0.0 < sigma <= INSPECTED_AGREES * level and level <= INSPECTED_AGREES * sigma
+    return Noise(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
 
 
 def _upper_band(values: FloatArray) -> FloatArray:
     """White-noise sigma (4,) that each quarter of the upper half of the band would have; Hann window."""
-    if values.size < FEWEST_SAMPLES:
+    if values.size < INSPECTED_FEWEST_SAMPLES:
         return np.zeros(4)
     window = np.hanning(values.size)
     power = np.abs(np.fft.rfft((values - np.mean(values)) * window)) ** 2 / np.sum(window**2)
@@ -189,7 +190,7 @@ def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, der
 
 def _warnings(channels: tuple[ChannelQuality, ...], per_cycle: float) -> list[str]:
     warnings = []
-    if per_cycle < FEWEST_SAMPLES_PER_CYCLE:
+    if per_cycle < INSPECTED_PER_CYCLE:
         warnings.append(
             f"only {per_cycle:.1f} samples a cycle of the transverse motion: rates can hardly be "
             "differentiated, and delays shorter than a sample cannot be told"

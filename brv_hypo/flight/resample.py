@@ -17,18 +17,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    BRIDGED_CYCLES,
+    BRIDGED_SAMPLES,
+    CROSSED_CYCLES,
+    CROSSED_FLANK,
+    CROSSED_ORDER,
+    GAP_BEYOND_MEDIANS,
+    LARGEST_GROWTH,
+    MISSING_BEYOND_STEPS,
+    UNIFORM_WITHIN,
+)
 from brv_hypo.flight.refusal import refusal
-
-UNIFORM_WITHIN = 0.01
-MISSING_BEYOND_STEPS = 1.5
-GAP_BEYOND_MEDIANS = 2.5
-LARGEST_GROWTH = 50
-BRIDGED_SAMPLES = 5
-BRIDGED_CYCLES = 1.0 / 8.0
-BRIDGED_SECONDS = 1.0
-# Cycles of the transverse motion that a quintic crosses, its flanks as long as the gap, to 1e-3 of the amplitude.
-CROSSED_CYCLES = 1.0 / 8.0
-CROSSED_FLANK, ORDER = 8, 5  # samples on either side at least, and the degree
 
 Channels = dict[str, FloatArray]
 
@@ -124,10 +124,10 @@ def crossed(values: FloatArray, longest: int) -> FloatArray:
         flank = max(CROSSED_FLANK, stop - start)
         about = np.arange(max(0, start - flank), min(values.size, stop + flank))
         known = about[~missing[about]]
-        if stop - start > longest or np.sum(known < start) <= ORDER or np.sum(known >= stop) <= ORDER:
+        if stop - start > longest or np.sum(known < start) <= CROSSED_ORDER or np.sum(known >= stop) <= CROSSED_ORDER:
             continue
         middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + flank
-        course = np.polynomial.Polynomial.fit((known - middle) / reach, values[known], ORDER)
+        course = np.polynomial.Polynomial.fit((known - middle) / reach, values[known], CROSSED_ORDER)
         whole[start:stop] = course((np.arange(start, stop) - middle) / reach)
     return whole
 

@@ -18,18 +18,19 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    SPIKE_LARGEST_FRACTION,
+    SPIKE_LONGEST,
+    SPIKE_NEIGHBOURS,
+    SPIKE_PASSES,
+    SPIKE_SIGMAS,
+    SPIKE_TIMES_CURVATURE,
+    SPIKE_TIMES_FOURTH,
+)
 from brv_hypo.files.printed import counted
 from brv_hypo.flight.noise import MAD_TO_SIGMA
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.resample import bridge
-
-SIGMAS = 8.0
-TIMES_CURVATURE = 2.0
-TIMES_FOURTH = 2.5
-NEIGHBOURS = 4
-LONGEST_SPIKE = 2
-LARGEST_FRACTION = 0.02
-PASSES = 4
 
 
 def find_spikes(values: FloatArray) -> BoolArray:
@@ -37,14 +38,14 @@ def find_spikes(values: FloatArray) -> BoolArray:
     found = np.zeros(values.size, dtype=np.bool_)
     index = np.arange(values.size, dtype=np.float64)
     cleaned = values.copy()
-    for _ in range(PASSES):
+    for _ in range(SPIKE_PASSES):
         fresh = _one_pass(cleaned)
         if not np.any(fresh):
             break
         found |= fresh
         cleaned[fresh] = np.nan
-        cleaned = np.where(found, bridge(index, cleaned, LONGEST_SPIKE * NEIGHBOURS), cleaned)
-    return found if np.count_nonzero(found) <= LARGEST_FRACTION * values.size else np.zeros_like(found)
+        cleaned = np.where(found, bridge(index, cleaned, SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
+    return found if np.count_nonzero(found) <= SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 
 def despiked(flight: Flight) -> Flight:
@@ -64,7 +65,7 @@ def despiked(flight: Flight) -> Flight:
 
 def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> FloatArray:
     """`values` (n,) at `time` (n,) with `spikes` (n,) replaced by a cubic spline through the others."""
-    return bridge(time, np.where(spikes, np.nan, values), LONGEST_SPIKE) if np.any(spikes) else values
+    return bridge(time, np.where(spikes, np.nan, values), SPIKE_LONGEST) if np.any(spikes) else values
 
 
 def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
@@ -76,7 +77,7 @@ def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
 def _one_pass(values: FloatArray) -> BoolArray:
     """The spikes that stand out now, longest-standing first where candidates overlap."""
     spikes = np.zeros(values.size, dtype=np.bool_)
-    for length in range(1, LONGEST_SPIKE + 1):
+    for length in range(1, SPIKE_LONGEST + 1):
         for start in _candidates(values, length):
             if not np.any(spikes[max(0, start - 2) : start + length + 2]):
                 spikes[start : start + length] = True
@@ -85,7 +86,7 @@ def _one_pass(values: FloatArray) -> BoolArray:
 
 def _candidates(values: FloatArray, length: int) -> IntArray:
     """Starts of runs of `length` that meet the rule, the largest first."""
-    reach = NEIGHBOURS
+    reach = SPIKE_NEIGHBOURS
     padded = np.concatenate((np.full(reach, np.nan), values, np.full(reach, np.nan)))
     if values.size < length + 4:
         return np.zeros(0, dtype=np.int64)
@@ -95,12 +96,12 @@ def _candidates(values: FloatArray, length: int) -> IntArray:
     departure = windows[:, reach : reach + length] - cubic
     one_sided = np.all(departure > 0.0, axis=1) | np.all(departure < 0.0, axis=1)
     outlying = np.where(one_sided, np.abs(departure).min(axis=1), 0.0)
-    suspect = np.flatnonzero(outlying > SIGMAS * _scale(departure[:, 0], values))
+    suspect = np.flatnonzero(outlying > SPIKE_SIGMAS * _scale(departure[:, 0], values))
     replaced = windows[suspect].copy()
     replaced[:, reach : reach + length] = cubic[suspect]
     curvature = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=2, axis=1))), axis=1, initial=0.0)
     fourth = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=4, axis=1)), nan=np.inf), axis=1, initial=0.0)
-    chosen = suspect[outlying[suspect] > np.minimum(TIMES_CURVATURE * curvature, TIMES_FOURTH * fourth)]
+    chosen = suspect[outlying[suspect] > np.minimum(SPIKE_TIMES_CURVATURE * curvature, SPIKE_TIMES_FOURTH * fourth)]
     return np.asarray(chosen[np.argsort(-outlying[chosen], kind="stable")], dtype=np.int64)
 
 

@@ -10,45 +10,45 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    FLAT_LEVELS,
+    FLAT_RUN,
+    FLAT_SAMPLES,
+    FLAT_TIMES,
+    STUCK_BLOCKS,
+    STUCK_CHANCE,
+    STUCK_COMMON_STEP,
+    STUCK_FEWEST_SAMPLES,
+    STUCK_LEAST_SHARE,
+    STUCK_LIVELY,
+    STUCK_QUIET,
+    STUCK_RELEASE,
+    STUCK_REPEATS_SELDOM,
+)
 from brv_hypo.flight.resample import runs
-
-BLOCKS = 20
-REPEATS_SELDOM = 0.02
-"""Share of samples that equal the one before, in the quieter blocks of a channel that does not repeat itself."""
-LEAST_SHARE = 1e-3
-"""No channel is believed to repeat itself less often: it bounds how short a run may be that counts (4 samples)."""
-CHANCE = 1e-6
-"""Chance of a run as long in a whole channel, below which it counts."""
-RELEASE = 5.0
-"""A stuck channel that repeats itself by nature ends in a jump of so many of its largest common steps."""
-FLAT_RUN = 3
-FLAT_SAMPLES = 5
-FLAT_TIMES = 5.0
-"""A flat top of a quantised channel holds so many times the samples of the three levels below it."""
-FEWEST_SAMPLES = 50
 
 
 def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
     """The runs [start, stop) of `values` (n,), NaN where missing, over which the channel is stuck."""
     equal = np.concatenate([np.diff(values) == 0.0, [False]])
-    if values.size < FEWEST_SAMPLES or not np.any(equal):
+    if values.size < STUCK_FEWEST_SAMPLES or not np.any(equal):
         return ()
     shares = _shares(equal)
-    quiet, lively = float(np.quantile(shares, 0.25)), float(np.quantile(shares, 0.9))
-    repeats = quiet > REPEATS_SELDOM
-    share = max(lively if repeats else quiet, LEAST_SHARE)
-    if share > 1.0 - 1.0 / FEWEST_SAMPLES:
+    quiet, lively = float(np.quantile(shares, STUCK_QUIET)), float(np.quantile(shares, STUCK_LIVELY))
+    repeats = quiet > STUCK_REPEATS_SELDOM
+    share = max(lively if repeats else quiet, STUCK_LEAST_SHARE)
+    if share > 1.0 - 1.0 / STUCK_FEWEST_SAMPLES:
         return ()
-    shortest = np.log(CHANCE / values.size) / np.log(share)
+    shortest = np.log(STUCK_CHANCE / values.size) / np.log(share)
     stretches = runs(equal)
     lengths = np.array([stop - start for start, stop in stretches])
     found = [(start, stop + 1) for start, stop in stretches if stop - start >= shortest]
     if not repeats:
-        found = [run for run in found if _expected(lengths, run[1] - run[0] - 1, share, values.size) < CHANCE]
+        found = [run for run in found if _expected(lengths, run[1] - run[0] - 1, share, values.size) < STUCK_CHANCE]
     else:
         steps = np.abs(np.diff(values))
-        common = float(np.quantile(steps[steps > 0.0], 0.99)) if np.any(steps > 0.0) else np.inf
-        found = [run for run in found if _release(values, run) > RELEASE * common]
+        common = float(np.quantile(steps[steps > 0.0], STUCK_COMMON_STEP)) if np.any(steps > 0.0) else np.inf
+        found = [run for run in found if _release(values, run) > STUCK_RELEASE * common]
     return tuple(run for run in found if run[0] > 0 or values[0] != 0.0)
 
 
@@ -56,12 +56,13 @@ def flat_tops(values: FloatArray) -> BoolArray:
     """Which samples of `values` (n,) lie at a limit of the instrument, at either end of its range."""
     found = np.zeros(values.size, dtype=np.bool_)
     known = values[np.isfinite(values)]
-    if known.size < FEWEST_SAMPLES:
+    if known.size < STUCK_FEWEST_SAMPLES:
         return found
     equal = np.diff(values) == 0.0
-    repeats = float(np.quantile(_shares(equal), 0.25)) > REPEATS_SELDOM
+    repeats = float(np.quantile(_shares(equal), STUCK_QUIET)) > STUCK_REPEATS_SELDOM
     levels, counts = np.unique(known, return_counts=True)
-    for level, own, others in ((levels[-1], counts[-1], counts[-4:-1]), (levels[0], counts[0], counts[1:4])):
+    near = slice(1, 1 + FLAT_LEVELS)
+    for level, own, others in ((levels[-1], counts[-1], counts[::-1][near]), (levels[0], counts[0], counts[near])):
         at = values == level
         lengths = [stop - start for start, stop in runs(at)]
         # A single stretch at one value is a channel that is stuck, at whatever height.
@@ -81,7 +82,7 @@ def is_constant(values: FloatArray) -> bool:
 
 def _shares(equal: BoolArray) -> FloatArray:
     """Share of repeated samples in each of some blocks."""
-    return np.array([float(np.mean(block)) for block in np.array_split(equal, BLOCKS)])
+    return np.array([float(np.mean(block)) for block in np.array_split(equal, STUCK_BLOCKS)])
 
 
 def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:

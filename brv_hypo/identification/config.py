@@ -6,6 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from brv_hypo.constants import IDENTIFIED_FORCE_DEGREE, IDENTIFIED_QUADRATURE, IDENTIFIED_STEPS
+
 
 class IdentificationConfig(BaseModel):
     """Options of `identify`; the defaults suit an unknown flight.
@@ -17,9 +19,9 @@ class IdentificationConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    force_degree: int = Field(default=1, ge=0, le=6)
+    force_degree: int = Field(default=IDENTIFIED_FORCE_DEGREE, ge=0, le=6)
     refine: bool = True
-    quadrature: float = Field(default=0.2, gt=0.0)
+    quadrature: float = Field(default=IDENTIFIED_QUADRATURE, gt=0.0)
     noise: Literal["diagonal", "full"] = "diagonal"
-    max_iterations: int = Field(default=30, ge=1)
+    max_iterations: int = Field(default=IDENTIFIED_STEPS, ge=1)
     begin_anew: bool = True

@@ -11,6 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    IDENTIFIED_BEYOND_TOLERANCE,
+    IDENTIFIED_CLOSE,
+    IDENTIFIED_FIRST_STEPS,
+    IDENTIFIED_KNOTS_LOOSE,
+    IDENTIFIED_KNOTS_MOVED,
+    IDENTIFIED_POOR_START,
+    IDENTIFIED_ROUNDS,
+    IDENTIFIED_STALE,
+)
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.model import GRAVITY
@@ -26,24 +36,7 @@ from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
 
-_STALE = 0.1
-"""Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which
-bounds the change of any estimate in standard errors), from which the fit is repeated."""
-_ROUNDS = 6
 _HELD = "held at the last, since the data hardly tell where it is, and without a standard error: {}"
-_CLOSE = 0.3
-"""Length of the last step, in standard errors, below which a search that stalled is at its end but for the knots."""
-_POOR_START = 2.0
-"""Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several
-minima."""
-_FIRST_STEPS = 2
-"""Steps with the knots held from a poor start: the first takes up what is linear, errors of the record above all."""
-_KNOTS_MOVED = 0.5
-"""The same for the knots, in blocks."""
-_KNOTS_LOOSE = 0.25
-"""And in their standard errors: a knot that the data hardly tell goes to and fro with the nodes laid out for it."""
-_BEYOND_TOLERANCE = 3.0
-"""Estimate over tolerance from which the message names an error of the record."""
 
 
 def identify(
@@ -84,8 +77,8 @@ def _search(
 ) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     iterations = 0
-    if _misfit(problem) > _POOR_START:
-        first = problem.solve(fixed=problem.structure.knots, max_iterations=_FIRST_STEPS, progress=progress)
+    if _misfit(problem) > IDENTIFIED_POOR_START:
+        first = problem.solve(fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, progress=progress)
         iterations += first.iterations
         problem = _refreshed(problem, first)
     found = problem.solve(progress=progress)
@@ -98,7 +91,7 @@ def _search(
         problem = _refreshed(problem, found)
         found = problem.solve(fixed=held, progress=progress)
         iterations += found.iterations
-    for _ in range(_ROUNDS):
+    for _ in range(IDENTIFIED_ROUNDS):
         if not found.converged:
             break
         refreshed = _refreshed(problem, found)
@@ -115,7 +108,7 @@ def _search(
 
 def _near(found: FitResult) -> bool:
     """Whether a search that stalled did so within a fraction of the standard errors of its end."""
-    return found.status == "stalled" and bool(found.history) and found.history[-1].step_length < _CLOSE
+    return found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
 
 
 def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
@@ -149,9 +142,10 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     if new.block != old.block:
         return True
     block = min(record.context.block for record in old.records)
+    error = found.std_error  # held ones have none
     moved = any(
         abs(found.theta[m.name] - old.theta[m.name])
-        > max(_KNOTS_MOVED * block, _KNOTS_LOOSE * found.std_error.get(m.name, 0.0))  # held ones have none
+        > max(IDENTIFIED_KNOTS_MOVED * block, IDENTIFIED_KNOTS_LOOSE * error.get(m.name, 0.0))
         for m in old.structure.movers
         if m.kind != "theta"
     )
@@ -160,7 +154,7 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
         float(np.nansum(((_without_errors(a, found) - _without_errors(b, found)) / sigma) ** 2))
         for a, b in zip(old.records, new.records, strict=True)
     )
-    return moved or change > _STALE**2
+    return moved or change > IDENTIFIED_STALE**2
 
 
 def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
@@ -230,7 +224,7 @@ def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]
     found = []
     for value, flight in problem.tolerated:
         sigmas = theta[of_flight(value.name, flight)]
-        if abs(sigmas) > _BEYOND_TOLERANCE:
+        if abs(sigmas) > IDENTIFIED_BEYOND_TOLERANCE:
             times = f"{abs(sigmas):.1f} times its tolerance"
             found.append(f"{_shown(problem, value.name, flight)} is {sigmas * value.size:.3g} {value.units}, {times}")
     return found

@@ -16,8 +16,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import IDENTIFIED_FEWEST_NODES
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.placing import FEWEST_NODES, Meridian, derolled_crossflow, knots_of
+from brv_hypo.identification.placing import Meridian, derolled_crossflow, knots_of
 from brv_hypo.identification.readings import noise_free_flights
 from brv_hypo.identification.record_errors import RecordErrors, Tolerated, record_errors
 from brv_hypo.identification.structure import input_course
@@ -143,7 +144,7 @@ def node_records(
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         count = (b - a) // size
-        if count < FEWEST_NODES:
+        if count < IDENTIFIED_FEWEST_NODES:
             continue
         local = np.arange(count * size).reshape(count, size)
         found.append(

@@ -13,18 +13,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    IDENTIFIED_FEWEST_NODES,
+    IDENTIFIED_LARGEST_BLOCK,
+    IDENTIFIED_PARTS,
+    IDENTIFIED_TURN,
+)
 from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.splines import running_integral
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
-
-FEWEST_NODES = 12
-LARGEST_BLOCK = 5
-_CLOSEST = 16
-_TURN = 0.5
-"""Angle (rad) that the meridian, or its rate times a delay, may turn by between two nodes."""
 
 
 def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, tolerance: float) -> int:
@@ -38,7 +38,7 @@ def block_size(frame: RateFrame, columns: Sequence[Column], values: FloatArray, 
     meridians = [Meridian(derolled_crossflow(frame, part), delays_of(columns)) for part in frame.segments]
     longest = max(segment.time.size for segment in frame.segments)
     size = 1
-    for trial in range(3, min(LARGEST_BLOCK, longest // FEWEST_NODES) + 1, 2):
+    for trial in range(3, min(IDENTIFIED_LARGEST_BLOCK, longest // IDENTIFIED_FEWEST_NODES) + 1, 2):
         for part, (a, b), meridian in zip(frame.segments, frame.pieces, meridians, strict=True):
             allowed = tolerance * frame.reconstructions[part.flight].gyro_sigma
             knots = knots_of(columns, frame.own_time(part.flight))
@@ -79,7 +79,7 @@ class Meridian:
     def parts(self, nodes: FloatArray) -> IntArray:
         """Into how many each interval is to be cut (n - 1,), 16 at most."""
         step = np.diff(nodes)
-        inside = nodes[:-1, None] + step[:, None] * np.linspace(0.0, 1.0, _CLOSEST + 1)
+        inside = nodes[:-1, None] + step[:, None] * np.linspace(0.0, 1.0, IDENTIFIED_PARTS + 1)
         xi, xi_rate = self.crossflow(inside), self.crossflow(inside, 1)
         rate = (xi_rate * np.conj(xi)).imag / np.maximum(np.abs(xi) ** 2, 1e-16)
         turned = np.max(np.abs(rate), axis=1) * step
@@ -88,7 +88,7 @@ class Meridian:
             earlier = np.floor(np.interp(nodes - delay, nodes, np.arange(nodes.size))).astype(np.int64)
             for place in (earlier[:-1], earlier[1:]):
                 wanted = np.maximum(wanted, turned[np.minimum(place, turned.size - 1)])
-        return np.asarray(np.clip(np.ceil(wanted / _TURN), 1, _CLOSEST), dtype=np.int64)
+        return np.asarray(np.clip(np.ceil(wanted / IDENTIFIED_TURN), 1, IDENTIFIED_PARTS), dtype=np.int64)
 
 
 def derolled_crossflow(frame: RateFrame, part: WeakSegment) -> CubicSpline:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import BENT, FREE_GRAVITY, IDENTIFIED_KNOT_REACH, IDENTIFIED_TOLERANCE
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
@@ -22,18 +23,12 @@ from brv_hypo.identification.structure import Structure, input_course, of_flight
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
-from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.wind import gravity_magnitude
 from brv_hypo.regression.frame import RateFrame
 
-_UNKNOWN_GRAVITY = 30.0
-_TOLERANCE = 0.1
-"""Last step, in standard errors; it is taken, and what it leaves is of its square."""
 _ROUNDING = 1e-9
-_KNOT_REACH = 3.0
-"""Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see
-the knot, and an unbounded step would throw it far."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -125,7 +120,7 @@ class Problem:
     @property
     def _knot_reach(self) -> float:
         """How far (s) a knot may move in one step: over a longer way the moment that jumps there changes."""
-        return _KNOT_REACH * min(record.context.block for record in self.records)
+        return IDENTIFIED_KNOT_REACH * min(record.context.block for record in self.records)
 
     def solve(
         self,
@@ -152,7 +147,7 @@ class Problem:
             first_noise=self.first_noise,
             derivatives="central",
             max_iterations=max_iterations or self.config.max_iterations,
-            tolerance=_TOLERANCE,
+            tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
             fixed=fixed,
             progress=progress,
@@ -218,7 +213,7 @@ def _nuisances(
     found: dict[str, tuple[float, float, float]] = {}
     for index in flights:
         reconstruction = frame.reconstructions[index]
-        size = gravity_magnitude(reconstruction.flight) or _UNKNOWN_GRAVITY
+        size = gravity_magnitude(reconstruction.flight) or FREE_GRAVITY
         for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
             found[of_flight(name, index)] = (min(max(value, -size), size), 0.0, size)
         for error in inputs[index].errors:

@@ -16,18 +16,15 @@ from scipy.interpolate import BSpline, CubicSpline
 from scipy.optimize import nnls
 
 from brv_hypo.arrays import FloatArray
-
-# Splines by which a Mach number falls (or rises) over a record: as many as the record needs, by BIC.
-_SPLINES = (4, 6, 8, 12, 16)
-# Means of neighbouring samples that are fitted, and that are asked whether they follow.
-_MEANS, _ASKED = 400, 40
-# Highest degree in its own time of what a flight's common time is tried as, and rounds of its least squares.
-_HIGHEST, _ROUNDS = 5, 4
-# Share of its range by which those may stray (rms) from what only falls or only rises, if Mach number is to tell time:
-# a fifth of what lies between two of the usual seven knots.
-STRAYING = 0.025
-# Slowest pace of a Mach number, over its mean pace: where it stands still, it does not tell time at all.
-_SLOWEST = 0.02
+from brv_hypo.constants import (
+    COMMON_ASKED,
+    COMMON_DEGREE,
+    COMMON_MEANS,
+    COMMON_ROUNDS,
+    COMMON_SLOWEST,
+    COMMON_SPLINES,
+    COMMON_STRAYING,
+)
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,7 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
     """The common time of flights, each told by its time (n,) s and measured Mach number (n,).
 
     In words why not, where Mach number does not tell time: where a flight has none, or one that neither only falls nor
-    only rises (see `STRAYING`), or where it falls on one flight and rises on another.
+    only rises (see `COMMON_STRAYING`), or where it falls on one flight and rises on another.
     """
     smooth = []
     for number, (time, mach) in enumerate(records, start=1):
@@ -132,7 +129,7 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
 def _beside(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> OwnTime:
     """A flight with its time (n,) s, measured and smooth Mach number (n,), in the reference flight's time."""
     raw = _time_of(mach, reference.time, reference.mach)
-    means = _means(time, measured, _MEANS)
+    means = _means(time, measured, COMMON_MEANS)
     of_means = means[:, 0]
     smoother = _smoother(
         means, np.interp(of_means, time, raw), np.interp(of_means, time, mach), reference.time, reference.mach
@@ -150,14 +147,14 @@ def _smoother(
     """
     inside = (raw > time[0]) & (raw < time[-1])
     at, seen = means[inside].T
-    if at.size <= 2 * _HIGHEST:
+    if at.size <= 2 * COMMON_DEGREE:
         return None
     pace = np.gradient(reference, time)
     weight = np.abs(np.interp(raw[inside], time, pace))
-    best, found = _bic(_squares(seen - own[inside]), at.size, _HIGHEST + 2), None
-    for degree in range(_HIGHEST + 1):
+    best, found = _bic(_squares(seen - own[inside]), at.size, COMMON_DEGREE + 2), None
+    for degree in range(COMMON_DEGREE + 1):
         powers = Polynomial.fit(at, raw[inside] - at, degree, w=weight)
-        for _ in range(_ROUNDS):
+        for _ in range(COMMON_ROUNDS):
             common = at + powers(at)
             left = seen - np.interp(common, time, reference)
             powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=weight)
@@ -209,23 +206,23 @@ def running(time: FloatArray, mach: FloatArray) -> FloatArray | None:
     Least squares of monotone splines (Ramsay, Statistical Science 3:425, 1988), as many as their BIC wants.
     """
     place = (time - time[0]) / (time[-1] - time[0])
-    means = _means(place, mach, _MEANS)
+    means = _means(place, mach, COMMON_MEANS)
     sign = float(np.sign(means[-1, 1] - means[0, 1]))
     if sign == 0.0:
         return None
-    fits = [_monotone(means, sign, count) for count in _SPLINES if 2 * count <= len(means)]
+    fits = [_monotone(means, sign, count) for count in COMMON_SPLINES if 2 * count <= len(means)]
     if not fits:
         return None
     _, best = min(fits, key=lambda fit: fit[0])
     smooth = best(place)
-    stray = _means(place, mach - smooth, _ASKED)[:, 1]
-    return smooth if np.sqrt(np.mean(stray**2)) <= STRAYING * abs(smooth[-1] - smooth[0]) else None
+    stray = _means(place, mach - smooth, COMMON_ASKED)[:, 1]
+    return smooth if np.sqrt(np.mean(stray**2)) <= COMMON_STRAYING * abs(smooth[-1] - smooth[0]) else None
 
 
 def _monotone(means: FloatArray, sign: float, count: int) -> tuple[float, Callable[[FloatArray], FloatArray]]:
     """BIC and the function of place of the best curve through means (n, 2) whose slope has one sign everywhere."""
     place, mach = means.T
-    slowest = _SLOWEST * (mach[-1] - mach[0]) / (place[-1] - place[0])
+    slowest = COMMON_SLOWEST * (mach[-1] - mach[0]) / (place[-1] - place[0])
     knots = np.concatenate([[0.0] * 2, np.linspace(0.0, 1.0, count - 1), [1.0] * 2])
     rises = BSpline(knots, np.eye(count), 2).antiderivative()
     design = np.column_stack([np.ones(place.size), sign * rises(place)])

@@ -14,19 +14,10 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebval, chebvander
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import BENT, SCHEDULE_LENGTH, SCHEDULE_MOST, SCHEDULE_NOTHING, SCHEDULE_SMALLEST
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.motion import Motion
-
-# Standard deviation of the slope's change along Mach numbers, over its mean, and the ratio of Mach numbers, as a
-# logarithm, over which it changes: blunt and slender shapes change by such shares within a doubling.
-RELATIVE = 1.0
-LENGTH = 0.7
-# Shares of the first term's prior, and of the process's own size, below which a term says nothing; the most of them.
-_SMALLEST = 3e-3
-_NOTHING = 1e-3
-_MOST = 24
 
 
 class SlopeSchedule(Mechanism):
@@ -72,11 +63,12 @@ class SlopeSchedule(Mechanism):
     @property
     def sizes(self) -> FloatArray:
         """Prior sigmas (cosines,) of the slope's terms in 1/rad; none where the range is too narrow for any."""
-        waves = np.pi * np.arange(1, _MOST + 1) / self._range
-        rate = np.sqrt(5.0) / LENGTH
+        waves = np.pi * np.arange(1, SCHEDULE_MOST + 1) / self._range
+        rate = np.sqrt(5.0) / SCHEDULE_LENGTH
         density = 16.0 / 3.0 * rate**5 / (rate**2 + waves**2) ** 3
         sigmas = self.size * np.sqrt(2.0 / self._range * density)
-        return np.asarray(sigmas[sigmas > max(_SMALLEST * sigmas[0], _NOTHING * self.size)], dtype=float)
+        least = max(SCHEDULE_SMALLEST * sigmas[0], SCHEDULE_NOTHING * self.size)
+        return np.asarray(sigmas[sigmas > least], dtype=float)
 
     def _cosine(self, motion: Motion) -> FloatArray:
         """cos(pi x) of each sample; the cosines of multiples are Chebyshev polynomials of it."""

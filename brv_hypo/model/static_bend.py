@@ -7,14 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from brv_hypo.constants import BEND_DRIFT, BENT
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import scaled
-from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.motion import Motion
-
-# What the bend changes by, of itself (1 sigma), between the ends of a flight: about what slopes do.
-_DRIFT = 0.5
 
 Quantity = Literal["time", "mach", "speed"]
 
@@ -50,7 +47,7 @@ class StaticBend(Mechanism):
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad^3) of each coefficient."""
         bend = abs(self.slope) / BENT**2
-        return (bend,) if self.drift is None else (bend, _DRIFT * bend)
+        return (bend,) if self.drift is None else (bend, BEND_DRIFT * bend)
 
     def of_each_flight(self, flight: Flight) -> bool:
         """Never: the bend is the design's."""

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from brv_hypo.constants import FASTEST_RATE, LARGEST_MOMENT, LEAST_SWING
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-
-FASTEST_RATE = 1e3
-"""rad/s; ten thousand turns a minute is beyond any entry body and most gyros."""
-LARGEST_MOMENT = 1.0
-"""A moment coefficient that no vehicle exceeds."""
 
 
 def require_answerable(flight: Flight) -> None:
@@ -31,7 +27,7 @@ def require_answerable(flight: Flight) -> None:
     duration = float(flight.time[-1] - flight.time[0])
     pressure = float(np.max(flight.dynamic_pressure))
     swing = LARGEST_MOMENT * pressure * flight.vehicle.moment_scale * duration
-    if swing < 1e-3 * motion:
+    if swing < LEAST_SWING * motion:
         raise UnanswerableError(
             f"dynamic pressure is at most {pressure:.3g} Pa: even a moment coefficient of "
             f"{LARGEST_MOMENT:.0f} would change the rates by only {swing:.1g} rad/s. The vehicle is not yet in "

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import AXIAL_SEEN
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
-
-# Squares of standard errors by which the coefficient has to change, beside what the accelerometers err by.
-_SEEN = 25.0
 
 
 def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
@@ -31,7 +29,7 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     # With the changes last, the triangle's last rows hold what of them is beyond all others.
     others = [0, *range(count, columns.shape[1])]
     _, triangle = np.linalg.qr(rows[:, [*others, *range(1, count)]])
-    if not changes or float(np.sum((triangle[len(others) :, len(others) :] @ values[1:count]) ** 2)) < _SEEN:
+    if not changes or float(np.sum((triangle[len(others) :, len(others) :] @ values[1:count]) ** 2)) < AXIAL_SEEN:
         return None
     return np.asarray(coefficient / np.median(coefficient), dtype=float)
 

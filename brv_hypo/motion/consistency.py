@@ -24,51 +24,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import (
+    TRIAL_ALTITUDE_DEGREE,
+    TRIAL_ANY_SPEED,
+    TRIAL_AXIAL_REACH,
+    TRIAL_AXIAL_SAMPLES,
+    TRIAL_AXIAL_SPREAD,
+    TRIAL_AXIAL_STEPS,
+    TRIAL_DENSITY_SPREAD,
+    TRIAL_FEWEST_SAMPLES,
+    TRIAL_FURTHER_MISTAKE,
+    TRIAL_GRAVITY,
+    TRIAL_GRAVITY_DOUBT,
+    TRIAL_GRAVITY_UNKNOWN,
+    TRIAL_KEPT,
+    TRIAL_LIFT_DOUBT,
+    TRIAL_MOST_OF_NOISE,
+    TRIAL_MOST_PER_CHECK,
+    TRIAL_MOST_SAMPLES,
+    TRIAL_NOISE_SPREAD,
+    TRIAL_NORMAL_SLOPE,
+    TRIAL_NORMAL_SPREAD,
+    TRIAL_STEADY,
+    TRIAL_TOO_NOISY,
+    TRIAL_WIND,
+    TRIAL_WIND_MEMORY,
+    TRIAL_WIND_TOLERANCES,
+)
 from brv_hypo.flight.derive import standard_density
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.motion.corrections import Correction
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.wind import gravity_magnitude
-
-# A segment is judged where it is this long, and thinned to so many samples.
-FEWEST_SAMPLES = 64
-MOST_SAMPLES = 300  # bounds the time
-# Below these shares of what is to be explained a relation counts as kept: mechanisms act on moments, and leave more
-# of the second and third.
-KEPT = np.array([0.002, 0.1, 0.1])
-# A relation tells nothing where noise is this share of what is to be explained, or more.
-TOO_NOISY = 0.3
-# Of any body: slope of the normal force per rad, on the base area; its spread as a factor e^x; hard limits.
-NORMAL_SLOPE = 1.2
-NORMAL_SPREAD = 1.3  # of the logarithm: slopes from 0.3 to 4.4 within one sigma
-NORMAL_LIMITS = (0.02, 40.0)  # per rad
-# 1-sigma of the wind along the path, m/s: at least this, or so many tolerances of the flight; it keeps to itself over
-# this share of a segment. Airspeed shows its changes as if they were decelerations.
-WIND = 10.0
-WIND_TOLERANCES = 2.0  # times the record's tolerance on the wind
-WIND_MEMORY = 0.5  # share of a segment's length
-# 1-sigma share of gravity along the path: what the altitude leaves open, and what is open where there is none.
-GRAVITY_DOUBT = 0.2
-GRAVITY_UNKNOWN = 1.0  # share of gravity: as large as itself
-# 1-sigma of the deceleration by lift, in what it is where the normal force has the slope of any body.
-LIFT_DOUBT = 1.0
-# 1-sigma of the speed that a segment starts with, m/s, which is left open; samples that tell the deceleration.
-ANY_SPEED = 1e3
-AXIAL_SAMPLES = 60  # the time goes with their cube
-# Spread of the logarithm: of sensed over true deceleration; of the density of the day; of noise in a triad.
-AXIAL_SPREAD = 0.25
-DENSITY_SPREAD = 0.35  # of the density of the day: a factor 1.4 either way
-NOISE_SPREAD = 0.5  # of noise among the three of a triad
-# A constant transverse force may be this many times what swings, and 1 m/s^2, before it counts against a record.
-STEADY = 3.0
-# Logarithms of the ratio of decelerations that are tried: up to so many spreads.
-AXIAL_REACH = 4.0 * AXIAL_SPREAD
-AXIAL_STEPS = 41  # trial values, a fifth of a spread apart
-# Each further mistake in one record is less likely by a factor e^x.
-EACH_FURTHER_MISTAKE = 1.5
-# No single check counts for more than this (in units of -ln likelihood).
-MOST_PER_CHECK = 6.0
 
 
 @dataclass(frozen=True)
@@ -122,13 +110,13 @@ class Consistency:
     def better_than(self, other: Consistency) -> float:
         """By how much ln likelihood is higher, over the relations that can be judged under both."""
         both = self.informative & other.informative
-        logs = [np.log(np.maximum(one.left, np.maximum(KEPT, one.noise))) for one in (other, self)]
+        logs = [np.log(np.maximum(one.left, np.maximum(TRIAL_KEPT, one.noise))) for one in (other, self)]
         return float(np.sum((logs[0] - logs[1])[both])) + other.cost - self.cost
 
 
 def made_ready(flight: Flight) -> Record:
     """The segments of a flight that are long enough, with rates differentiated once for all corrections."""
-    segments = tuple(piece for piece in flight.segments if piece[1] - piece[0] >= FEWEST_SAMPLES)
+    segments = tuple(piece for piece in flight.segments if piece[1] - piece[0] >= TRIAL_FEWEST_SAMPLES)
     rates = np.stack([flight.p, flight.q, flight.r])
     forces = np.stack([flight.ax, flight.ay, flight.az])
     rate_sigma = np.array([white_noise_level(channel, flight.segments) for channel in rates])
@@ -159,8 +147,8 @@ def made_ready(flight: Flight) -> Record:
         rate_sigma=rate_sigma,
         force_sigma=force_sigma,
         velocity_sigma=white_noise_level(flight.velocity, flight.segments),
-        wind_sigma=max(WIND, WIND_TOLERANCES * max(flight.instruments.wind)),
-        gravity=gravity_magnitude(flight) or 10.0,
+        wind_sigma=max(TRIAL_WIND, TRIAL_WIND_TOLERANCES * max(flight.instruments.wind)),
+        gravity=gravity_magnitude(flight) or TRIAL_GRAVITY,
     )
 
 
@@ -174,7 +162,7 @@ def consistency(record: Record, correction: Correction) -> Consistency:
     total = np.sum([tally.squares for tally in tallies], axis=0) if tallies else np.zeros((3, 3))
     size = np.maximum(total[:, 0], 1e-300)
     noise = total[:, 2] / size
-    informative = (total[:, 0] > 0.0) & (noise < TOO_NOISY)
+    informative = (total[:, 0] > 0.0) & (noise < TRIAL_TOO_NOISY)
     left = np.where(informative, np.clip(total[:, 1] / size, 0.0, 1.0), 1.0)
     slope = _mean_slope(tallies) if informative[0] else None
     if slope is not None and slope <= 0.0:
@@ -188,7 +176,7 @@ def consistency(record: Record, correction: Correction) -> Consistency:
         + _of_steady(max((tally.steady for tally in tallies), default=0.0))
         + _of_noise(rate_sigma)
         + _of_noise(force_sigma)
-        + EACH_FURTHER_MISTAKE * max(correction.changes - 1, 0)
+        + TRIAL_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Consistency(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
 
@@ -264,7 +252,7 @@ def _tally(record: Record, piece: Readings, rate_sigma: FloatArray, force_sigma:
             (third.size, third.left, 2.0 * rate_noise * third.rows),
         ]
     )
-    steady = abs(complex(np.mean(force))) / (STEADY * float(np.std(force)) + 1.0)
+    steady = abs(complex(np.mean(force))) / (TRIAL_STEADY * float(np.std(force)) + 1.0)
     return _Tally(squares, first.slope, steady)
 
 
@@ -297,7 +285,7 @@ class _Fit:
 
 def _fit(observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[ComplexArray]) -> _Fit:
     """`observed` by real slopes, after complex nuisances."""
-    every = max(1, observed.size // MOST_SAMPLES)
+    every = max(1, observed.size // TRIAL_MOST_SAMPLES)
     table = np.stack([*nuisances, *(1j * column for column in nuisances), *slopes, observed], axis=1)[::every]
     rows = np.concatenate([table.real, table.imag])
     count = 2 * len(nuisances)
@@ -326,17 +314,17 @@ def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tu
     """
     information, right = 0.0, 0.0
     for piece in pieces:
-        every = max(1, piece.time.size // AXIAL_SAMPLES)
+        every = max(1, piece.time.size // TRIAL_AXIAL_SAMPLES)
         time = piece.time[::every]
-        change, doubt = piece.velocity - piece.velocity[0], GRAVITY_UNKNOWN
+        change, doubt = piece.velocity - piece.velocity[0], TRIAL_GRAVITY_UNKNOWN
         if piece.altitude is not None:
             fall = np.gradient(_slowly(piece.altitude), piece.time)
             change = change + record.gravity * _running(piece.time, fall / piece.velocity)
-            doubt = GRAVITY_DOUBT
-        apart = np.abs(time[:, None] - time) / (WIND_MEMORY * time[-1])
-        covariance = record.wind_sigma**2 * np.exp(-apart) + ANY_SPEED**2
+            doubt = TRIAL_GRAVITY_DOUBT
+        apart = np.abs(time[:, None] - time) / (TRIAL_WIND_MEMORY * time[-1])
+        covariance = record.wind_sigma**2 * np.exp(-apart) + TRIAL_ANY_SPEED**2
         covariance += (doubt * record.gravity) ** 2 * np.outer(time, time)
-        lift = LIFT_DOUBT * _slowed_by_lift(record.flight.vehicle, piece)[::every]
+        lift = TRIAL_LIFT_DOUBT * _slowed_by_lift(record.flight.vehicle, piece)[::every]
         covariance += np.outer(lift, lift)
         covariance += (record.velocity_sigma * correction.air[0]) ** 2 * np.eye(time.size)
         sensed = _running(piece.time, piece.forces[0])[::every]
@@ -351,7 +339,7 @@ def _axial(record: Record, pieces: list[Readings], correction: Correction) -> tu
 def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
     """Speed (n,) m/s that the normal force takes: f^2 over q_inf S C_N / m, and never more than f."""
     normal = np.hypot(piece.forces[1], piece.forces[2])
-    stiffness = NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
+    stiffness = TRIAL_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
     angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
     return _running(piece.time, normal * angle)
 
@@ -362,9 +350,9 @@ def _running(time: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _slowly(values: FloatArray) -> FloatArray:
-    """A cubic through `values` (n,): altitude is noisy, and its rate changes slowly."""
+    """A polynomial through `values` (n,): altitude is noisy, and its rate changes slowly."""
     place = np.linspace(-1.0, 1.0, values.size)
-    return np.asarray(np.polyval(np.polyfit(place, values, 3), place), dtype=np.float64)
+    return np.asarray(np.polyval(np.polyfit(place, values, TRIAL_ALTITUDE_DEGREE), place), dtype=np.float64)
 
 
 def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
@@ -388,23 +376,23 @@ def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
 def _of_normal(slope: float | None) -> float:
     if slope is None:
         return 0.0
-    return min(0.5 * float(np.log(slope / NORMAL_SLOPE) / NORMAL_SPREAD) ** 2, MOST_PER_CHECK)
+    return min(0.5 * float(np.log(slope / TRIAL_NORMAL_SLOPE) / TRIAL_NORMAL_SPREAD) ** 2, TRIAL_MOST_PER_CHECK)
 
 
 def _of_steady(size: float) -> float:
     """What a constant force in the body costs: a wrong roll rate or lever arm makes one out of nothing."""
-    return min(0.5 * float(np.log(max(size, 1.0))) ** 2, MOST_PER_CHECK)
+    return min(0.5 * float(np.log(max(size, 1.0))) ** 2, TRIAL_MOST_PER_CHECK)
 
 
 def _of_axial(ratio: float, sigma: float) -> float:
     """What a deceleration of `ratio` to that sensed costs: shared by an error of scale and by wind and gravity."""
-    logs = np.linspace(-AXIAL_REACH, AXIAL_REACH, AXIAL_STEPS)
-    costs = 0.5 * (logs / AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
-    return min(float(np.min(costs)), MOST_PER_CHECK)
+    logs = np.linspace(-TRIAL_AXIAL_REACH, TRIAL_AXIAL_REACH, TRIAL_AXIAL_STEPS)
+    costs = 0.5 * (logs / TRIAL_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
+    return min(float(np.min(costs)), TRIAL_MOST_PER_CHECK)
 
 
 def _of_pressure(ratio: float | None) -> float:
-    return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / DENSITY_SPREAD) ** 2, MOST_PER_CHECK)
+    return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / TRIAL_DENSITY_SPREAD) ** 2, TRIAL_MOST_PER_CHECK)
 
 
 def _of_noise(sigma: FloatArray) -> float:
@@ -412,4 +400,4 @@ def _of_noise(sigma: FloatArray) -> float:
     if not np.all(sigma > 0.0):
         return 0.0
     logs = np.log(sigma)
-    return min(0.5 * float(np.sum((logs - np.median(logs)) ** 2)) / NOISE_SPREAD**2, 0.5 * MOST_PER_CHECK)
+    return min(0.5 * float(np.sum((logs - np.median(logs)) ** 2)) / TRIAL_NOISE_SPREAD**2, TRIAL_MOST_OF_NOISE)

@@ -11,16 +11,18 @@ from numpy.polynomial.legendre import legder, legval, legvander
 from scipy.signal import oaconvolve, savgol_filter
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import (
+    DERIVATIVE_BIAS_COUNTS,
+    DERIVATIVE_CORRELATED,
+    DERIVATIVE_DOUBT,
+    DERIVATIVE_ORDERS,
+    DERIVATIVE_PAST_VALLEY,
+    DERIVATIVE_WIDENING,
+    DERIVATIVE_WINDOWS,
+)
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
-_ORDERS = (2, 4, 6)  # degrees of the local polynomials that are tried
-# Squared bias is weighed so much against variance: later statistics know the variance, but not the bias.
-_BIAS_COUNTS = 16.0
-_PAST_VALLEY = 3.0  # times the least error so far: wider windows of this degree only lose
-# Standard errors by which the bias against a noisy reference must show, and how far its noise is correlated.
-_DOUBT = 4.0
-_CORRELATED = 4.0  # samples
 # Weights from which on a filter is quicker by Fourier transforms.
 _WIDE = 400
 
@@ -154,20 +156,20 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     """
     longest = max(piece.size for piece in pieces)
     parts = [_real_parts(piece) for piece in pieces]
-    best, choice = np.inf, (_ORDERS[0], 1, 0.0)
-    for order in _ORDERS:
+    best, choice = np.inf, (DERIVATIVE_ORDERS[0], 1, 0.0)
+    for order in DERIVATIVE_ORDERS:
         valley = np.inf
         for half_width in _half_widths(order // 2 + 1, longest):
             against = _differences(order, half_width)
             bias = max(
                 _squared_bias(parts, difference, sigma, margin)
-                for difference, margin in zip(against, (0.0, _DOUBT), strict=True)
+                for difference, margin in zip(against, (0.0, DERIVATIVE_DOUBT), strict=True)
             )
             weights = _middle(order, half_width)
-            error = _BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
+            error = DERIVATIVE_BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
             if error < best:
                 best, choice = error, (order, half_width, bias)
-            if error > _PAST_VALLEY * (valley := min(valley, error)):
+            if error > DERIVATIVE_PAST_VALLEY * (valley := min(valley, error)):
                 break
     return choice
 
@@ -181,7 +183,7 @@ def _real_parts(piece: ComplexArray) -> tuple[FloatArray, FloatArray | None]:
 def _half_widths(smallest: int, longest: int) -> list[int]:
     """Half-widths in steps of about a quarter, the window at most a fifth of the longest piece."""
     widths, width = [smallest], float(smallest)
-    while 2 * int(width := max(width + 1.0, 1.25 * width)) + 1 <= longest // 5:
+    while 2 * int(width := max(width + 1.0, DERIVATIVE_WIDENING * width)) + 1 <= longest // DERIVATIVE_WINDOWS:
         widths.append(int(width))
     return widths
 
@@ -190,7 +192,7 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
 def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
     """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
     weights = _middle(order, half_width)
-    narrowest = _middle(_ORDERS[-1], _ORDERS[-1] // 2)
+    narrowest = _middle(DERIVATIVE_ORDERS[-1], DERIVATIVE_ORDERS[-1] // 2)
     found = []
     for reference in (_middle(order + 2, half_width), narrowest):
         widest = max(weights.size, reference.size)
@@ -211,4 +213,4 @@ def _squared_bias(
             power += sum(float(gap @ gap) for gap in gaps)
     noise = 2.0 * sigma**2 * float(difference @ difference)
     excess = power / count - noise
-    return excess if excess > margin * noise * np.sqrt(_CORRELATED / count) else 0.0
+    return excess if excess > margin * noise * np.sqrt(DERIVATIVE_CORRELATED / count) else 0.0

@@ -14,22 +14,20 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import RESPONSE_PER_CYCLE, RESPONSE_STEP
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.differentiation import differentiate
 from brv_hypo.motion.frames import windward_meridian
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
-from brv_hypo.motion.kept_rows import PER_CYCLE, KeptRows, all_rows, blocks, kept_rows, spacing
+from brv_hypo.motion.kept_rows import KeptRows, all_rows, blocks, kept_rows, spacing
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed
 from brv_hypo.motion.splines import running_integral
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
-# Width of differences, in standard deviations: what is of second order in it would tell apart errors that the record
-# cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later, and else nothing).
-STEP = 1e-2
 # Samples of perturbed records that are held at once, some 200 bytes each.
 AT_ONCE = 60_000
 MOST_NAMED = 3  # errors told where none can be taken out
@@ -148,7 +146,9 @@ def effect_responses(
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         both = [
-            effect.apply(smooth.flight, sign * 0.5 * STEP * effect.size) for sign in (1.0, -1.0) for effect in some
+            effect.apply(smooth.flight, sign * 0.5 * RESPONSE_STEP * effect.size)
+            for sign in (1.0, -1.0)
+            for effect in some
         ]
         records = perturbed(smooth, both)
         drifts = kept.of(_drift(smooth, crossflow, records))
@@ -158,7 +158,7 @@ def effect_responses(
             forces.add(k, more.transverse_force - less.transverse_force)
             pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
             moments.add(k, more.moment - less.moment)
-    drift /= STEP
+    drift /= RESPONSE_STEP
     return EffectResponses(
         tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)
     )
@@ -169,7 +169,7 @@ def _kept(record: InertialRecord, crossflow: ComplexArray) -> KeptRows:
     flight = record.flight
     edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
     rate = np.gradient(np.unwrap(windward_meridian(crossflow)), flight.time)
-    return kept_rows(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, PER_CYCLE))
+    return kept_rows(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, RESPONSE_PER_CYCLE))
 
 
 class _Gathered:
@@ -189,7 +189,7 @@ class _Gathered:
         which = np.array(list(self._found), dtype=np.int64)
         values: Any = np.empty((self._kept.size, which.size), dtype=kind, order="F")
         for place, effect in enumerate(which.tolist()):
-            np.divide(self._found.pop(effect), STEP, out=values[:, place])
+            np.divide(self._found.pop(effect), RESPONSE_STEP, out=values[:, place])
         return Responses(which, self._kept, values)
 
 

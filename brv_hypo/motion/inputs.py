@@ -9,6 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import (
+    DENSITY_LEAST,
+    DENSITY_PASSES,
+    INPUT_FEWEST_SHAPES,
+    INPUT_FOLLOWED,
+    INPUT_MOST_SHAPES,
+    INPUT_TOLD,
+)
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.attitude import derolled_attitude
 from brv_hypo.motion.differentiation import differentiate
@@ -18,15 +26,6 @@ from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError, Smooth, smoothed, unsmoothed
 from brv_hypo.motion.splines import running_integral
-
-_PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
-_LEAST_DENSITY = 1e-3
-"""Of the largest: where the pressure is lost in its noise its logarithm means nothing."""
-
-# Shapes of an input's error, and the size in the rates' noise down to which they are told.
-_FEWEST_SHAPES, _MOST_SHAPES, _TOLD = 10, 40, 0.5
-# What a spline that follows its input may leave, in white noise of the channel.
-_FOLLOWED = 1.2
 
 ROLL_RATE = "roll rate noise"
 PRESSURE = "pressure noise"
@@ -71,10 +70,10 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
         speed, pressure = filtered.velocity, Smooth(filtered.dynamic_pressure, unsmoothed(flight.samples, noise))
     # An error of the roll rate turns the body's axes by its integral, one of the pressure changes moments at once.
     span = (float(flight.time[0]), float(flight.time[-1]))
-    order = np.asarray(np.pi * (np.arange(_MOST_SHAPES) + 1.0) / (span[1] - span[0]), dtype=float)
+    order = np.asarray(np.pi * (np.arange(INPUT_MOST_SHAPES) + 1.0) / (span[1] - span[0]), dtype=float)
     errors = (
         InputError(ROLL_RATE, span, telling(roll_rate.scale, 1.0 / order, reconstruction)),
-        InputError(PRESSURE, span, telling(pressure.scale, np.ones(_MOST_SHAPES), reconstruction)),
+        InputError(PRESSURE, span, telling(pressure.scale, np.ones(INPUT_MOST_SHAPES), reconstruction)),
     )
     return SmoothInputs(roll_rate.values, roll, axes, speed, pressure.values, errors)
 
@@ -89,16 +88,16 @@ def _roll_rate(flight: Flight) -> Smooth:
 
 
 def telling(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
-    """The shapes (coefficients, shapes), of at most `_MOST_SHAPES`, up to the last that the rates tell from noise.
+    """The shapes (coefficients, shapes), of at most `INPUT_MOST_SHAPES`, up to the last that the rates tell from noise.
 
     A shape changes the transverse rates by a `share` (shapes,) of them times its own size.
     """
     motion = reconstruction.motion
     rates = float(np.sqrt(np.mean(motion.q**2 + motion.r**2)))
     noise = reconstruction.gyro_sigma / np.sqrt(motion.time.size)
-    size = np.sqrt(np.mean(scale[:, :_MOST_SHAPES] ** 2, axis=0))
-    told = np.flatnonzero(size * share[: size.size] * rates > _TOLD * noise)
-    return scale[:, : max(int(told[-1]) + 1 if told.size else 0, _FEWEST_SHAPES)]
+    size = np.sqrt(np.mean(scale[:, :INPUT_MOST_SHAPES] ** 2, axis=0))
+    told = np.flatnonzero(size * share[: size.size] * rates > INPUT_TOLD * noise)
+    return scale[:, : max(int(told[-1]) + 1 if told.size else 0, INPUT_FEWEST_SHAPES)]
 
 
 def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
@@ -113,7 +112,7 @@ def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
     """Whether a spline leaves no more than white noise, which may grow with the channel: its differences tell."""
     left = [(measured - smooth)[a:b] for a, b in flight.segments]
     white = float(np.std(np.concatenate([np.diff(each) for each in left]))) / np.sqrt(2.0)
-    return bool(np.std(np.concatenate(left)) <= _FOLLOWED * white)
+    return bool(np.std(np.concatenate(left)) <= INPUT_FOLLOWED * white)
 
 
 def with_smooth_air(flight: Flight) -> Flight:
@@ -205,8 +204,8 @@ def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
     """
     measured = flight.dynamic_pressure / speed**2
     density = smoothed(measured).values
-    density = np.maximum(density, _LEAST_DENSITY * float(np.max(density)))
-    for _ in range(_PASSES):
+    density = np.maximum(density, DENSITY_LEAST * float(np.max(density)))
+    for _ in range(DENSITY_PASSES):
         slow = smoothed(np.log(density) + measured / density - 1.0 + risen, density * speed**2)
         found = replace(slow, values=slow.values - risen)
         density = np.exp(np.clip(found.values, np.log(density) - 1.0, np.log(density) + 1.0))

@@ -1,8 +1,8 @@
 """What is as slow as the motion, kept on as many samples as the motion needs.
 
 What an error of the record does follows the motion. Where samples are many to a cycle, all of it follows from every so
-many-th sample by Lagrange's polynomial through the six nearest; with `PER_CYCLE` a cycle that errs by 2e-6, at the
-ends by 1e-5, of what varies with the fastest motion.
+many-th sample by Lagrange's polynomial through the six nearest; with `RESPONSE_PER_CYCLE` a cycle that errs by 2e-6, at
+the ends by 1e-5, of what varies with the fastest motion.
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import RESPONSE_FASTEST
 from brv_hypo.motion.lagrange import NEAREST, lagrange
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
-# Samples that a cycle of the fastest motion keeps.
-PER_CYCLE = 24
 # Samples up to which all are kept.
 _MOST_KEPT = 20_000
 # Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
@@ -37,7 +36,7 @@ def blocks(samples: int) -> list[slice]:
 
 def spacing(meridian_rate: FloatArray, roll_rate: FloatArray, step: float, per_cycle: int) -> int:
     """Samples from one to the next where a cycle of the fastest motion has `per_cycle`; rates (n,) rad/s, step s."""
-    fastest = float(np.percentile(np.abs(meridian_rate), 95.0)) + float(np.max(np.abs(roll_rate)))
+    fastest = float(np.percentile(np.abs(meridian_rate), RESPONSE_FASTEST)) + float(np.max(np.abs(roll_rate)))
     return max(1, int(2.0 * np.pi / (fastest * step * per_cycle)))
 
 
@@ -46,7 +45,7 @@ def turning(meridian_rate: FloatArray, roll_rate: FloatArray, step: float) -> fl
 
     What is fixed to the body turns as well.
     """
-    crossflow = float(np.percentile(np.abs(roll_rate - meridian_rate), 95.0))
+    crossflow = float(np.percentile(np.abs(roll_rate - meridian_rate), RESPONSE_FASTEST))
     return max(crossflow, float(np.max(np.abs(roll_rate)))) * step
 
 

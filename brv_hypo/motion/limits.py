@@ -6,16 +6,13 @@ import itertools
 
 import numpy as np
 
+from brv_hypo.constants import WARNED_ALPHA, WARNED_GRAVITY, WARNED_MOMENTS, WARNED_PER_CYCLE
 from brv_hypo.flight.resample import longest_crossed
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods import WindHistory
 from brv_hypo.motion.reconstruction import MomentEstimate
 from brv_hypo.motion.wind import gravity_magnitude
-
-_FEW_SAMPLES = 20.0  # a cycle of the oscillation, below which a warning says so
-_POORLY_KNOWN = 0.1  # sigma of alpha over its rms, above which a warning says so
-_NOISY_MOMENTS = 0.2  # noise of the moments over their rms, above which a warning says so
 
 
 def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
@@ -50,7 +47,7 @@ def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
     alpha = angle_of_attack(wind.crossflow)[record.measured]
     sigma = wind.alpha_sigma[record.measured]
     share = float(np.sqrt(np.mean(sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
-    if share < _POORLY_KNOWN:
+    if share < WARNED_ALPHA:
         return None
     return (
         f"the angle of attack is known to {100.0 * share:.0f} % of its rms only; a longer window, or one of "
@@ -63,7 +60,7 @@ def _moment_noise(moments: MomentEstimate) -> str | None:
         return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
     size = float(np.sqrt(np.mean(np.abs(moments.body[moments.usable]) ** 2) / 2.0))
     share = float(np.sqrt(np.mean(moments.noise_sigma[moments.usable] ** 2))) / max(size, 1e-300)
-    if share < _NOISY_MOMENTS:
+    if share < WARNED_MOMENTS:
         return None
     percent = 100.0 * share
     return f"gyro noise makes {percent:.0f} % of the moments' rms; only strong mechanisms can be told apart"
@@ -78,7 +75,7 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
     if power <= 0.0:
         return "the transverse rates hold nothing but noise"
     step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
-    if 2.0 * np.pi > _FEW_SAMPLES * step:
+    if 2.0 * np.pi > WARNED_PER_CYCLE * step:
         return None
     return (
         f"about {2.0 * np.pi / step:.0f} samples per cycle of the oscillation at "
@@ -90,7 +87,7 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
 def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
     expected = gravity_magnitude(record.flight)
     found = float(np.linalg.norm(wind.gravity))
-    if expected is None or found == 0.0 or found < 2.0 * expected:
+    if expected is None or found == 0.0 or found < WARNED_GRAVITY * expected:
         return None
     return (
         f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import NOISE_STILL
 from brv_hypo.flight.noise import sigma_of_differences
 
 
@@ -56,6 +57,6 @@ def _quantisation(channel: FloatArray) -> float:
     """Standard deviation of rounding to the channel's smallest step, or to double precision."""
     steps = np.abs(np.diff(channel))
     steps = steps[steps > 0.0]
-    still = steps.size < 0.5 * max(channel.size - 1, 1)
+    still = steps.size < NOISE_STILL * max(channel.size - 1, 1)
     smallest = float(steps.min()) if steps.size and still else 0.0
     return max(smallest / math.sqrt(12.0), 1e-12 * float(np.max(np.abs(channel), initial=1.0)))

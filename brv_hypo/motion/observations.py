@@ -18,14 +18,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import TIE_ENDS, TIE_MOST_STRETCH
 from brv_hypo.motion.effect_responses import EffectResponses, Responses
 from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
-
-# Samples at the ends of a segment that tie nothing: what a late clock makes of them lies outside the record.
-_END = 4
-# The most by which an observation is stretched where it hardly changes along the crossflow: it says little there.
-_MOST_STRETCH = 4.0
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ class TieModel:
         along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
         factor = across / np.where(along == 0.0, 1e-300, along)
         turn = xi / np.maximum(np.abs(xi), 1e-12)
-        return Stretch(np.where(factor > 0.0, np.minimum(factor, _MOST_STRETCH), _MOST_STRETCH), turn**2)
+        return Stretch(np.where(factor > 0.0, np.minimum(factor, TIE_MOST_STRETCH), TIE_MOST_STRETCH), turn**2)
 
     def add_effects(self, columns: ComplexArray, rows: slice, tied: ComplexArray) -> None:
         """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
@@ -186,5 +182,5 @@ def _inside(record: InertialRecord) -> BoolArray:
     """Where the instruments were read (n,), less the ends of the segments."""
     inside = np.zeros(record.time.size, dtype=bool)
     for start, stop in record.flight.segments:
-        inside[start + _END : stop - _END] = True
+        inside[start + TIE_ENDS : stop - TIE_ENDS] = True
     return inside

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import NODE_HALVINGS, NODE_LATE, NODE_MOST, NODE_TURN, NODE_WOUND
 from brv_hypo.motion.angles import crossflow_rate, with_crossflow
 from brv_hypo.motion.frames import crossflow, windward_meridian
 from brv_hypo.motion.history import recorded
@@ -21,17 +22,6 @@ from brv_hypo.motion.lagrange import lagrange
 from brv_hypo.motion.motion import Motion
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
-
-# Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
-# rad. Splines through a damping or a constant moment that turns so err by some 1e-5 of it.
-_TURN = 0.4
-# What the crossflow moves by in a usual delay, of its size; how much the turn of the meridian in it may change by from
-# node to node, rad: what is late turns by it.
-_LATE, _WOUND = 0.5, 0.5
-# Halvings of a sample at most: what turns faster does so in less than a hundredth of a sample.
-_HALVINGS = 7
-# Nodes added to a stretch at most, of its samples: a crossflow that is nothing but noise passes by zero all the time.
-_MOST = 8
 
 
 @dataclass(frozen=True)
@@ -79,7 +69,7 @@ def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadratur
 def _usual_delay(time: FloatArray, xi: ComplexArray) -> float:
     """Time in which the crossflow moves by so much of its own size, s."""
     speed = np.linalg.norm(np.diff(xi) / np.diff(time))
-    return _LATE * float(np.linalg.norm(xi) / max(float(speed), 1e-300))
+    return NODE_LATE * float(np.linalg.norm(xi) / max(float(speed), 1e-300))
 
 
 def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArray:
@@ -88,12 +78,12 @@ def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArr
     """
     found: list[FloatArray] = []
     begin, end, low, high = time[:-1], time[1:], xi[:-1], xi[1:]
-    for _ in range(_HALVINGS):
+    for _ in range(NODE_HALVINGS):
         way, least = np.abs(high - low), _least_distance(low, high)
         most = np.maximum(np.abs(low), np.abs(high))
         wound = delay * way / (end - begin) * (1.0 / np.maximum(least, 1e-300) - least / np.maximum(most, 1e-300) ** 2)
-        far = (way > _TURN * least) | (wound > _WOUND)
-        if not np.any(far) or sum(map(len, found)) + np.count_nonzero(far) > _MOST * time.size:
+        far = (way > NODE_TURN * least) | (wound > NODE_WOUND)
+        if not np.any(far) or sum(map(len, found)) + np.count_nonzero(far) > NODE_MOST * time.size:
             break
         begin, end, low, high = begin[far], end[far], low[far], high[far]
         middle = 0.5 * (begin + end)

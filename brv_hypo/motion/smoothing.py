@@ -14,13 +14,11 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import SMOOTH_INTERVALS, SMOOTH_ORDER, SMOOTH_PENALTIES, SMOOTH_PER_INTERVAL
 
-_INTERVALS = 64  # of the spline, at most: roll rate and density vary slowly
-_SAMPLES_PER_INTERVAL = 6  # at least, so that noise can be told from the signal
-_ROUGHNESS = np.logspace(-14.0, 15.0, 117)  # penalties tried, four a decade, from none to a parabola
+_ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
 _RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
 _LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
-_ORDER = 3  # of the differences that are penalised: a parabola is smooth
 
 
 @dataclass(frozen=True)
@@ -74,15 +72,16 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
         weighted = weight[:, None] * basis
         rough, modes = _modes(weighted)
     relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
-    relative[:_ORDER] = 0.0
+    relative[:SMOOTH_ORDER] = 0.0
     level = float(np.mean(values))
     seen = weight * (values - level)
     size = modes.T @ (weighted.T @ seen)
     rest = max(float(seen @ seen - size @ size), 0.0)
     shrink = 1.0 / (1.0 + _ROUGHNESS[:, None] * relative)
-    power = (rest + (1.0 - shrink[:, _ORDER:]) @ size[_ORDER:] ** 2) / (n - _ORDER)
+    power = (rest + (1.0 - shrink[:, SMOOTH_ORDER:]) @ size[SMOOTH_ORDER:] ** 2) / (n - SMOOTH_ORDER)
     power = np.maximum(power, 1e-28 * float(np.mean((weight * values) ** 2)) + 1e-300)
-    misfit = (n - _ORDER) * np.log(power) + np.sum(np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[_ORDER:])), axis=1)
+    freedom = np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[SMOOTH_ORDER:]))
+    misfit = (n - SMOOTH_ORDER) * np.log(power) + np.sum(freedom, axis=1)
     best = int(np.argmin(misfit))
     scale = modes * np.sqrt(power[best] * shrink[best])
     return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale)
@@ -95,7 +94,7 @@ def unsmoothed(n: int, sigma: float) -> FloatArray:
 
 def _count(n: int) -> int:
     """Coefficients of the spline through n samples."""
-    return min(_INTERVALS, max(n // _SAMPLES_PER_INTERVAL, 1)) + 3
+    return min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3
 
 
 @lru_cache(maxsize=4)
@@ -114,9 +113,9 @@ def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
     normal = weighted.T @ weighted
     normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
     triangle = np.linalg.cholesky(normal)
-    penalty = np.diff(np.eye(count), _ORDER, axis=0)
+    penalty = np.diff(np.eye(count), SMOOTH_ORDER, axis=0)
     _, size, turned = np.linalg.svd(solve_triangular(triangle, penalty.T, lower=True).T)
-    rough = np.concatenate([np.zeros(_ORDER), size[::-1] ** 2])
+    rough = np.concatenate([np.zeros(SMOOTH_ORDER), size[::-1] ** 2])
     return rough, np.asarray(solve_triangular(triangle, turned[::-1].T, lower=True, trans="T"), dtype=float)
 
 

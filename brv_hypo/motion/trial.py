@@ -11,6 +11,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from brv_hypo.constants import (
+    TRIAL_AXIAL_SIGMAS,
+    TRIAL_AXIAL_WITHIN,
+    TRIAL_BROKEN,
+    TRIAL_BROKEN_ALONE,
+    TRIAL_DECISIVE,
+    TRIAL_DECISIVE_IF_STRAINED,
+    TRIAL_MENDED,
+    TRIAL_NEARLY_EQUAL,
+    TRIAL_NORMAL_WITHIN,
+    TRIAL_PRESSURE_WITHIN,
+    TRIAL_QUIET,
+    TRIAL_STRAINED,
+    TRIAL_TIMES_NOISE,
+    TRIAL_UNRELATED,
+)
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.assemble import masked_flight
 from brv_hypo.flight.averaging import averaged
@@ -20,32 +36,7 @@ from brv_hypo.flight.schema import MINIMUM_SAMPLES
 from brv_hypo.motion.consistency import Consistency, Record, consistency, made_ready
 from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
 
-# A relation is broken where this share is left beyond so many times what noise leaves. Sound records leave 0.04 at
-# most: 90 simulated flights with all instrument grades, and the measured entry of Opportunity.
-BROKEN = 0.012
-TIMES_NOISE = 4.0  # times the share that noise alone leaves
-# It is strained from here on: then a mistake must explain more before it is named.
-STRAINED = 0.003
-# Where the accelerometers cannot tell, the gyros alone must leave so much; mechanisms leave up to 0.5.
-BROKEN_ALONE = 0.7
-# Sensed deceleration (by more than so many sigma), density, slope of the normal force: beyond these factors no
-# tolerance explains them.
-AXIAL_WITHIN = (0.5, 2.0)
-AXIAL_SIGMAS = 3.0  # standard errors of the ratio of decelerations
-PRESSURE_WITHIN = (0.3, 3.0)  # density over that of the standard atmosphere
-NORMAL_WITHIN = (0.04, 30.0)  # per rad
-# A mistake is named where undoing it raises ln likelihood by this much, and leaves this share of what was broken.
-DECISIVE = 2.2
-DECISIVE_IF_STRAINED = 4.5  # ln likelihood, where the record is strained but not broken
-MENDED = 0.4  # share of what was left before
-# Corrections within this of the best in ln likelihood are told beside it, so many of them.
-NEARLY_EQUAL = 1.0
 MOST_OTHERS = 2  # corrections told beside the best
-# Nothing mends it, and this share of each instrument, or more, does not follow from the others: sound records leave
-# 0.04 of the first relation, a measured sounding rocket in gusts, of unknown axes, 0.95, 0.75 and 0.89. Noise may be
-# this share of it at most.
-UNRELATED = 0.5
-QUIET = 0.1  # share of what is to be explained that is noise
 UNRELATED_WORDS = (
     "{share:.0f} % of what the accelerometers sense across the axis does not follow from the gyros and the speed, "
     "where noise leaves {noise:.1g} %, and no mistake of sign, axis or unit that was tried clearly mends it: axes and "
@@ -83,13 +74,13 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if not broken:
         return ()
     found = []
-    least = DECISIVE if set(broken) - {"path, strained"} else DECISIVE_IF_STRAINED
+    least = TRIAL_DECISIVE if set(broken) - {"path, strained"} else TRIAL_DECISIVE_IF_STRAINED
     ranked = _ranked(record, as_read)
     mended = ranked[0][2]
     likely = [
         correction
         for correction, gain, after in ranked
-        if gain >= max(least, ranked[0][1] - NEARLY_EQUAL) and _mended(after, as_read, broken)
+        if gain >= max(least, ranked[0][1] - TRIAL_NEARLY_EQUAL) and _mended(after, as_read, broken)
     ]
     if likely and likely[0] is ranked[0][0]:
         found.append(_named(flight, likely))
@@ -117,17 +108,17 @@ def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
 def _broken(found: Consistency) -> Sequence[str]:
     """The checks that the record fails by more than any tolerance."""
     failed = []
-    beyond_noise = found.left[0] - TIMES_NOISE * found.noise[0]
-    if found.informative[0] and beyond_noise > STRAINED:
-        failed.append("path" if beyond_noise > BROKEN else "path, strained")
-    if not found.informative[0] and found.informative[2] and found.left[2] > BROKEN_ALONE:
+    beyond_noise = found.left[0] - TRIAL_TIMES_NOISE * found.noise[0]
+    if found.informative[0] and beyond_noise > TRIAL_STRAINED:
+        failed.append("path" if beyond_noise > TRIAL_BROKEN else "path, strained")
+    if not found.informative[0] and found.informative[2] and found.left[2] > TRIAL_BROKEN_ALONE:
         failed.append("gyros")
-    doubt = AXIAL_SIGMAS * found.axial_sigma
-    if found.axial + doubt < AXIAL_WITHIN[0] or found.axial - doubt > AXIAL_WITHIN[1]:
+    doubt = TRIAL_AXIAL_SIGMAS * found.axial_sigma
+    if found.axial + doubt < TRIAL_AXIAL_WITHIN[0] or found.axial - doubt > TRIAL_AXIAL_WITHIN[1]:
         failed.append("axial")
-    if found.pressure is not None and not PRESSURE_WITHIN[0] < found.pressure < PRESSURE_WITHIN[1]:
+    if found.pressure is not None and not TRIAL_PRESSURE_WITHIN[0] < found.pressure < TRIAL_PRESSURE_WITHIN[1]:
         failed.append("pressure")
-    if found.normal_slope is not None and not NORMAL_WITHIN[0] < found.normal_slope < NORMAL_WITHIN[1]:
+    if found.normal_slope is not None and not TRIAL_NORMAL_WITHIN[0] < found.normal_slope < TRIAL_NORMAL_WITHIN[1]:
         failed.append("slope")
     return failed
 
@@ -135,17 +126,17 @@ def _broken(found: Consistency) -> Sequence[str]:
 def _mended(mended: Consistency, as_read: Consistency, broken: Sequence[str]) -> bool:
     """Whether a correction mends any of the broken checks, and breaks no other."""
     still = set(_broken(mended))
-    if mended.left[0] < MENDED * as_read.left[0]:
+    if mended.left[0] < TRIAL_MENDED * as_read.left[0]:
         still -= {"path", "path, strained"}
-    if mended.left[2] < MENDED * as_read.left[2]:
+    if mended.left[2] < TRIAL_MENDED * as_read.left[2]:
         still.discard("gyros")
     return still < set(broken)
 
 
 def _unrelated(found: Consistency) -> bool:
     """Whether much of each instrument does not follow from the others, though noise would let it."""
-    tells = found.informative & (found.noise < QUIET)
-    return bool(tells[0] and (found.left[tells] > UNRELATED).all())
+    tells = found.informative & (found.noise < TRIAL_QUIET)
+    return bool(tells[0] and (found.left[tells] > TRIAL_UNRELATED).all())
 
 
 def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import FREE_GRAVITY, LEAST_CYCLES
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.splines import running_integral
@@ -23,9 +24,6 @@ _PLANETS = {
     "venus": (8.87, 6.0518e6),
     "titan": (1.352, 2.5747e6),
 }
-
-# How large gravity may be where the planet is not known, m/s^2.
-FREE_GRAVITY = 30.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ def cycles(record: InertialRecord) -> float:
     nose = record.attitude[:, 1:, 0] - record.attitude[:, 1:, 0].mean(axis=0)
     path = float(np.sum(np.linalg.norm(np.diff(nose, axis=0), axis=1)))
     size = float(np.sqrt(np.mean(np.sum(nose**2, axis=1))))
-    return max(path / (2.0 * np.pi * max(size, 1e-12)), 0.5)
+    return max(path / (2.0 * np.pi * max(size, 1e-12)), LEAST_CYCLES)
 
 
 def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:

@@ -1,7 +1,7 @@
 """From reconstructed flights to ranked hypotheses with a verdict.
 
 compare.py   entrance: one readable `compare`
-config.py    what a comparison may be told; constants.py what decides a verdict
+config.py    what a comparison may be told; what decides a verdict stands in brv_hypo/constants.py
 preparation.py   from reconstructed flights to the problem that all hypotheses share
 criteria.py  C_p, PRESS, AIC and BIC; disagreement.py where they put different hypotheses first
 adequacy.py  whether only noise is left; alternative.py what may be there instead

@@ -17,11 +17,12 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.constants import (
+from brv_hypo.constants import (
     DETECTABLE,
     LEVEL_SIGMAS,
     OTHER_FLOOR,
     OTHER_SIZES,
+    OTHER_UNSEEN,
     SECOND_ORDER,
     SECOND_ORDER_VALUES,
 )
@@ -30,9 +31,6 @@ from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.whitening import MEDIAN_EFFICIENCY
-
-# Directions of the free moment that the data see less than this share of the best do not count.
-_UNSEEN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ def _beside(problem: Problem, fit: HypothesisFit) -> Iterator[_Beside]:
         sizes = np.sqrt([np.mean(np.abs(frame.moments((column,))) ** 2) for column in columns])
         free = problem.design(frame, columns) / np.where(sizes > 0.0, sizes, 1.0)
         left, seen, _ = np.linalg.svd(free - basis @ (basis.T @ free), full_matrices=False)
-        kept = seen > _UNSEEN * seen[0]
+        kept = seen > OTHER_UNSEEN * seen[0]
         yield _Beside(seen[kept], left[:, kept].T @ fit.residual)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from brv_hypo.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import at
-from brv_hypo.ranking.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
 from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem

@@ -9,6 +9,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from brv_hypo.constants import BOUND_SIGMAS, REPETITIONS
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.averaging import averaged
@@ -23,7 +24,6 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.alternative import alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import BOUND_SIGMAS, REPETITIONS
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series

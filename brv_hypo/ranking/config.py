@@ -6,8 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from brv_hypo.constants import (
+    COMPARED_BLOCKS,
+    COMPARED_EXACT_TERMS,
+    COMPARED_KNOTS,
+    COMPARED_TERMS,
+    OTHER_PRIOR,
+)
 from brv_hypo.motion.config import Method
-from brv_hypo.ranking.constants import OTHER_PRIOR
 
 
 class CompareConfig(BaseModel):
@@ -31,13 +37,13 @@ class CompareConfig(BaseModel):
     options: dict[str, dict[str, Any]] = Field(default_factory=dict)
     method: Method = "joint"
     knots: tuple[float, ...] | None = None
-    knot_count: int = Field(default=11, ge=0, le=40)
-    max_terms: int = Field(default=6, ge=1, le=20)
+    knot_count: int = Field(default=COMPARED_KNOTS, ge=0, le=40)
+    max_terms: int = Field(default=COMPARED_TERMS, ge=1, le=20)
     offset_degree: int | None = Field(default=None, ge=0, le=6)
     slope_degree: int | None = Field(default=None, ge=0, le=8)
-    exact_terms: int = Field(default=4, ge=1, le=20)
+    exact_terms: int = Field(default=COMPARED_EXACT_TERMS, ge=1, le=20)
     refine: bool = True
     accept_record: bool = False
-    held_out_blocks: int = Field(default=8, ge=2, le=50)
+    held_out_blocks: int = Field(default=COMPARED_BLOCKS, ge=2, le=50)
     maximum_likelihood: Literal["quick", "full", "none"] = "quick"
     other_prior: float = Field(default=OTHER_PRIOR, gt=0.0, lt=1.0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 
+from brv_hypo.constants import CRITERIA_TIE
 from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import at
 from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference
@@ -16,7 +17,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.subset import stepwise_columns
 
 NONE = "none"
-TIE = 1e-6  # relative difference of residual sums of squares below which two subsets are equally good
 
 
 def criteria_disagree(
@@ -60,7 +60,7 @@ def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tup
         exact, quick = fit.grid.best(1), fit.grid.best(1, search)
         for size, (best, *_) in sorted(exact.items()):
             met = quick.get(size)
-            if met and met[0][0] > best[0] * (1.0 + TIE):
+            if met and met[0][0] > best[0] * (1.0 + CRITERIA_TIE):
                 found.append(
                     StepwiseDifference(
                         mechanism=fit.name,

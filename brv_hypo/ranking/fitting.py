@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from brv_hypo.constants import (
+    LINEARISATIONS,
+    LINEARISED_AGAIN,
+    SETTLED_ERRORS,
+    SETTLED_FALL,
+    STANDING_PROBABILITY,
+)
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Misfit, misfit
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import (
-    LINEARISATIONS,
-    LINEARISED_AGAIN,
-    SETTLED,
-    SETTLED_ERRORS,
-    STANDING_PROBABILITY,
-)
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import Settings, about, cleaned, settled
 from brv_hypo.ranking.verdict import OTHER, probabilities
@@ -137,7 +137,7 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
     """
     leader = likeliest(found.fits)
     null = next(fit for fit in found.fits if not fit.mechanisms)
-    if leader.rss > found.rss - SETTLED:
+    if leader.rss > found.rss - SETTLED_FALL:
         return None
     fit = converged(found.problem, leader)
     point = point_of(found.problem, fit.frame, fit.columns, fit.mechanisms)

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import SEARCH_SAME_THETA, SECOND_ORDER_VALUES
 from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.model.common_time import CommonTime, at
-from brv_hypo.ranking.constants import SECOND_ORDER_VALUES
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.search import SAME_THETA
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ def _first_like(columns: Sequence[Column], column: Column) -> Theta:
         if other.mechanism == column.mechanism
         and [name for name, _ in other.theta] == [name for name, _ in column.theta]
         and all(
-            abs(a - b) <= SAME_THETA * max(abs(a), abs(b))
+            abs(a - b) <= SEARCH_SAME_THETA * max(abs(a), abs(b))
             for (_, a), (_, b) in zip(other.theta, column.theta, strict=True)
         )
     )

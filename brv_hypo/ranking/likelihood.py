@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from brv_hypo.constants import LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS, STANDING_PROBABILITY
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import STANDING_PROBABILITY
 from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.regression.fit import HypothesisFit
 
 CONVERGED = "converged"
-# Starting from a good regression the likelihood converges in 5 or 6 iterations, the record effects among its
-# parameters, or not at all.
-MOST_ITERATIONS = 8
-MOST_HYPOTHESES = 2  # the leader and its closest rival: a verdict compares no more
 
 
 @dataclass(frozen=True)
@@ -45,10 +41,10 @@ def identify_standing(
     standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
-    options = IdentificationConfig(max_iterations=MOST_ITERATIONS, begin_anew=not quick)
+    options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
-    for fit in standing[:MOST_HYPOTHESES]:
+    for fit in standing[:LIKELIHOOD_HYPOTHESES]:
         if quick and _takes_long(fit):
             left_out.add(fit.name)
             continue

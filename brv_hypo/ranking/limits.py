@@ -10,16 +10,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.ranking.constants import LIMIT_FALL
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 
-# Edges of the regions that are tried: every region between two of them.
-_EDGES = 9
 # Share of a column's squared length below which what the baseline leaves of it is rounding.
 _SPENT = 1e-8
 # Condition number of a region's scaled information above which its terms cannot be told apart.
@@ -135,7 +133,7 @@ def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
 def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: float) -> list[_Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
     frame = reduced.frame
-    edges = np.linspace(frame.course_time.min(), frame.course_time.max(), _EDGES)
+    edges = np.linspace(frame.course_time.min(), frame.course_time.max(), LIMIT_EDGES)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Column(mechanism.name, name, theta, TimeFunction("jump", float(start), float(stop)), units)

@@ -8,6 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    COLOURED,
+    COMPARED_SMALLEST,
+    MOST_LINEARISATIONS,
+    OFFSET_DEGREE,
+    SETTLED_ERRORS,
+    SLOPE_DEGREE,
+    WAVERING_SPEED,
+)
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
@@ -21,13 +30,6 @@ from brv_hypo.motion.answerable import require_answerable
 from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.constants import (
-    COLOURED,
-    MOST_LINEARISATIONS,
-    SETTLED_ERRORS,
-    SLOPE_DEGREE,
-    WAVERING_SPEED,
-)
 from brv_hypo.regression.build import (
     LinearisationPoint,
     baseline_columns,
@@ -41,8 +43,6 @@ from brv_hypo.regression.noise import settled_noise
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.propagated_motion import PropagatedMotion, linearisation_point
-
-SMALLEST_RECORD = 60  # samples; rule of thumb: four for each of baseline and six terms
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     the frequencies of the motion is known once the motion is taken out.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
-    if samples < SMALLEST_RECORD:
+    if samples < COMPARED_SMALLEST:
         raise UnanswerableError(
-            f"the window holds {samples} samples, expected at least {SMALLEST_RECORD}: too few to tell "
+            f"the window holds {samples} samples, expected at least {COMPARED_SMALLEST}: too few to tell "
             "mechanisms apart. Widen --start and --stop."
         )
     settings = Settings(
@@ -254,7 +254,7 @@ def _static(
     return StaticMoment(
         start=span[0],
         stop=span[1],
-        offset_degree=1 if config.offset_degree is None else config.offset_degree,
+        offset_degree=OFFSET_DEGREE if config.offset_degree is None else config.offset_degree,
         slope_degree=slope,
         by="time" if common is None else "mach",
         speeds=wavering_speeds(_alongs(reconstructions, common), slope, WAVERING_SPEED),

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.constants import REPEATED_ERRORS
+from brv_hypo.constants import REPEATED_ERRORS
 from brv_hypo.ranking.other_knots import on_other_knots
 from brv_hypo.ranking.other_methods import on_other_motions
 from brv_hypo.ranking.repeated import Criteria, Repeated, criteria, criteria_at

@@ -10,15 +10,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from brv_hypo.ranking.adequacy import Misfit
-from brv_hypo.ranking.alternative import Alternative
-from brv_hypo.ranking.constants import (
+from brv_hypo.constants import (
     IMPROBABLE_ERRORS,
     OTHER_PRIOR,
     STANDING_PROBABILITY,
     TEMPERATURE,
     WINNING_PROBABILITY,
 )
+from brv_hypo.ranking.adequacy import Misfit
+from brv_hypo.ranking.alternative import Alternative
 from brv_hypo.ranking.limits import Limit
 from brv_hypo.ranking.result import Adequacy, MechanismLimit, Verdict
 

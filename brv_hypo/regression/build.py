@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import ERRORS_REACH, FORCE_SPIKE, FORCE_SPIKE_ROUNDS
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
@@ -26,11 +27,6 @@ from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import difference
-
-# Residual of the normal force, in units of its median, from which a sample is a spike.
-_OUTLIER = 7.2
-# Probability of errors under their tolerances down to which they are taken out of a record as they are.
-_REACH = 1e-3
 
 
 def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
@@ -133,7 +129,7 @@ def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
     """
     nuisances = problem.rows.nuisances
     asked = nuisances.present - others[nuisances.bounded]
-    farthest = float(stats.chi2.isf(_REACH, asked.size)) if asked.size else 0.0
+    farthest = float(stats.chi2.isf(ERRORS_REACH, asked.size)) if asked.size else 0.0
     scale = min(1.0, float(np.sqrt(farthest / max(float(asked @ asked), 1e-300))))
     errors = nuisances.values(others, len(problem.records))
     return tuple({key: scale * value for key, value in own.items()} for own in errors)
@@ -187,10 +183,10 @@ def linearised(
     force = ForceModel(normal_force_slope(reconstruction), reconstruction.normal_force_bend)
     found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
     seen = record.measured
-    for _ in range(2):
+    for _ in range(FORCE_SPIKE_ROUNDS):
         force_values = _force_fit(found[seen], record.transverse_force[seen])
         size = np.abs(record.transverse_force - found @ force_values)
-        seen = record.measured & (size <= _OUTLIER * np.median(size[record.measured]) + 1e-12)
+        seen = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
     return LinearisedFlight(
         record,
         reconstruction,

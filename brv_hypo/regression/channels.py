@@ -14,13 +14,10 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
 from brv_hypo.motion.noise import ColouredNoise
 from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.whitening import NoiseModel, applied
-
-# The block held out of each four.
-_HELD_OUT = 2
-_SHORTEST = 8  # rows; shorter pieces are left out
 
 
 @dataclass(frozen=True)
@@ -182,7 +179,7 @@ def split(frame: RateFrame, seen: BoolArray, blocks: int) -> tuple[Part, Part]:
         time = frame.time[own]
         if time.size:
             edges = np.linspace(time.min(), time.max(), blocks + 1)
-            held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % 4 == _HELD_OUT + 1
+            held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % HELD_OUT_OF == HELD_OUT_BLOCK
     return part(frame, seen, ~held, shared=True), part(frame, seen, held, shared=False)
 
 
@@ -218,4 +215,4 @@ def part(frame: RateFrame, seen: BoolArray, chosen: BoolArray, *, shared: bool) 
 def _runs(chosen: BoolArray) -> list[Piece]:
     """Ranges in which all are chosen, those of few samples left out."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= _SHORTEST]
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= HELD_OUT_SHORTEST]

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from brv_hypo.constants import SEARCH_EXCHANGES
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.fit import HypothesisFit, likeliest, plainer, renewed, scanned_finely, settled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import in_place_of
-
-# Exchanges at most, of which each gains.
-_EXCHANGES = 2
 
 
 def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -23,7 +21,7 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     others may still stand where the grid has them, which a finer scan mends.
     """
     fit = renewed(problem, fit)
-    for _ in range(_EXCHANGES if problem.refine else 0):
+    for _ in range(SEARCH_EXCHANGES if problem.refine else 0):
         tried = [
             settled(problem, fit, (*problem.baseline, *columns), kept)
             for kept, taken in _without_each(fit.selected)

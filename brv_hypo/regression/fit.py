@@ -9,6 +9,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    SCANNED,
+    SCANNED_FINELY,
+    SEARCH_FINE_SCANS,
+    SEARCH_NARROWINGS,
+    SEARCH_OUT_OF_REACH,
+    SEARCH_PATIENCE,
+    SEARCH_SIZES_TRIED,
+    SEARCH_STARTS,
+)
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
@@ -18,8 +28,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import (
     ROUGH,
-    SCANNED,
-    SCANNED_FINELY,
     SETTLED,
     Nonlinear,
     Steps,
@@ -28,18 +36,6 @@ from brv_hypo.regression.refinement import (
     refine,
 )
 from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
-
-# Sizes that may go by without a gain before the search over sizes ends.
-PATIENCE = 2
-# How many of a size's best subsets on the grid are refined.
-STARTS = 2
-# How often the search on a model's own knots and thetas is repeated while it gains.
-NARROWINGS = 3
-# How often the parameters of the model settled on are scanned finely while it gains.
-FINE_SCANS = 3
-# A hypothesis whose criterion stays this far behind another after so many sizes is not searched further.
-OUT_OF_REACH = 400.0
-SIZES_TRIED = 3  # terms; the 400 above are in twice the log-likelihood
 
 
 @dataclass(frozen=True)
@@ -178,7 +174,7 @@ def fit_hypothesis(
     best: HypothesisFit | None = None
     worse = 0
     for size in range(1, problem.max_terms + 1):
-        starts = [settle(chosen) for _, chosen in grid.best.get(size, ())[:STARTS]]
+        starts = [settle(chosen) for _, chosen in grid.best.get(size, ())[:SEARCH_STARTS]]
         if best is not None:
             further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])
@@ -187,11 +183,11 @@ def fit_hypothesis(
         challenger = likeliest(starts)
         worse = 0 if best is None or challenger.information < best.information else worse + 1
         best = challenger if best is None else likeliest([best, challenger])
-        behind = size >= SIZES_TRIED and best.information > best_rival + OUT_OF_REACH
-        if worse == PATIENCE or behind:
+        behind = size >= SEARCH_SIZES_TRIED and best.information > best_rival + SEARCH_OUT_OF_REACH
+        if worse == SEARCH_PATIENCE or behind:
             break
     assert best is not None
-    if best.information > best_rival + OUT_OF_REACH:
+    if best.information > best_rival + SEARCH_OUT_OF_REACH:
         return replace(best, ended_early=True, grid=grid.factors)
     return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
 
@@ -267,7 +263,7 @@ def narrower(problem: Problem, fit: HypothesisFit) -> list[HypothesisFit]:
 
 def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit searched once more on its own knots and delays, while it gains."""
-    for _ in range(NARROWINGS if problem.refine else 0):
+    for _ in range(SEARCH_NARROWINGS if problem.refine else 0):
         tried = narrower(problem, fit)
         if not tried or likeliest(tried).information >= fit.information:
             break
@@ -280,7 +276,7 @@ def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
     From the grid, where other knots are still off, a scan may lead to a neighbouring minimum.
     """
-    for _ in range(FINE_SCANS if problem.refine and fit.nonlinear else 0):
+    for _ in range(SEARCH_FINE_SCANS if problem.refine and fit.nonlinear else 0):
         scanned = _settled(
             Reduced(problem, fit.frame),
             fit.name,

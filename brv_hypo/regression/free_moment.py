@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import FREE_FEWEST_SPLINES, FREE_MOST_SPLINES, FREE_ROWS_PER_COLUMN
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
@@ -23,9 +24,6 @@ from brv_hypo.regression.problem import Problem
 
 Shape = Callable[[Motion], tuple[ComplexArray, ...]]
 
-# Splines in time of each shape, and rows that each column of the free moment of the noise needs.
-_SPLINES = 10
-_ROWS_PER_COLUMN = 12  # so that these columns take at most a twelfth of the noise with them
 # The parameter that tells which shape.
 _SHAPE = "shape"
 
@@ -119,7 +117,8 @@ def free_moment(
     time, motion = problem.frame.course_time, problem.frame.motions[0]
     parts = {name: len(shape_of(name, motion)) for name in SHAPES}
     rows = problem.frame.observed.size * 2
-    count = int(np.clip(rows / (_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY)), 4, _SPLINES))
+    wanted = rows / (FREE_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY))
+    count = int(np.clip(wanted, FREE_FEWEST_SPLINES, FREE_MOST_SPLINES))
     free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count, shapes=shapes)
     always = TimeFunction("constant")
     columns = tuple(

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE
 from brv_hypo.motion.kept_rows import turning
 from brv_hypo.regression.channels import Lasting, Noise, Part
 from brv_hypo.regression.frame import remove_levels
@@ -20,22 +21,13 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import fit_noise, lasting_noise, taken_by, white
 
-# Largest order of the autoregression of the noise.
-_NOISE_ORDER = 12
-# Rows up to which the fit that the noise is left by keeps them all; beyond, what it takes of the noise is nothing.
-_MOST_UNTHINNED = 8000
-# Rows that a cycle of the fastest motion keeps where whitened rows are averaged.
-_PER_CYCLE = 12
-# Frequency, of the fastest motion's, above which a spectrum is noise alone.
-_BEYOND = 2.0
-
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
     """White noise of the level that the records themselves show, and how many rows may be averaged."""
     return Noise(
         white(float(np.median([each.record.gyro_sigma for each in flights]))),
         white(float(np.median([np.median(each.record.force_sigma) for each in flights]))),
-        min(each.spacing(_PER_CYCLE) for each in flights),
+        min(each.spacing(NOISE_PER_CYCLE) for each in flights),
     )
 
 
@@ -44,7 +36,7 @@ def settled_noise(problem: Problem) -> Noise:
     frame, free = free_moment(problem)
     columns = (*problem.baseline, *free)
     rows, part = problem.rows, problem.rows.part
-    thinning = 1 if part.rows.size <= _MOST_UNTHINNED else rows.noise.thinning
+    thinning = 1 if part.rows.size <= NOISE_MOST_UNTHINNED else rows.noise.thinning
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
     basis, coefficients = orthonormal(plain.whole_design(frame, columns))
     values = coefficients @ (basis.T @ plain.raw_response)
@@ -57,10 +49,10 @@ def settled_noise(problem: Problem) -> Noise:
     rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
     force = [piece for piece in force if piece.size]
     motion = _turning(problem)
-    above = _BEYOND * 2.0 * np.pi / (_PER_CYCLE * rows.noise.thinning)
+    above = NOISE_BEYOND * 2.0 * np.pi / (NOISE_PER_CYCLE * rows.noise.thinning)
     return Noise(
-        fit_noise(rates, _NOISE_ORDER, rates_taken),
-        fit_noise(force, _NOISE_ORDER, force_taken),
+        fit_noise(rates, NOISE_ORDER, rates_taken),
+        fit_noise(force, NOISE_ORDER, force_taken),
         rows.noise.thinning,
         Lasting(lasting_noise(rates, above, motion), lasting_noise(force, above, motion), motion),
     )
@@ -79,6 +71,6 @@ def _taken(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, Float
     """What a fit on this orthonormal basis takes of the autocorrelation of white noise in rates and force."""
     rows = part.rows.size
     return (
-        taken_by(basis[:rates], part.pieces, rows, _NOISE_ORDER),
-        taken_by(basis[rates : 2 * rates], part.pieces, rows, _NOISE_ORDER),
+        taken_by(basis[:rates], part.pieces, rows, NOISE_ORDER),
+        taken_by(basis[rates : 2 * rates], part.pieces, rows, NOISE_ORDER),
     )

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import NOISE_MOST_TIED
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column
@@ -27,8 +28,6 @@ from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
 GIVEN = "given"
-# Largest share of a direction's noise that goes to unknowns: what is left keeps the rows regular.
-_MOST_TIED = 0.995
 # Singular values of the baseline's unit columns that count, of the largest.
 _CUTOFF = 1e-12
 
@@ -93,7 +92,7 @@ class WhitenedRows:
     def _sharpening(self) -> tuple[FloatArray, FloatArray]:
         """Directions (rate rows, rank) of the noise that is in unknowns, and what they gain as it leaves the rates."""
         directions, share, _ = np.linalg.svd(self.own_noise, full_matrices=False)
-        share = np.minimum(share, _MOST_TIED)
+        share = np.minimum(share, NOISE_MOST_TIED)
         return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
 
     def _sharpened(self, rates: FloatArray) -> FloatArray:

@@ -14,15 +14,24 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import (
+    REFINED_GAIN,
+    REFINED_HALVINGS,
+    REFINED_STEPS,
+    REFINED_WIDTH,
+    SCANNED,
+    SCANNED_FACTOR,
+    SETTLED_GAIN,
+    SETTLED_LAST_STEPS,
+    SETTLED_LAST_WIDTH,
+    SETTLED_STEPS,
+)
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
-# Values of a parameter that are tried before Gauss-Newton, and once more about the model that was settled on.
-SCANNED = 7
-SCANNED_FINELY = 25  # values of that second scan
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
 
@@ -40,13 +49,13 @@ class Steps(NamedTuple):
     whole: bool = False
 
 
-# Half the width of differences, of a parameter's bounds.
-_WIDTH = 2e-3
-ROUGH = (Steps(6, 0.2, _WIDTH),)  # of models that are compared: a tenth of what one term costs
-# Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
-# began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
-# ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
-SETTLED = (Steps(40, 1e-6, _WIDTH), Steps(10, 1e-6, 1e-5, whole=True))
+# Of models that are compared.
+ROUGH = (Steps(REFINED_STEPS, REFINED_GAIN, REFINED_WIDTH),)
+# Of one that is told, or linearised about.
+SETTLED = (
+    Steps(SETTLED_STEPS, SETTLED_GAIN, REFINED_WIDTH),
+    Steps(SETTLED_LAST_STEPS, SETTLED_GAIN, SETTLED_LAST_WIDTH, whole=True),
+)
 
 
 @dataclass(frozen=True)
@@ -62,10 +71,10 @@ class Nonlinear:
     units: str = "s"
 
     def around(self, points: int) -> FloatArray:
-        """Values to try: over the bounds of a knot; for a theta, within a factor of 1.6."""
+        """Values to try: over the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
         low, high = self.bounds
         if self.kind == "theta" and self.value > 0.0:
-            return np.geomspace(max(low, self.value / 1.6), min(high, self.value * 1.6), points)
+            return np.geomspace(max(low, self.value / SCANNED_FACTOR), min(high, self.value * SCANNED_FACTOR), points)
         return np.linspace(low, high, points)
 
     def others(self, points: int) -> list[float]:
@@ -228,7 +237,7 @@ def prediction_slopes(
     columns: Sequence[Column],
     values: FloatArray,
     frame: RateFrame,
-    share: float = _WIDTH,
+    share: float = REFINED_WIDTH,
 ) -> ComplexArray:
     """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
 
@@ -264,7 +273,7 @@ def _step(reduced: Reduced, state: _State, width: float) -> FloatArray:
     return solve_normal(products, right, squares)[count:]
 
 
-def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = 4) -> _State | None:
+def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = REFINED_HALVINGS) -> _State | None:
     for halving in range(halvings):
         trial = _moved(reduced, state, 0.5**halving * step)
         if trial.fitted.rss < state.fitted.rss:

@@ -18,12 +18,13 @@ from typing import TypeVar
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import RESPONSE_PULL, RESPONSE_STEP, RESPONSE_TURN
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.angles import crossflow_rate, with_crossflow
-from brv_hypo.motion.effect_responses import AT_ONCE, STEP
+from brv_hypo.motion.effect_responses import AT_ONCE
 from brv_hypo.motion.frames import body_from_plane, crossflow
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
@@ -52,10 +53,6 @@ from brv_hypo.regression.wander import (
 )
 
 Moved = TypeVar("Moved")
-
-# Half the width of differences by the start's direction and by gravity.
-_TURN = 1e-4  # rad
-_PULL = 0.05  # m/s^2
 
 
 @dataclass(frozen=True)
@@ -96,7 +93,7 @@ class LinearisedFlight:
         """
         for some in self._so_many(wanted):
             both = (
-                self._propagated((record, self.start) for record in self._read(some, sign * 0.5 * STEP))
+                self._propagated((record, self.start) for record in self._read(some, sign * 0.5 * RESPONSE_STEP))
                 for sign in (1.0, -1.0)
             )
             yield from _slopes(*both)
@@ -171,7 +168,7 @@ class LinearisedFlight:
                     (record, self.start)
                     for record in perturbed(self.record, [self._with_input_error(error, share * each) for each in some])
                 )
-                for share in (0.5 * STEP, -0.5 * STEP)
+                for share in (0.5 * RESPONSE_STEP, -0.5 * RESPONSE_STEP)
             )
             yield from _slopes(*both)
 
@@ -189,11 +186,11 @@ class LinearisedFlight:
         """
         second, third = transverse_axes(self.start.direction[np.newaxis])
         size = gravity_size(self.record.flight)
-        turned = [_TURN * axis[0] for axis in (second, third)]
-        pulled = [_PULL * axis for axis in np.eye(3)]
+        turned = [RESPONSE_TURN * axis[0] for axis in (second, third)]
+        pulled = [RESPONSE_PULL * axis for axis in np.eye(3)]
         starts = [replace(self.start, direction=self.start.direction + s * turn) for turn in turned for s in (1, -1)]
         starts += [replace(self.start, gravity=self.start.gravity + s * pull) for pull in pulled for s in (1, -1)]
-        per_unit = [0.5 / _TURN] * 2 + [0.5 * size / _PULL] * 3
+        per_unit = [0.5 / RESPONSE_TURN] * 2 + [0.5 * size / RESPONSE_PULL] * 3
         moved = list(self._propagated((self.record, start) for start in starts))
         pairs = zip(moved[::2], moved[1::2], per_unit, strict=True)
         rows = [(high - low).times(unit) for high, low, unit in pairs]
@@ -216,7 +213,7 @@ class LinearisedFlight:
             for axis, part, value in (("y", 1.0, weight.real), ("z", 1j, weight.imag))
         ]
         for some in self._so_many(modes):
-            half = [0.5 * STEP * part * turn * walk[:, number] for _, number, part, _ in some]
+            half = [0.5 * RESPONSE_STEP * part * turn * walk[:, number] for _, number, part, _ in some]
             both = (
                 self._residuals([(self.record, self.crossflow + sign * each) for each in half])
                 for sign in (1.0, -1.0)
@@ -320,7 +317,7 @@ class LinearisedFlight:
 
 def _slopes(more: Iterable[Rows], less: Iterable[Rows]) -> Iterator[Rows]:
     """Derivatives from what half a step to either side leaves."""
-    return ((high - low).times(1.0 / STEP) for high, low in zip(more, less, strict=True))
+    return ((high - low).times(1.0 / RESPONSE_STEP) for high, low in zip(more, less, strict=True))
 
 
 def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import SEARCH_BEST, SEARCH_FINER_KNOTS, SEARCH_SAME_KNOT, SEARCH_SAME_THETA
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta, candidates, theta_grid
 from brv_hypo.model.time_variation import TimeFunction
@@ -20,10 +21,6 @@ from brv_hypo.subset import Chosen, best_columns
 
 Subset = tuple[float, tuple[Column, ...]]
 Search = Callable[..., Sequence[Chosen]]  # with the interface of `best_columns`
-# Intervals into which one between two knots is divided where a single choice is made anew.
-FINER_KNOTS = 4
-# Relative difference up to which two values of a nonlinear parameter are one, found twice (refined at two knots).
-SAME_THETA = 0.1
 
 
 @dataclass(frozen=True)
@@ -143,7 +140,7 @@ class OnGrid:
     best: Mapping[int, tuple[Subset, ...]]
 
 
-def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = 2) -> OnGrid:
+def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEARCH_BEST) -> OnGrid:
     """The `n_best` subsets of each size of either kind of offer."""
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
@@ -190,13 +187,13 @@ def in_place_of(
 ) -> list[tuple[Column, ...]]:
     """The model's columns that are kept with so many others: the best two sets of all on offer at finer knots."""
     places = np.arange(problem.knots.size)
-    finer = np.interp(np.linspace(0, places[-1], FINER_KNOTS * places[-1] + 1), places, problem.knots)
+    finer = np.interp(np.linspace(0, places[-1], SEARCH_FINER_KNOTS * places[-1] + 1), places, problem.knots)
     offered = offers(replace(problem, knots=finer), frame, mechanisms)
     reduced = Reduced(problem, frame)
     found = [
         subset
         for offer in _compatible(kept, mechanisms, offered.joint or offered.single)
-        for subset in _factor(reduced, kept, offer).subsets(size, n_best=2)
+        for subset in _factor(reduced, kept, offer).subsets(size, n_best=SEARCH_BEST)
         if len(subset[1]) == size
     ]
     return [(*kept, *chosen) for _, chosen in sorted(found, key=_rss)[:2]]
@@ -214,12 +211,12 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) ->
         mechanism = frame.mechanisms[column.mechanism]
         mine = [c for c in selected if c.mechanism == column.mechanism]
         knots = _merged(
-            [c.course.start for c in mine if c.course.kind != "constant"], _spacing(problem) / 4.0
+            [c.course.start for c in mine if c.course.kind != "constant"], SEARCH_SAME_KNOT * _spacing(problem)
         )
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
     most = min(len(selected) + _choice_size(selected), problem.max_terms)
-    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(most, n_best=2)
+    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(most, n_best=SEARCH_BEST)
     return [chosen for _, chosen in found if chosen]
 
 
@@ -241,7 +238,7 @@ def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
     return np.array([cluster.mean() for cluster in clusters])
 
 
-def _merged_thetas(columns: Sequence[Column], tolerance: float = SAME_THETA) -> list[Theta]:
+def _merged_thetas(columns: Sequence[Column], tolerance: float = SEARCH_SAME_THETA) -> list[Theta]:
     """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
     thetas = list(dict.fromkeys(column.theta for column in columns))
     if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
@@ -17,10 +18,6 @@ from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.unlisted import left_of, over, shapes_of
 
 RATE = "rate"
-# Rates of turning that are tried at most, half to either side: beyond half a turn a record apart they are independent.
-RATES = 160
-# Times the motion's own rates (roll, and the meridian's in nine tenths of the time) up to which a moment may turn.
-_FASTEST = 3.0
 
 
 class TurningMoment(Mechanism):
@@ -81,15 +78,15 @@ def turning_moment(
 
 def fastest_turning(motion: Motion) -> float:
     """The largest rate, rad/s either way, at which a moment is looked for that turns in the body."""
-    fastest = _FASTEST * (
-        float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), 90))
+    fastest = TURNING_FASTEST * (
+        float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), TURNING_MERIDIAN))
     )
     return min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
 
 
 def _rates(motions: Sequence[Motion], apart: float) -> tuple[float, ...]:
     """Rates in rad/s, either way, half a turn or more apart."""
-    count = min(int(max(map(fastest_turning, motions)) / apart), RATES // 2)
+    count = min(int(max(map(fastest_turning, motions)) / apart), TURNING_RATES // 2)
     return tuple(apart * k for k in range(-count, count + 1) if k)
 
 

@@ -6,18 +6,12 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import WALK_FEWEST_MODES, WALK_LEFT_OUT, WALK_MODES_PER_CYCLE, WALK_MOST_MODES
 from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.wind import transverse_axes
-
-_FEWEST_MODES, _MOST_MODES = 10, 80  # sines; the most bound the time
-# Sines for each cycle of the motion. A walk at frequency f turns the vehicle by the static moment, which is (f_n / f)^2
-# of the noise that the walk is made of: half as fast again as the motion, with two sines a cycle, it is lost in it.
-_MODES_PER_CYCLE = 3.0
-# What the sines may leave of the random walk, in standard deviations of alpha.
-_LEFT_OUT = 0.8
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
@@ -27,9 +21,9 @@ def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
     beyond the first k of them is 2 / (pi^2 k) of the walk's at its end.
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
-    wanted = 2.0 / np.pi**2 * (size / (_LEFT_OUT * float(np.median(reconstruction.alpha_sigma_on_clock)))) ** 2
-    wanted = max(wanted, _MODES_PER_CYCLE * _cycles(reconstruction.motion))
-    return int(np.clip(np.ceil(wanted), _FEWEST_MODES, _MOST_MODES))
+    wanted = 2.0 / np.pi**2 * (size / (WALK_LEFT_OUT * float(np.median(reconstruction.alpha_sigma_on_clock)))) ** 2
+    wanted = max(wanted, WALK_MODES_PER_CYCLE * _cycles(reconstruction.motion))
+    return int(np.clip(np.ceil(wanted), WALK_FEWEST_MODES, WALK_MOST_MODES))
 
 
 def _cycles(motion: Motion) -> float:

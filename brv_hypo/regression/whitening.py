@@ -16,19 +16,23 @@ from scipy import sparse
 from scipy.linalg import solve_toeplitz
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import (
+    NOISE_ALLOWED_FALL,
+    NOISE_COLOURS,
+    NOISE_CORRELATED,
+    NOISE_LEAKS,
+    NOISE_LONGEST_STRETCH,
+    NOISE_MOST_LAG,
+    NOISE_SAMPLES_PER_ORDER,
+    NOISE_SHORTEST_STRETCH,
+    NOISE_STRETCHES,
+)
 from brv_hypo.motion.noise import ColouredNoise, inverse_spectrum
 
-# Stretches of time that the spectrum of the noise is the median of, and their shortest and longest length, samples.
-_STRETCHES = 16
-_SHORTEST_STRETCH = 32  # samples
-_LONGEST_STRETCH = 256  # samples: the spectrum's lines are a 256th of the sample rate apart
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48
-# Frequencies of a spectrum over which one of them leaks under a Hann window: half its main lobe.
-_LEAKS = 2.0
-# Correlations of neighbouring samples that are tried, and the fall of 2 ln L that one may bring (one sigma).
-_ALLOWED_FALL = 1.0
-_COLOURS = np.linspace(0.0, 0.98, 99)
+# Correlations of neighbouring samples that are tried.
+_COLOURS = np.linspace(*NOISE_COLOURS)
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ def fit_noise(
     left the residuals took of white noise's autocorrelation (`taken_by`): many fitted columns would pose as colour.
     """
     total = sum(part.size for part in residuals)
-    top = int(min(max_order, max(1, total // 20)))
+    top = int(min(max_order, max(1, total // NOISE_SAMPLES_PER_ORDER)))
     covariance = lasting_autocovariance(residuals, top)
     if covariance[0] <= 0.0:
         return white(0.0)
@@ -141,9 +145,9 @@ def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float
         levels = np.mean(lasting[noisy] * shapes, axis=1)
         return levels, values * np.mean(noisy) * (np.log(levels) - np.mean(np.log(shapes), axis=1))
 
-    levels, fall = colours_from(above + _LEAKS * line)
-    allowed = np.flatnonzero(fall <= np.min(fall) + _ALLOWED_FALL)
-    shown = int(np.argmin(colours_from(motion + _LEAKS * line)[1]))
+    levels, fall = colours_from(above + NOISE_LEAKS * line)
+    allowed = np.flatnonzero(fall <= np.min(fall) + NOISE_ALLOWED_FALL)
+    shown = int(np.argmin(colours_from(motion + NOISE_LEAKS * line)[1]))
     chosen = int(np.clip(shown, allowed[0], allowed[-1]))
     return ColouredNoise(float(np.sqrt(0.5 * levels[chosen])), float(_COLOURS[chosen]))
 
@@ -151,8 +155,8 @@ def lasting_noise(residuals: Sequence[ComplexArray], above: float, motion: float
 def _lasting_spectrum(residuals: Sequence[ComplexArray]) -> FloatArray:
     """Median power over stretches of time (frequencies,), positive and negative frequencies alike, of both parts."""
     total = sum(part.size for part in residuals)
-    wanted = int(2 ** np.round(np.log2(np.clip(total / _STRETCHES, _SHORTEST_STRETCH, _LONGEST_STRETCH))))
-    length = min(wanted, max(part.size for part in residuals))
+    wanted = np.clip(total / NOISE_STRETCHES, NOISE_SHORTEST_STRETCH, NOISE_LONGEST_STRETCH)
+    length = min(int(2 ** np.round(np.log2(wanted))), max(part.size for part in residuals))
     power = np.concatenate([_spectra(part, length) for part in residuals if part.size >= length])
     power = np.concatenate([power, np.roll(power[:, ::-1], 1, axis=1)])
     count = power.shape[0]
@@ -183,7 +187,7 @@ def taken_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, ma
     return out / (2.0 * rows)
 
 
-def effective_samples(innovations: list[FloatArray], max_lag: int = 50) -> float:
+def effective_samples(innovations: list[FloatArray], max_lag: int = NOISE_MOST_LAG) -> float:
     """Effective number of independent samples of whitened residuals, one (m,) array a segment and channel.
 
     n / (1 + 2 sum rho_k), summed to the first lag whose correlation is within its own noise (Bayley and
@@ -196,7 +200,7 @@ def effective_samples(innovations: list[FloatArray], max_lag: int = 50) -> float
     inflation = 1.0
     for lag in range(1, max_lag + 1):
         rho = sum(float(part[:-lag] @ part[lag:]) for part in innovations if part.size > lag) / power
-        if abs(rho) < 2.0 / np.sqrt(n):
+        if abs(rho) < NOISE_CORRELATED / np.sqrt(n):
             break
         inflation += 2.0 * rho
     return float(n / max(inflation, 1.0))

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import BAND_LEAST_NOISE, BAND_LEVEL, BAND_SIGMAS
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
@@ -21,10 +22,8 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.prediction import Band
 
-# Standard deviations on either side of the prediction, and the share of a normal distribution between them.
-SIGMAS, LEVEL = 1.96, 0.95
-# Singular values of what is fitted that count, of the largest, and the least share of the noise that a fit leaves.
-_CUTOFF, _LEAST = 1e-12, 0.1
+# Singular values of what is fitted that count, of the largest.
+_CUTOFF = 1e-12
 # Samples of the band that are told: a picture has no more.
 _MOST_TOLD = 2000
 
@@ -75,7 +74,7 @@ def _after_the_fit(problem: Problem, share: FloatArray) -> FloatArray:
     """Variance (rows,) of what a fit leaves over that before it; `share` (rows,) is that of what was fitted."""
     inside = np.zeros(share.size, dtype=bool)
     inside[problem.rows.part.rows] = True
-    return np.where(inside, np.maximum(1.0 - share, _LEAST), 1.0 + share)
+    return np.where(inside, np.maximum(1.0 - share, BAND_LEAST_NOISE), 1.0 + share)
 
 
 def _constants(free: BoolArray, count: int, constants: int) -> BoolArray:
@@ -102,17 +101,17 @@ def band_of(
     `model_sigma` (rows,) is the part of `sigma` that is the model's own error.
     """
     kept, counted = np.flatnonzero(left.usable), left.usable & flown
-    inside = [np.abs(getattr(left.body, axis)) <= SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
+    inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
     told = kept[:: max(1, -(-kept.size // _MOST_TOLD))]
     predicted = measured.body - left.body
     return Band(
-        level=LEVEL,
+        level=BAND_LEVEL,
         inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
         model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,
         time_s=tuple(time[told].tolist()),
         measured=_pair(measured.body[told]),
         predicted=_pair(predicted[told]),
-        half_width=_pair(SIGMAS * sigma[told]),
+        half_width=_pair(BAND_SIGMAS * sigma[told]),
     )
 
 

@@ -9,6 +9,15 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    SCHEDULE_RELATIVE,
+    TRACED_INDEPENDENT,
+    TRACED_SLOPE_DEGREE,
+    TRACED_SMALLEST_SPAN,
+    TRACED_SMOOTH_DEGREE,
+    TRACED_SPAN,
+    WAVERING_SPEED,
+)
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_mechanisms
@@ -16,22 +25,15 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
 from brv_hypo.model.columns import Column
-from brv_hypo.model.slope_schedule import RELATIVE, SlopeSchedule
+from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.constants import WAVERING_SPEED
 from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.residuals.config import Baseline
 from brv_hypo.residuals.linearisation import Model, Seen
 
-# Degree of the scheduled stiffness in Mach number, and the relative span of the quantity that can tell it.
-_SLOPE_DEGREE = 2
-_SMALLEST_SPAN = 0.01  # share of its greatest value; narrower, the polynomial is next to a constant
-# Decades (rms) by which Reynolds number has to leave a smooth function of Mach number to be a quantity of its own.
-_INDEPENDENT = 0.1
-_SMOOTH_DEGREE = 3  # degree in Mach number of that smooth function
 # What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit.
 _OF_SCHEDULES = (TableIncrements.name, SlopeSchedule.name)
 TOLERATED = (*_OF_SCHEDULES, StaticBend.name)
@@ -131,7 +133,7 @@ def scheduled(model: Model, seen: Seen) -> Model:
     if mach is None:
         return model
     slope = None if TableSlope.name in model.mechanisms else _slope(model, seen)
-    schedule = None if slope is None else SlopeSchedule(low=mach[0], high=mach[1], size=RELATIVE * abs(slope))
+    schedule = None if slope is None else SlopeSchedule(low=mach[0], high=mach[1], size=SCHEDULE_RELATIVE * abs(slope))
     if schedule is None or not schedule.sizes.size:
         return model
     return replace(model, mechanisms={**model.mechanisms, schedule.name: schedule})
@@ -162,7 +164,7 @@ def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment
         start=mach[0],
         stop=mach[1],
         offset_degree=0,
-        slope_degree=_SLOPE_DEGREE,
+        slope_degree=TRACED_SLOPE_DEGREE,
         by="mach",
         reynolds=decades,
         speeds=_own_speeds(flights) if narrow else None,
@@ -176,7 +178,7 @@ def _own_speeds(flights: Sequence[Flight]) -> tuple[float, float] | None:
     with the conditions of flight is no function of it alone.
     """
     courses = [(flight.mach, flight.velocity) for flight in flights if flight.mach is not None]
-    return wavering_speeds(courses, _SLOPE_DEGREE, WAVERING_SPEED)
+    return wavering_speeds(courses, TRACED_SLOPE_DEGREE, WAVERING_SPEED)
 
 
 def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
@@ -184,8 +186,8 @@ def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
     known = [values for values in histories if values is not None and np.all(np.isfinite(values))]
     if len(known) < len(histories):
         return None
-    low, high = np.percentile(np.concatenate(known), [0.5, 99.5])
-    return (float(low), float(high)) if high - low > _SMALLEST_SPAN * abs(high) else None
+    low, high = np.percentile(np.concatenate(known), TRACED_SPAN)
+    return (float(low), float(high)) if high - low > TRACED_SMALLEST_SPAN * abs(high) else None
 
 
 def _reynolds_is_independent(flights: Sequence[Flight]) -> bool:
@@ -193,5 +195,5 @@ def _reynolds_is_independent(flights: Sequence[Flight]) -> bool:
     mach, reynolds = (
         np.concatenate([np.log10(getattr(flight, name)) for flight in flights]) for name in ("mach", "reynolds")
     )
-    left = reynolds - Polynomial.fit(mach, reynolds, _SMOOTH_DEGREE)(mach)
-    return float(np.std(left)) > _INDEPENDENT
+    left = reynolds - Polynomial.fit(mach, reynolds, TRACED_SMOOTH_DEGREE)(mach)
+    return float(np.std(left)) > TRACED_INDEPENDENT

@@ -12,6 +12,13 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    CANDIDATE_SOUND,
+    LOOK_ALIKE_COSINE,
+    LOOK_ALIKE_GAIN,
+    LOOK_ALIKE_NEAR,
+    RECORD_EFFECT_LARGEST,
+)
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.columns import Column, Theta, candidates, default_knots, theta_grid
 from brv_hypo.ranking.intervals import intervals, within_bounds
@@ -24,14 +31,6 @@ from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.residuals.left_out import LeftOut
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
-
-# Information that a look-alike may lack against the leader, and the correlation that makes a look-alike.
-NEAR = 10.0
-_ALIKE = 0.95  # cosine between the predicted rates: 10 % of the square is left to tell them apart by
-# Error on left-out stretches that a fit may have, over that of the best fit of its mechanism.
-_SOUND = 1.05
-# Largest plausible value of a record effect, in its typical sizes.
-LARGEST = 30.0
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ def _soundest(left_out: LeftOut, fits: Sequence[HypothesisFit]) -> HypothesisFit
     """
     fits = [fit for fit in fits if math.isfinite(fit.information)] or fits
     errors = [left_out.error(fit) for fit in fits]
-    return likeliest([fit for fit, error in zip(fits, errors, strict=True) if error <= _SOUND * min(errors)])
+    return likeliest([fit for fit, error in zip(fits, errors, strict=True) if error <= CANDIDATE_SOUND * min(errors)])
 
 
 def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
@@ -175,7 +174,7 @@ def try_record_effect(problem: Problem, null: HypothesisFit, variants: Sequence[
     searched = sum(len(variant.histories) for variant in variants)
     found: list[tuple[HypothesisFit, RecordEffect]] = []
     for variant in variants:
-        bounds = {name: LARGEST * component.size for name, (_, component) in variant.histories.items()}
+        bounds = {name: RECORD_EFFECT_LARGEST * component.size for name, (_, component) in variant.histories.items()}
         groups = [(given_column(name, c.units),) for name, (_, c) in variant.histories.items()]
         fits = forward(problem, variant.effect.name, (), problem.frame, groups, searched)
         found.extend((fit, variant.effect) for fit in fits if _plausible(fit, bounds))
@@ -372,7 +371,8 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
         if other is not leader
         and other.gain > 0.0
         and (
-            abs(leader.leads(other)) < NEAR or (alike(leader, other) and other.gain > 0.8 * leader.gain)
+            abs(leader.leads(other)) < LOOK_ALIKE_NEAR
+            or (alike(leader, other) and other.gain > LOOK_ALIKE_GAIN * leader.gain)
         )
     )
 
@@ -380,4 +380,4 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
 def alike(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates predict nearly the same."""
     a, b = one.contribution, other.contribution
-    return float(a @ b) > _ALIKE * float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) > LOOK_ALIKE_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))

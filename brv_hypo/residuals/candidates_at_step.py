@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from brv_hypo.constants import CANDIDATES_LEFT_OUT, RECORD_EFFECT_CLOSER
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
@@ -29,8 +30,6 @@ from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.look_ahead import looked_ahead, looked_ahead_like
 from brv_hypo.residuals.problem import problem_of, with_efficiency
 
-_TOLD = 8  # candidates whose explained share is found on stretches left out, as many as a report shows
-_CLOSER = 3  # turns at most, each about the best variant of the turn before
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
 
@@ -105,9 +104,9 @@ def look(
         described = looked_ahead_like(problem, discovery.candidate, found, mechanisms)
         discovery = replace(discovery, candidate=described)
     left_out = LeftOut(problem)
-    told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:_TOLD]]
+    told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:CANDIDATES_LEFT_OUT]]
     components = _placed([variant for variants in catalogue.values() for variant in variants])
-    return Look(seen, problem, null, (*told, *found[_TOLD:]), flights, components, dictionary, discovery)
+    return Look(seen, problem, null, (*told, *found[CANDIDATES_LEFT_OUT:]), flights, components, dictionary, discovery)
 
 
 def generic_name(model: Model) -> str:
@@ -144,7 +143,7 @@ def _closer(
     for candidate in found:
         effect = candidate.effect
         if effect is not None and len(catalogue[candidate.name]) > 1:
-            for turn in range(_CLOSER):
+            for turn in range(RECORD_EFFECT_CLOSER):
                 number, _ = _placed(catalogue[candidate.name])[candidate.fit.selected[0].term]
                 variants, histories = _variants_of(problem.frame, {number: flights[number]}, effect, f"{turn}.")
                 problem = replace(problem, given={**problem.given, **histories})

@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+from brv_hypo.constants import (
+    HELD_OUT_SIGMAS,
+    HELD_OUT_WORSE,
+    LOOK_ALIKE_NEAR,
+    LOOP_BEYOND_DOUBT,
+    LOOP_DETECTED,
+    LOOP_IN_ITS_PLACE,
+    LOOP_SCHEDULE,
+    LOOP_TRIES,
+)
 from brv_hypo.ranking.alternative import is_particular
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.residual_moments import residual_moments
-from brv_hypo.residuals.candidates import NEAR, Candidate, adjusted, alike, look_alikes
+from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
@@ -22,27 +32,6 @@ from brv_hypo.residuals.judge import (
     residuals_of,
 )
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
-
-# Fall of the sum of squares at which an effect is detected: F = 25 of one coefficient.
-_DETECTED = 25.0
-# The held-out error has to fall by this many of its standard errors: 5 %, one-sided. That the effect is no chance find
-# among many was asked of the fitted part before.
-_SIGMAS = 1.645
-# Share of the significance from which the fitted part leaves no doubt of an effect. A quarter of the record tells its
-# size worse than three quarters do: that it is there, and lowers the error, is enough then. Where the residual passes
-# for white nothing less counts: a test of whiteness asks for anything at all, and overlooks what the effect's own
-# column shows.
-_BEYOND_DOUBT = 1e-3
-# Standard errors by which the moments' error may grow where it need not fall: 5 %, one-sided, of Student's distribution
-# for eight stretches held out. The noise of the gyros, differentiated, may drown it.
-_WORSE = 1.9
-# How many effects may be tried on the held-out part in one step, and how much of what a refused one explains in the
-# fitted part the next has to explain: what explains far less does not stand in its place.
-_TRIES = 3
-_IN_ITS_PLACE = 0.5  # share of the first's gain
-# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
-# all a function of Mach number, and jumps in time describe any smooth change.
-_SCHEDULE = 0.5
 
 
 @dataclass(frozen=True)
@@ -76,13 +65,13 @@ class Tried:
         fitted part alone. Worse by less than noise scatters such an error is not worse: the record is read anew with
         the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + max(_WORSE * self.ratio_error, self.errors_before[1].scatter)
+        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.errors_before[1].scatter)
         if self.carried:
             return no_worse
         if self.certain:
-            return self.agreement.fall > 0.0 and self.agreement.shown >= _SIGMAS and no_worse
+            return self.agreement.fall > 0.0 and self.agreement.shown >= HELD_OUT_SIGMAS and no_worse
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
-        return self.agreement.fall >= _SIGMAS and falls
+        return self.agreement.fall >= HELD_OUT_SIGMAS and falls
 
 
 @dataclass(frozen=True)
@@ -138,7 +127,7 @@ def choose(
     known = {id(tried.candidate): tried for tried in before}
     tried: list[Tried] = []
     for candidate in ranked:
-        if candidate.gain <= 0.0 or candidate.fall < _DETECTED or chances[candidate.name] > significance:
+        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
             continue
         # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
         idle = (
@@ -146,15 +135,15 @@ def choose(
             and candidate.explains <= 0.0
             and (scheduled or not follows(candidate))
         )
-        certain = chances[candidate.name] <= _BEYOND_DOUBT * significance
+        certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
         if ((residual_is_white and not certain) or idle) and not is_carried(here.problem, candidate.name):
             continue
         if any(alike(candidate, other.candidate) for other in tried):
             continue
-        if tried and candidate.gain < _IN_ITS_PLACE * tried[0].candidate.gain:
+        if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
         tried.append(known.get(id(candidate)) or _try(here, state, candidate, certain, add))
-        if tried[-1].taken or len(tried) == _TRIES:
+        if tried[-1].taken or len(tried) == LOOP_TRIES:
             break
     return Choice(ranked, discovery, tuple(tried))
 
@@ -168,7 +157,7 @@ def _schedules_first(ranked: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
 
 def comes_first(gain: float, most: float) -> bool:
     """Whether a schedule of this gain comes before what has the largest."""
-    return gain >= _SCHEDULE * most
+    return gain >= LOOP_SCHEDULE * most
 
 
 def follows(candidate: Candidate) -> bool:
@@ -209,7 +198,8 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
     nothing without changes that are not particular to it: then the description leads where it is as good.
     """
     ranked = sorted(
-        here.candidates, key=lambda candidate: -candidate.together - (NEAR if candidate.name in held else 0.0)
+        here.candidates,
+        key=lambda candidate: -candidate.together - (LOOK_ALIKE_NEAR if candidate.name in held else 0.0),
     )
     if discovery is None:
         return ranked
@@ -223,6 +213,6 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
 def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
     """Whether a description in generic terms comes before the candidate."""
     more = described.leads(candidate)
-    if abs(more) >= NEAR:
+    if abs(more) >= LOOK_ALIKE_NEAR:
         return more > 0.0
     return not is_particular(here.problem, here.null, candidate.fit)

@@ -6,12 +6,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from brv_hypo.constants import TRACED_BLOCKS, TRACED_KNOTS, TRACED_SIGNIFICANCE, TRACED_STEPS, TRACED_TERMS
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.motion.config import Method
 from brv_hypo.residuals.saved import SavedModel
-
-# Samples from which a record is enough to hold any out.
-SMALLEST_RECORD = 120
 
 Baseline = Literal["scheduled", "constant"]
 
@@ -39,9 +37,9 @@ class TraceConfig(BaseModel):
     effects: tuple[str, ...] | None = None
     discover: bool = True
     method: Method = "joint"
-    blocks: int = Field(default=32, ge=8, le=200)
-    max_steps: int = Field(default=8, ge=1, le=30)
-    significance: float = Field(default=0.01, gt=0.0, lt=0.5)
-    knot_count: int = Field(default=7, ge=0, le=40)
-    max_terms: int = Field(default=4, ge=1, le=20)
+    blocks: int = Field(default=TRACED_BLOCKS, ge=8, le=200)
+    max_steps: int = Field(default=TRACED_STEPS, ge=1, le=30)
+    significance: float = Field(default=TRACED_SIGNIFICANCE, gt=0.0, lt=0.5)
+    knot_count: int = Field(default=TRACED_KNOTS, ge=0, le=40)
+    max_terms: int = Field(default=TRACED_TERMS, ge=1, le=20)
     maximum_likelihood: bool = True

@@ -12,17 +12,23 @@ from typing import Literal
 
 import numpy as np
 
+from brv_hypo.constants import (
+    DESCRIBED_GRADUAL,
+    DESCRIBED_HATS,
+    DESCRIBED_SHARP,
+    DESCRIBED_SLOW,
+    DESCRIBED_STEPS,
+    TURNING_RATES,
+)
 from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn, values_of
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.turning import RATES, fastest_turning
+from brv_hypo.regression.turning import fastest_turning
 
 Wave = Literal["cos", "sin"]
 
-_STEPS = 14  # places of a step, evenly over the quantity; `discover` moves the chosen ones between
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.
-_WIDTHS = {0.1: "", 0.3: " that is gradual", 1.0: " that is slow"}
-_HATS = 8  # places of a hat, each as wide as the way to the next
+_WIDTHS = {DESCRIBED_SHARP: "", DESCRIBED_GRADUAL: " that is gradual", DESCRIBED_SLOW: " that is slow"}
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 _POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
 _QUANTITY = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time": "time"}
@@ -64,7 +70,7 @@ def _turning(motion: Motion) -> list[Entry]:
     """Body-fixed moments of constant size that turn in the body at a constant rate."""
     duration = float(motion.time[-1] - motion.time[0])
     top = fastest_turning(motion)
-    step = max(np.pi / duration, 2.0 * top / RATES)
+    step = max(np.pi / duration, 2.0 * top / TURNING_RATES)
     rates = step * np.arange(-int(top / step), int(top / step) + 1)
     near = float(np.mean(motion.p))
 
@@ -181,7 +187,7 @@ def _powers() -> list[Entry]:
 
 def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
     """Steps of the stiffness, in and out of plane, at a value of the quantity, sharp or gradual."""
-    spacing = (high - low) / (_STEPS + 1)
+    spacing = (high - low) / (DESCRIBED_STEPS + 1)
 
     def maker(axis: Axis, share: float) -> Callable[[float], Entry]:
         what = (
@@ -204,14 +210,14 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
         return entry
 
     makers = [maker(axis, share) for axis in _PLANE for share in _WIDTHS]
-    return [make(low + k * spacing) for make in makers for k in range(1, _STEPS + 1)]
+    return [make(low + k * spacing) for make in makers for k in range(1, DESCRIBED_STEPS + 1)]
 
 
 def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
     """Splines: stiffness, out-of-plane slope and body-fixed moment around a value of the quantity."""
-    width = (high - low) / (_HATS - 1)
+    width = (high - low) / (DESCRIBED_HATS - 1)
     found = []
-    for k in range(_HATS):
+    for k in range(DESCRIBED_HATS):
         at = low + k * width
         hat = Factor(of=quantity, function="bump", at=at, width=width)
         where = f"around {_QUANTITY[quantity]} {at:.4g}"

@@ -10,6 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    DESCRIBED_CLOSEST,
+    DESCRIBED_FINER,
+    DESCRIBED_FREE,
+    DESCRIBED_NEIGHBOURS,
+    DESCRIBED_SCREENED,
+    DESCRIBED_TIMED,
+)
 from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm, MechanismFile, mechanism_of
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
@@ -19,12 +27,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
 from brv_hypo.residuals.dictionary import Entry, entries
 from brv_hypo.subset import best_subsets
-
-_SCREENED = 10  # entries at most, of which the best subset is found exactly: 2^10 subsets
-_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
-# Entries at most that are tried as what begins, ends and jumps in time, the best as constants: of an effect that acts
-# a quarter of the record, a quarter of what it explains is left to find it by.
-_TIMED = 3
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ def discover(
     """
     response, (basis, left) = problem.response, _left(problem)
     chosen: list[Entry] = []
-    for _ in range(min(most + 2, _SCREENED) if most > 1 else 1):
+    for _ in range(min(most + 2, DESCRIBED_SCREENED) if most > 1 else 1):
         gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
         if not gains or max(gains) <= 0.0:
             break
@@ -177,13 +179,13 @@ def _changing(dictionary: Dictionary, problem: Problem) -> list[Entry]:
         entry = dictionary.entries[k]
         if entry.may_change and gains[k] > 0.0 and not any(_neighbours(entry, other) for other in found):
             found.append(entry)
-    return found[:_TIMED]
+    return found[:DESCRIBED_TIMED]
 
 
 def _neighbours(one: Entry, other: Entry) -> bool:
     """Whether two entries are the same at places next to each other."""
     placed = one.at is not None and other.at is not None
-    return placed and abs(one.position - other.position) < 1.5 * max(one.spacing, other.spacing)
+    return placed and abs(one.position - other.position) < DESCRIBED_NEIGHBOURS * max(one.spacing, other.spacing)
 
 
 def _file(name: str, chosen: Sequence[Entry], words: str) -> MechanismFile:
@@ -223,13 +225,13 @@ def _moved(
 ) -> Entry:
     """The entry, with these courses in time, at the place near it that explains most."""
     spacing = entry.spacing
-    while entry.at is not None and spacing > 0.02 * entry.spacing:
+    while entry.at is not None and spacing > DESCRIBED_CLOSEST * entry.spacing:
         places = [
-            entry.at(entry.position + spacing * shift) for shift in np.linspace(-1.0, 1.0, 2 * _FINER + 1)
+            entry.at(entry.position + spacing * shift) for shift in np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
         ]
         gains = [_gain(_free(own, basis), left) for own in _white(problem, places, courses)]
         entry = places[int(np.argmax(gains))]
-        spacing /= _FINER
+        spacing /= DESCRIBED_FINER
     return entry
 
 
@@ -246,7 +248,7 @@ def _white(
 def _free(own: FloatArray, basis: FloatArray) -> FloatArray:
     """Columns less what the basis holds."""
     free = own - basis @ (basis.T @ own)
-    free[:, np.linalg.norm(free, axis=0) < 1e-4 * np.linalg.norm(own, axis=0)] = 0.0
+    free[:, np.linalg.norm(free, axis=0) < DESCRIBED_FREE * np.linalg.norm(own, axis=0)] = 0.0
     return np.asarray(free, dtype=float)
 
 

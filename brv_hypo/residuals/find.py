@@ -7,6 +7,15 @@ from scipy import stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    TOLD_CHANCE,
+    TOLD_FREQUENCY_LINES,
+    TOLD_FREQUENCY_WITHIN,
+    TOLD_REGION_SHARE,
+    TOLD_REGIONS,
+    WHITE_CHANCE,
+    WHITE_LAGS,
+)
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import SMOOTH, Motion
@@ -17,11 +26,6 @@ from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Correlation, Residual
-
-_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
-_REGIONS = 16  # stretches of time, of which the worst and its neighbours are told
-_WHITE = 0.05  # p-value above which what is left is called white; convention
-_TELLING = 0.01  # p-value, adjusted for the channels tried, below which a correlation is told; convention
 
 
 def find(look: Look, left: ResidualMoments) -> Residual:
@@ -47,7 +51,7 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     return Residual(
         flight=number if several else None,
         rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
-        white=p_value > _WHITE,
+        white=p_value > WHITE_CHANCE,
         p_value=p_value,
         noise_ratio=_noise_ratio(look.seen, left, number),
         worst_channel=worst,
@@ -83,7 +87,7 @@ def _whiteness(look: Look) -> float:
         for channel in (piece.real, piece.imag)
     ]
     chances = [
-        float(acorr_ljungbox(part, lags=[min(_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
+        float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
     ]
     together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
     total = sum(float(part @ part) for part in parts)
@@ -105,23 +109,23 @@ def _excess(values: FloatArray, sigma: FloatArray) -> float:
 
 def _by_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> FloatArray:
     """Mean square in each sixteenth of the record."""
-    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * _REGIONS).astype(int), 0, _REGIONS - 1)
+    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * TOLD_REGIONS).astype(int), 0, TOLD_REGIONS - 1)
     return np.array(
         [
             np.mean(np.abs(body[inside]) ** 2) if (inside := (which == k) & usable).any() else 0.0
-            for k in range(_REGIONS)
+            for k in range(TOLD_REGIONS)
         ]
     )
 
 
 def _worst_region(time: FloatArray, size: FloatArray) -> tuple[tuple[float, float], float]:
-    """The stretch around the largest of the regions' sizes in which they stay above half of it; that size."""
-    edges = np.linspace(time[0], time[-1], _REGIONS + 1)
+    """The stretch around the largest of the regions' sizes in which they stay above that share of it; that size."""
+    edges = np.linspace(time[0], time[-1], TOLD_REGIONS + 1)
     worst = int(np.argmax(size))
     first = last = worst
-    while first > 0 and size[first - 1] > 0.5 * size[worst]:
+    while first > 0 and size[first - 1] > TOLD_REGION_SHARE * size[worst]:
         first -= 1
-    while last < _REGIONS - 1 and size[last + 1] > 0.5 * size[worst]:
+    while last < TOLD_REGIONS - 1 and size[last + 1] > TOLD_REGION_SHARE * size[worst]:
         last += 1
     return (float(edges[first]), float(edges[last + 1])), float(size[worst])
 
@@ -135,7 +139,7 @@ def _dominant(body: ComplexArray, usable: BoolArray, step: float) -> float:
 
 def _name_frequency(motion: Motion, frequency: float) -> str:
     """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
-    resolution = 1.5 / float(motion.time[-1] - motion.time[0])
+    resolution = TOLD_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
     rates = {
         "roll rate": float(np.mean(motion.p)),
         "windward-meridian rate": float(np.mean(motion.windward_meridian_rate)),
@@ -149,7 +153,8 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
         for multiple in (1, 2, 3)
     ]
     away, name = min(found)
-    return name if away < max(resolution, 0.1 * abs(frequency)) else "no multiple of roll or meridian rate"
+    near = away < max(resolution, TOLD_FREQUENCY_WITHIN * abs(frequency))
+    return name if near else "no multiple of roll or meridian rate"
 
 
 def _correlations(
@@ -170,5 +175,5 @@ def _correlations(
             t = abs(r) * np.sqrt(max(n - 2.0, 1.0) / max(1.0 - r * r, 1e-12))
             chance = min(1.0, 2.0 * len(others) * 2.0 * float(stats.t.sf(t, max(n - 2.0, 1.0))))
             found.append(Correlation(moment=moment, channel=name, coefficient=r, p_value=chance))
-    telling = [c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < _TELLING]
+    telling = [c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < TOLD_CHANCE]
     return tuple(telling[:4])

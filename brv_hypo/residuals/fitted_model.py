@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import MODEL_CORRECTIONS, MODEL_LINEARISATIONS, MODEL_PLAUSIBLE, MODEL_TRIFLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.regression.fit import fit_hypothesis
@@ -24,15 +25,6 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.judge import Prediction, moment_errors
 from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
 from brv_hypo.residuals.problem import errors_beside, linearised_at, problem_of
-
-# How often the values of record effects are corrected in the end; how much the error may grow by it, as noise moves it.
-_CORRECTIONS = 2
-# How often what the tolerances allow is taken out of the record and the rest linearised anew.
-_LINEARISATIONS = 2
-# Tolerances up to which an error is taken out: one that is larger is the misfit of a model that lacks something, and a
-# record that is corrected by it is no longer the one that was flown.
-_PLAUSIBLE = 3.0
-_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 
 
 @dataclass(frozen=True)
@@ -81,12 +73,12 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
     """
     state = _settled(flights, model, config)
     nearer = _state_about(state.seen, state.model, state.values, config)
-    return state if nearer.errors.mean_square > state.errors.mean_square * _TRIFLE else nearer
+    return state if nearer.errors.mean_square > state.errors.mean_square * MODEL_TRIFLE else nearer
 
 
 def _settled(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
     state = first_state(model, with_in_plane_moment(see(flights, model, config), model.columns), config)
-    for _ in range(_LINEARISATIONS):
+    for _ in range(MODEL_LINEARISATIONS):
         found = errors_beside(state.problem, fit_hypothesis(state.problem, "none", ()))
         taken = [
             taken_out(number, flight, model, found[number], state.seen.taken[number])
@@ -94,7 +86,7 @@ def _settled(flights: Sequence[Flight], model: Model, config: TraceConfig) -> St
         ]
         seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
         nearer = _refined(first_state(model, seen, config))
-        if nearer.errors.mean_square > state.errors.mean_square * _TRIFLE:
+        if nearer.errors.mean_square > state.errors.mean_square * MODEL_TRIFLE:
             return _about_its_vehicle(state, taken, config)  # the errors of the record that were found are none
         state, model = nearer, nearer.model
     return state
@@ -120,8 +112,9 @@ def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: 
     sizes = {(e.name, c.name): c.size for e in carried_effects() for c in e.components(flight)}
     of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
     known = {name: value for name, value in found.items() if name in sizes or name[0] in of_vehicle}
+    most = {name: MODEL_PLAUSIBLE * size for name, size in sizes.items()}
     within = {
-        name: float(np.clip(value, -_PLAUSIBLE * sizes[name], _PLAUSIBLE * sizes[name])) if name in sizes else value
+        name: float(np.clip(value, -most[name], most[name])) if name in most else value
         for name, value in known.items()
         if name not in free
     }
@@ -177,7 +170,7 @@ def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> St
     fits no better.
     """
     best = state
-    for _ in range(_CORRECTIONS if state.model.applied else 0):
+    for _ in range(MODEL_CORRECTIONS if state.model.applied else 0):
         fit = fit_hypothesis(best.problem, "none", ())
         wrong = errors_beside(best.problem, fit)
         applied = tuple(
@@ -188,7 +181,7 @@ def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> St
         seen = with_in_plane_moment(see(flights, model, config, best.seen.taken), model.columns)
         linear = linearised_at(seen, model, best.values)
         found = state_of(model, seen, problem_of(seen, model, linear, config, noise=best.problem.rows.noise), linear)
-        if found.errors.mean_square > best.errors.mean_square * _TRIFLE:
+        if found.errors.mean_square > best.errors.mean_square * MODEL_TRIFLE:
             break
         best = found
     return best

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import HELD_OUT_CLUSTER
 from brv_hypo.regression.channels import Noise, Part, Rows
 from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments
 
-# Rows that are summed before their squares are, so that short correlations count.
-_CLUSTER = 8
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
 
 
@@ -75,7 +74,7 @@ def agreement(problem: Problem, held_out: Part, before: Residuals, after: Residu
     first, second = (rows + directions @ (share * (directions.T @ rows)) for rows in (first, second))
     difference = first - second
     products = difference * second
-    clusters = np.add.reduceat(products, np.arange(0, products.size, _CLUSTER))
+    clusters = np.add.reduceat(products, np.arange(0, products.size, HELD_OUT_CLUSTER))
     noise = max(float(np.sqrt(np.sum(clusters**2))), 1e-300)
     fall = float(first @ first - second @ second) / (2.0 * noise)
     return Agreement(fall, float(difference @ first) / noise)

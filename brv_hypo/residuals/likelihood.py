@@ -6,20 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from brv_hypo.constants import LIKELIHOOD_STEPS, SCHEDULE_TRIFLE
 from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.model.columns import Column
 from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.ranking.likelihood import MOST_ITERATIONS
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.problem import increments
 from brv_hypo.residuals.summary import term_estimates
 
-# Share of the static moment below which a schedule's part of it is held to be none.
-_TRIFLE = 0.01
-_OPTIONS = IdentificationConfig(max_iterations=MOST_ITERATIONS)
+_OPTIONS = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS)
 
 
 def maximum_likelihood(state: State) -> MaximumLikelihood:
@@ -53,7 +51,7 @@ def _course(state: State) -> SlopeCourse | None:
     motion = state.seen.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
     slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_Nalpha")
-    return found if np.linalg.norm(own) > _TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
+    return found if np.linalg.norm(own) > SCHEDULE_TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
 
 
 def _left_out(message: str) -> MaximumLikelihood:

@@ -8,15 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from brv_hypo.constants import LOOK_AHEAD, LOOK_AHEAD_RIVAL, LOOK_ALIKE_NEAR
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
-from brv_hypo.residuals.candidates import NEAR, Candidate, bounded, try_mechanism
-
-# Candidates that are looked beyond, and how much of the leader's gain each must have: what explains far less is no
-# rival.
-_LOOKED = 3
-_RIVAL = 0.5
+from brv_hypo.residuals.candidates import Candidate, bounded, try_mechanism
 
 
 def looked_ahead(
@@ -26,13 +22,13 @@ def looked_ahead(
 
     A leader that leaves nothing needs no comparison.
     """
-    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > NEAR]
-    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:_LOOKED]
+    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > LOOK_ALIKE_NEAR]
+    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:LOOK_AHEAD]
     if not leaders or (first := _beside(problem, leaders[0], mechanisms)) <= 0.0:
         return list(found)
     ahead = {leaders[0].name: first}
     for rival in leaders[1:]:
-        if rival.gain >= _RIVAL * leaders[0].gain:
+        if rival.gain >= LOOK_AHEAD_RIVAL * leaders[0].gain:
             ahead[rival.name] = _beside(problem, rival, mechanisms)
     return [replace(candidate, ahead=ahead.get(candidate.name)) for candidate in found]
 
@@ -45,7 +41,7 @@ def looked_ahead_like(
     One that takes up a little of two effects at once would explain more than the name of either.
     """
     rivals = [candidate for candidate in found if candidate.ahead is not None]
-    if not any(described.gain > _RIVAL * rival.gain for rival in rivals):
+    if not any(described.gain > LOOK_AHEAD_RIVAL * rival.gain for rival in rivals):
         return described
     return replace(described, ahead=_beside(problem, described, mechanisms))
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from brv_hypo.constants import DESCRIBED_TERMS, HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.averaging import averaged
@@ -37,7 +38,7 @@ from brv_hypo.residuals.baseline import (
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose, follows
-from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
+from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import (
@@ -58,8 +59,6 @@ from brv_hypo.residuals.unneeded import unneeded, without
 from brv_hypo.settings import settings_of
 
 Progress = Callable[[str], None]
-SAMPLES_OF_A_BLOCK = 8  # shorter stretches of time are not held out
-_GENERIC = 4  # terms at most, of what is described in the end
 
 
 def trace(
@@ -79,7 +78,7 @@ def trace(
     config = settings_of(TraceConfig, config)
     own = flights_of(flights)
     records = tuple(averaged(flight) for flight in own)
-    fewest = max(SMALLEST_RECORD, SAMPLES_OF_A_BLOCK * config.blocks)
+    fewest = max(TRACED_SMALLEST, HELD_OUT_SHORTEST * config.blocks)
     for record in records:
         if record.samples < fewest:
             raise UnanswerableError(
@@ -208,7 +207,7 @@ class _Course:
         residual = find(here, state.left)
         choice = self._choice(here, state, here.discovery, white=residual.white)
         if choice.taken is None and here.dictionary is not None and not residual.white:
-            more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), _GENERIC)
+            more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), DESCRIBED_TERMS)
             described = self._choice(here, state, more, choice.tried)
             choice = described if described.taken else choice
         if choice.taken is None and bends and (named := self._naming_the_bend(number, state, bends)) is not None:

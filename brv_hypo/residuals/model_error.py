@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import MODEL_ERROR_SIGMAS, MODEL_ERROR_WEIGHTS
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.filed import FiledMechanism
 from brv_hypo.model.columns import Column
@@ -18,11 +19,6 @@ from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.regression.whitening import effective_samples
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.saved import ModelError
-
-# Weights of a held-out stretch and of its neighbours in Mach number: one stretch alone holds few cycles.
-_NEIGHBOURS = (0.25, 0.5, 0.25)
-# Standard errors of the noise's mean square by which what is left has to exceed it: 5 %, one-sided.
-_SIGMAS = 1.645
 
 
 def lasting(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism]) -> BoolArray:
@@ -69,12 +65,12 @@ def _beyond(
     # Of a mean square with so many degrees of freedom, were it noise alone.
     errors = noises * np.sqrt(2.0 / np.maximum([2.0 * share * rows.size for rows in kept], 1.0))
     excess, error = weights @ (squares - noises), np.sqrt(weights**2 @ errors**2)
-    return np.asarray(np.where(excess > _SIGMAS * error, excess, 0.0), dtype=float)
+    return np.asarray(np.where(excess > MODEL_ERROR_SIGMAS * error, excess, 0.0), dtype=float)
 
 
 def _near(count: int) -> FloatArray:
     """Weights (count, count) of every stretch's neighbours."""
-    before, here, after = _NEIGHBOURS
+    before, here, after = MODEL_ERROR_WEIGHTS
     off = np.ones(max(count - 1, 0))
     return np.asarray(here * np.eye(count) + np.diag(before * off, -1) + np.diag(after * off, 1), dtype=float)
 

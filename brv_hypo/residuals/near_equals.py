@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import NEAR_EQUAL_COSINE
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate
 
-# Cosine of the angle between an effect's prediction and the columns of another from which that can take its place.
-_NEARLY_EQUAL = 0.95
 _SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
 
 
@@ -38,7 +37,7 @@ def near_equals(
             for name, span in {**spans, **own}.items()
             if name != candidate.name and size > 0.0
         }
-        near = sorted((name for name in cosines if cosines[name] > _NEARLY_EQUAL), key=lambda name: -cosines[name])
+        near = sorted((name for name in cosines if cosines[name] > NEAR_EQUAL_COSINE), key=lambda name: -cosines[name])
         found[candidate.name] = tuple(near)
     return found
 

@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import PREDICTED_LINEARISATIONS, TRACED_SMALLEST
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
@@ -25,7 +26,7 @@ from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.band import band_of, predictive_sigma
-from brv_hypo.residuals.config import SMALLEST_RECORD, TraceConfig
+from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
@@ -46,8 +47,6 @@ _REGIONS = 8
 _OF_THE_MOTION = ("motion", "force")
 # What `refit` calls all errors of record and vehicle that the tolerances allow.
 INSTRUMENTS = "instruments"
-# How often the flight is linearised anew where errors of its record are fitted.
-_LINEARISATIONS = 2
 
 
 def predict(
@@ -195,7 +194,7 @@ def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: T
     held = np.array([np.nan if c in free else coefficients[c] for c in model.columns], dtype=float)
     taken: Errors = {}
     task = _seen_with(flight, model, held, effects, taken, config, content.flown)
-    for _ in range(_LINEARISATIONS if effects else 0):
+    for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
         found = task.problem.rows.nuisances.values(task.solved(held).others, 1)[0]
         own = {name: value for name, value in found.items() if name[0] in effects}
         taken = taken_out(0, flight, model, own, taken)
@@ -235,7 +234,7 @@ def _seen_with(
     seen = with_in_plane_moment(see((flight,), model, config, (taken,)), model.columns)
     start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
     there = _flown(flown, seen)
-    part = seen.part_where(there) if there.sum() >= SMALLEST_RECORD else seen.whole
+    part = seen.part_where(there) if there.sum() >= TRACED_SMALLEST else seen.whole
     problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(part)
     items = problem.rows.nuisances.items
     # What has no prior was found on this very record, and is taken out of it.

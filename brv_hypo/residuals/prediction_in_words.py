@@ -7,18 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from brv_hypo.constants import (
+    PREDICTED_GREATLY,
+    PREDICTED_HOLDS,
+    PREDICTED_NEARLY_ALL,
+    PREDICTED_SMALL,
+    PREDICTED_TELLING,
+)
 from brv_hypo.residuals.prediction import Band
 
-# Share of the samples where the model's flights flew, from which nothing is said of it.
-_NEARLY_ALL = 0.995
-# Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and
-# the share of the moments' mean square below which the frozen model's is small enough to need none.
-_GREATLY, _SMALL = 0.5, 0.01
-# Share of the samples within a 95 % band below which the frozen model errs by more than it said.
-_HOLDS = 0.90
 _NARROW = " Here it errs by more than where it was found: do not take the band for its error."
-# Share of the noise's mean square from which what a model left where it was found is told.
-_TELLING = 0.25
 
 
 @dataclass(frozen=True)
@@ -53,9 +51,9 @@ def reason(shares: Shares, band: Band, noise: float, remedy: str, left_out: Sequ
         f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
-        + (_NARROW if band.inside < _HOLDS else "")
+        + (_NARROW if band.inside < PREDICTED_HOLDS else "")
         + _of_the_model(band, noise)
-        + (beyond if shares.flown < _NEARLY_ALL else "")
+        + (beyond if shares.flown < PREDICTED_NEARLY_ALL else "")
         + _held_too_much(shares, remedy)
         + _of_other_times(left_out)
     )
@@ -72,7 +70,7 @@ def _explains(share: float) -> str:
 
 def _held_too_much(shares: Shares, remedy: str) -> str:
     """What to do where the model fails, or would fail far less, for what record and vehicle are held not to err by."""
-    much = shares.left > _SMALL and shares.eased < _GREATLY * shares.left
+    much = shares.left > PREDICTED_SMALL and shares.eased < PREDICTED_GREATLY * shares.left
     if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
         return ""
     return (
@@ -94,7 +92,7 @@ def _of_other_times(left_out: Sequence[str]) -> str:
 
 def _of_the_model(band: Band, noise: float) -> str:
     """What is said of a band that is wider than the noise for what the model left where it was found."""
-    if band.model_error**2 < _TELLING * noise:
+    if band.model_error**2 < PREDICTED_TELLING * noise:
         return ""
     return (
         f" Where it was found the model left {band.model_error:.2g} (rms) on stretches held out of its fit, "

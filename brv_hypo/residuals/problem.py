@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import NOISE_RAISED
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.model.columns import Column, default_knots
 from brv_hypo.model.time_variation import TimeFunction
@@ -23,9 +24,6 @@ from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.baseline import TOLERATED, tolerated
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.linearisation import Model, Seen
-
-# How often the noise is raised to what the model leaves, which changes with it.
-_RAISED = 3
 
 
 def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
@@ -84,7 +82,7 @@ def _raised(problem: Problem) -> Problem:
     their tolerances to make up for it.
     """
     least = problem.rows.noise
-    for _ in range(_RAISED):
+    for _ in range(NOISE_RAISED):
         noise, rates = problem.rows.noise, problem.rows.rates
         left = problem.raw_response - _fitted(problem)
         levels = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in (slice(0, rates), slice(rates, 2 * rates))]

@@ -17,6 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.instruments import instruments_from
@@ -30,7 +31,6 @@ from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.baseline import is_bend
-from brv_hypo.residuals.candidates import LARGEST
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
@@ -140,13 +140,13 @@ def _with_error(
         component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
         for name, (_, component) in here.components.items()
     }
-    possible = [c for c, limit in limits.items() if times * limit <= LARGEST * c.size]
+    possible = [c for c, limit in limits.items() if times * limit <= RECORD_EFFECT_LARGEST * c.size]
     if not possible:
         least = min(limits, key=lambda c: limits[c] / c.size)
         raise UnanswerableError(
             f"on this record an error of {effect.name} {least.name} shows from {limits[least]:.3g} {least.units} on, "
             f"{limits[least] / least.size:.0f} of its tolerance: at {times:g} times that no instrument errs so much, "
-            f"and the loop believes up to {LARGEST:.0f}. Plant less (--times)."
+            f"and the loop believes up to {RECORD_EFFECT_LARGEST:.0f}. Plant less (--times)."
         )
     component = possible[int(draw.integers(len(possible)))]
     value = float(times * limits[component])

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from brv_hypo.constants import LOOP_REPEATED_BLOCKS, LOOP_REPEATED_KNOTS, LOOP_RIVALS, REPEATED_ERRORS
 from brv_hypo.model.columns import default_knots
 from brv_hypo.regression.channels import split
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
@@ -19,14 +20,6 @@ from brv_hypo.residuals.candidates import Candidate, fitted_again, try_mechanism
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import comes_first, follows
 from brv_hypo.residuals.config import TraceConfig
-
-# Other numbers of blocks, in shares of the configured one, and of knots, added to it.
-_BLOCKS = (0.75, 1.25)
-_KNOTS = (-2, 2)  # knots: a third of the usual seven, so that regions fall elsewhere
-# Effects whose tolerance is gone through, one on either side.
-_TOLERANCES = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
-# Rivals that are fitted again: the best few of those that save anything.
-_RIVALS = 5
 
 
 def named_in(
@@ -37,21 +30,21 @@ def named_in(
     `scheduled` says that the model has a schedule by Mach number: where it has none, one comes first.
     """
     own = next(candidate for candidate in ranked if candidate.name == name)
-    rivals = [candidate for candidate in ranked if candidate is not own and candidate.gain > 0.0][:_RIVALS]
+    rivals = [candidate for candidate in ranked if candidate is not own and candidate.gain > 0.0][:LOOP_RIVALS]
     again = [_best_name(problem, [own, *rivals], scheduled) == name for problem in _repetitions(here, config)]
     return float(np.mean(again))
 
 
 def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
     problem, seen = here.problem, here.seen
-    for share in _BLOCKS:
+    for share in LOOP_REPEATED_BLOCKS:
         fitted, _ = split(seen.frame, seen.whole.seen, round(share * config.blocks))
         yield problem.on(fitted)
     start, stop = float(seen.frame.time.min()), float(seen.frame.time.max())
-    for more in _KNOTS:
+    for more in LOOP_REPEATED_KNOTS:
         yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
     nuisances = problem.rows.nuisances
-    for effect in _TOLERANCES:
+    for effect in REPEATED_ERRORS:
         for side in (-1.0, 1.0):
             items = tuple(
                 replace(item, present=item.present + side) if item.name == effect else item

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS
 from brv_hypo.residuals.baseline import has_schedule
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
@@ -17,12 +18,6 @@ from brv_hypo.residuals.repetition import named_in
 from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate
 
 _TOLD = 8  # candidates in a step's table
-# Standard errors by which a finding lowers the held-out moment error (5 %, one-sided), and the share of the
-# repetitions that name it.
-_SIGMAS = 1.645
-_MOST = 0.75  # share of the repetitions: three in four
-# Fall of the squared whitened rates above which an effect shows in the moments.
-_SHOWN = 12.0
 
 
 def step_of(
@@ -91,9 +86,9 @@ def _standing(
     """A finding or a hint; several generic pieces that were found one after another describe, and name nothing."""
     if discovery is not None and taken.candidate is discovery.candidate and discovery.pieces > 1:
         return "hint"
-    lowers = taken.ratio + _SIGMAS * taken.ratio_error < 1.0
+    lowers = taken.ratio + FINDING_SIGMAS * taken.ratio_error < 1.0
     elsewhere = without_flight is None or without_flight.ratio < 1.0
-    return "finding" if lowers and elsewhere and share >= _MOST else "hint"
+    return "finding" if lowers and elsewhere and share >= FINDING_REPEATED else "hint"
 
 
 def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:
@@ -101,7 +96,7 @@ def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str
     if candidate.kind == "discovered" and discovery is not None:
         return discovery.words
     values = candidate.fit.values[candidate.fit.baseline_size :]
-    where = "" if candidate.in_rates > _SHOWN else " (in the specific force only)"
+    where = "" if candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
     if candidate.effect is not None:
         when = getattr(candidate.effect, "time", None)
         sizes = ", ".join(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import TOLD_DRAG, TOLD_MERIDIAN, TOLD_PER_CYCLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
@@ -40,7 +41,6 @@ from brv_hypo.residuals.result import (
 )
 from brv_hypo.residuals.sizes import Coefficients, coefficients_of, placed_by_the_whole, whole_fit
 
-_FEW_SAMPLES = 25.0  # a cycle: a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
 _MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, SlopeCourse.name)
 
@@ -275,18 +275,18 @@ def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
 def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
     found = list(reconstruction.warnings)
     motion = reconstruction.motion
-    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), 90.0)) + float(
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), TOLD_MERIDIAN)) + float(
         np.mean(np.abs(motion.p))
     )
     per_cycle = 2.0 * np.pi / (turning * flight.step)
-    if per_cycle < _FEW_SAMPLES:
+    if per_cycle < TOLD_PER_CYCLE:
         attenuation = 1.0 - np.sinc(1.0 / per_cycle)
         found.append(
             f"a cycle has {per_cycle:.0f} samples: where samples are means over their interval, fast motion reads "
             f"{100.0 * attenuation:.1f} % too small, and a delay of half a sample may pose as damping or lag"
         )
     drag = _drag_spread(flight)
-    if drag is not None and drag < 0.1:
+    if drag is not None and drag < TOLD_DRAG:
         found.append(
             f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
             "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "

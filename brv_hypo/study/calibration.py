@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.ranking.constants import TEMPERATURE
+from brv_hypo.constants import TEMPERATURE
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.shares import Share, Statistic, share
 

@@ -8,15 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import WIND_HALF_WAVES, WIND_STEP_CLOSER, WIND_STEP_INSTANTS
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
 _AXES = {"y": 1, "z": 2}
-# Instants at which a step is tried first. The attitude's own errors follow all of it but what happens within a part of
-# a second, so that one a grid's step away looks like nothing.
-_INSTANTS = 48
-# Half waves over the record that a slow wind may make.
-_WAVES = 5
 _SHAPES = {"": np.cos, "s": np.sin}
 
 
@@ -42,7 +38,7 @@ class Wind(RecordEffect):
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """Cosines and sines of 1, 2, ... half waves along body axes y and z of the first sample, rms the tolerance."""
-        shares = 1.0 / np.arange(1.0, _WAVES + 1.0)
+        shares = 1.0 / np.arange(1.0, WIND_HALF_WAVES + 1.0)
         shares /= np.sqrt(np.sum(shares**2))
         return tuple(
             Component(f"{axis} {shape}{wave}", "m/s", float(share * flight.instruments.wind[place]))
@@ -82,10 +78,10 @@ class WindStep(RecordEffect):
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
         """Instants over the record; once `time` and `spread` are set, 7 instants near it."""
         if self.time is None or self.spread is None:
-            instants = np.linspace(flight.time[0], flight.time[-1], _INSTANTS + 2)[1:-1]
+            instants = np.linspace(flight.time[0], flight.time[-1], WIND_STEP_INSTANTS + 2)[1:-1]
             spread = float(instants[1] - instants[0])
         else:
-            instants = self.time + self.spread * np.linspace(-0.75, 0.75, 7)
+            instants = self.time + self.spread * np.linspace(-0.75, 0.75, WIND_STEP_CLOSER)
             spread = 0.25 * self.spread
         found = ({"time": float(instant), "spread": spread} for instant in instants)
         return tuple(self.model_copy(update=settings) for settings in found)

@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from brv_hypo.constants import AVERAGED_BEYOND, AVERAGED_PER_CYCLE
 from brv_hypo.flight import Flight
-from brv_hypo.flight.averaging import MOST_SAMPLES, PER_CYCLE, averaged
+from brv_hypo.flight.averaging import averaged
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.ranking.benchmark import finer, flights
@@ -26,7 +27,7 @@ def fine() -> Flight:
 
 def test_a_short_record_is_analysed_as_it_is() -> None:
     short = fine().window(0.0, 1.0)
-    assert short.samples < MOST_SAMPLES
+    assert short.samples < AVERAGED_BEYOND
     assert averaged(short) is short
 
 
@@ -39,7 +40,7 @@ def test_a_long_record_without_samples_to_spare_is_analysed_as_it_is() -> None:
 def test_what_is_left_is_enough_for_the_motion_and_much_less() -> None:
     lean = averaged(fine())
     assert lean.samples < SAMPLES / 4
-    assert lean.sample_rate > PER_CYCLE * np.max(np.abs(lean.p)) / (2.0 * np.pi)
+    assert lean.sample_rate > AVERAGED_PER_CYCLE * np.max(np.abs(lean.p)) / (2.0 * np.pi)
     assert "means of" in lean.notes[-1]
 
 
@@ -70,7 +71,7 @@ def test_the_motion_of_the_means_is_that_of_the_record_within_its_noise() -> Non
     """Coning and spin are damped alike in all channels: alpha keeps its size."""
     flight = finer(flights([], 1_201, ["none"])["none"], SAMPLES)
     dense = flight.window(0.5, 2.0)
-    assert dense.samples <= MOST_SAMPLES
+    assert dense.samples <= AVERAGED_BEYOND
     whole = reconstruct(dense, ReconstructionConfig())
     lean = reconstruct(averaged(flight).window(0.5, 2.0), ReconstructionConfig())
     alpha = np.interp(lean.motion.time, whole.motion.time, whole.motion.alpha)

@@ -12,11 +12,12 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from brv_hypo.constants import DECIMATED_PASS_END, DECIMATED_STOP_BEGIN
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import bring_in, find_phases, inspect_flight, load_flight, save_flight
 from brv_hypo.flight.ascent import ascent
 from brv_hypo.flight.clocks import clock_offset
-from brv_hypo.flight.decimate import PASS_END, STOP_BEGIN, decimated, low_pass, needed_rate
+from brv_hypo.flight.decimate import decimated, low_pass, needed_rate
 from brv_hypo.flight.pad import take_out_biases
 from brv_hypo.flight.schema import Record, VehicleRecord
 from tests.flight import rockets
@@ -177,8 +178,8 @@ def test_the_low_pass_passes_and_stops(before: float, after: float) -> None:
     frequency = np.linspace(0.0, 0.5 * before, 2000)
     turned = np.exp(-2j * np.pi * np.outer(frequency / before, np.arange(taps.size)))
     gain = np.abs(turned @ taps)
-    np.testing.assert_allclose(gain[frequency < PASS_END * after], 1.0, atol=2e-3)
-    assert np.all(gain[frequency > STOP_BEGIN * after] < 2e-3)
+    np.testing.assert_allclose(gain[frequency < DECIMATED_PASS_END * after], 1.0, atol=2e-3)
+    assert np.all(gain[frequency > DECIMATED_STOP_BEGIN * after] < 2e-3)
     assert np.sum(taps) == pytest.approx(1.0)
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.mechanisms import RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.residuals import Trace
-from brv_hypo.residuals.candidates import LARGEST
 from brv_hypo.residuals.config import Baseline
 from tests.independent.dynamics import PAD
 from tests.independent.flights import Made, draw_flight, make_flight
@@ -31,7 +31,7 @@ from tests.independent.record_oracle import (
 TIMES = (3.0, 10.0)  # detection limits between which a size is drawn
 # Tolerances that an instrument, the vehicle or the wind is off by at most: with what is drawn besides it stays
 # below the most that the loop believes of any.
-MOST = LARGEST - 5.0
+MOST = RECORD_EFFECT_LARGEST - 5.0
 ROUGH = 0.5  # limits by which a size may miss: what is planted changes the motion that tells its limit
 FIRST = 0.1  # of its nominal amplitude, at which a moment's limit is asked for
 BENDING = "cubic_stiffness"

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from brv_hypo.constants import RESPONSE_PER_CYCLE
 from brv_hypo.motion import kept_rows as module
-from brv_hypo.motion.kept_rows import PER_CYCLE, blocks, kept_rows, spacing
+from brv_hypo.motion.kept_rows import blocks, kept_rows, spacing
 
 
 @settings(max_examples=25)
@@ -17,7 +18,7 @@ def test_all_samples_follow_from_those_kept(gap: int, stride: int, phase: float)
     count = 40_000
     rows = kept_rows([(0, gap), (gap, count)], stride)
     place = np.arange(count)
-    motion = np.exp(2j * np.pi * place / (stride * PER_CYCLE) + 1j * phase) + 3.0
+    motion = np.exp(2j * np.pi * place / (stride * RESPONSE_PER_CYCLE) + 1j * phase) + 3.0
     values = np.stack([motion, (1.0 + place / count) * motion], axis=1)
     assert rows.size < count / stride + 20
     assert np.max(np.abs(rows.all_of(rows.of(values)) - values)) < 5e-5

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from brv_hypo_mechanisms.bodyfixed import BodyFixed
 
-from brv_hypo.ranking.constants import SECOND_ORDER_VALUES
+from brv_hypo.constants import SECOND_ORDER_VALUES
 from brv_hypo.ranking.intervals import Interval, intervals, out_of_bounds, within_bounds
 from tests.ranking.pulse import fitted, pulse
 

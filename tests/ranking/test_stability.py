@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import KNOT_SHIFTS, REPEATED_ERRORS
 from brv_hypo.mechanisms import Mechanism, Term
 from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.adequacy import Misfit
-from brv_hypo.ranking.constants import KNOT_SHIFTS, REPEATED_ERRORS
 from brv_hypo.ranking.other_knots import on_other_knots
 from brv_hypo.ranking.other_methods import OPEN_LOOP, agrees, on_other_motions
 from brv_hypo.ranking.repeated import Repeated

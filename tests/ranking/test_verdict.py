@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from brv_hypo.constants import OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.ranking.adequacy import Misfit
 from brv_hypo.ranking.alternative import Alternative
-from brv_hypo.ranking.constants import OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.ranking.limits import Limit
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.ranking.verdict import OTHER, Contest, Score, Stability, judge, probabilities

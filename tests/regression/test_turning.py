@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from brv_hypo.constants import OUTSIDE
 from brv_hypo.mechanisms import Parameter, Term, find
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.constants import OUTSIDE
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.turning import RATE, TurningMoment, turning_moment

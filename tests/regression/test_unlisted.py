@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from brv_hypo.constants import OUTSIDE
 from brv_hypo.mechanisms import find
-from brv_hypo.ranking.constants import OUTSIDE
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.unlisted import UnlistedMoment, unlisted_moment

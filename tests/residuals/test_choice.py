@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from brv_hypo.constants import LOOK_ALIKE_NEAR
 from brv_hypo.mechanisms import find
 from brv_hypo.ranking import alternative
 from brv_hypo.residuals import choice
-from brv_hypo.residuals.candidates import NEAR, Candidate
+from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
 from brv_hypo.residuals.judge import Agreement, Prediction
 
@@ -107,12 +108,12 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("particular", "ahead", "first"),
     [
-        (0.0, 0.9 * NEAR, "discovered_1"),
-        (0.009, 0.9 * NEAR, "discovered_1"),
-        (0.0, 1.1 * NEAR, "inplane"),
-        (0.5, 0.9 * NEAR, "inplane"),
-        (0.5, -0.9 * NEAR, "inplane"),
-        (0.5, -1.1 * NEAR, "discovered_1"),
+        (0.0, 0.9 * LOOK_ALIKE_NEAR, "discovered_1"),
+        (0.009, 0.9 * LOOK_ALIKE_NEAR, "discovered_1"),
+        (0.0, 1.1 * LOOK_ALIKE_NEAR, "inplane"),
+        (0.5, 0.9 * LOOK_ALIKE_NEAR, "inplane"),
+        (0.5, -0.9 * LOOK_ALIKE_NEAR, "inplane"),
+        (0.5, -1.1 * LOOK_ALIKE_NEAR, "discovered_1"),
     ],
 )
 def test_a_mechanism_that_explains_nothing_in_particular_gives_way(

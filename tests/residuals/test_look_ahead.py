@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from brv_hypo.constants import LOOK_ALIKE_NEAR
 from brv_hypo.residuals import look_ahead
-from brv_hypo.residuals.candidates import NEAR, Candidate, look_alikes
+from brv_hypo.residuals.candidates import Candidate, look_alikes
 from brv_hypo.residuals.choice import _ranked
 from brv_hypo.residuals.look_ahead import looked_ahead_like
 from tests.residuals.test_choice import ACROSS, candidate
@@ -49,7 +50,9 @@ def test_a_description_is_looked_beyond_where_its_rivals_are(monkeypatch: pytest
     assert looked_ahead_like(problem, described, [far_ahead], ()).ahead is None
 
 
-@pytest.mark.parametrize(("ahead", "alike"), [(20.0 - 0.9 * NEAR, True), (20.0 - 1.1 * NEAR, False)])
+@pytest.mark.parametrize(
+    ("ahead", "alike"), [(20.0 - 0.9 * LOOK_ALIKE_NEAR, True), (20.0 - 1.1 * LOOK_ALIKE_NEAR, False)]
+)
 def test_look_alikes_are_judged_with_what_goes_beside_them(ahead: float, alike: bool) -> None:
     leader: Candidate = replace(candidate("lag", 100.0), ahead=0.0)
     other = replace(candidate("sticking", 80.0, ACROSS), ahead=ahead)

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from brv_hypo.constants import BENT
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
-from brv_hypo.model.slope_schedule import BENT, SlopeSchedule
+from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import (
     has_schedule,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.ranking.constants import TEMPERATURE
+from brv_hypo.constants import TEMPERATURE
 from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.study import StudyConfig, summarise
 from brv_hypo.study.calibration import best_temperature, calibration, log_loss

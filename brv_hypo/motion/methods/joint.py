@@ -16,6 +16,23 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import (
+    MOTION_LINEARISATIONS,
+    MOTION_MOVED,
+    MOTION_ROUGH,
+    TIE_FORCE_ENOUGH,
+    TIE_FORCE_FAR_LESS,
+    TIE_FORCE_OUTLIER,
+    TIE_MOMENT_ANOMALY,
+    TIE_MOMENT_ROUNDS,
+    TIE_MOMENT_SLOPE,
+    TIE_MOMENT_UNCORRELATED,
+    TIE_MOMENT_WINDOW_LEAST,
+    TIE_MOMENT_WINDOWS,
+    TIE_PATIENCE,
+    TIE_ROUGH_SLOPE,
+    TIE_SLOPE_COUNTS,
+)
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import corrected, effect_responses, no_responses, telling
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
@@ -24,20 +41,6 @@ from brv_hypo.motion.methods.observed_walk import Near, TiedFit, TiedWalk
 from brv_hypo.motion.methods.wind_history import WindHistory
 from brv_hypo.motion.observations import TieModel, force_tie, moment_tie
 from brv_hypo.motion.perturbation import Perturbation
-
-_ROUGH_SLOPE = 3  # coefficients of it before it is chosen: a parabola
-_SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of the slope's course that are tried
-_OUTLIER = 6.0  # standard deviations from which a force is a spike, far beyond Gaussian noise
-# The force alone is enough where alpha is then known to this share of its rms.
-_ENOUGH = 0.1
-# Share of the crossflow's rms to which the motion is found about which the record's errors are linearised.
-_ROUGH = 0.01
-# They are linearised anew about what was found of them, at most so often, and again where that had moved the
-# crossflow by more than this share of its standard deviation.
-_LINEARISATIONS = 6
-_MOVED = 0.1  # share of the crossflow's standard deviation
-# Share of what was taken for noise from which a slope that leaves less is chosen again.
-_FAR_LESS = 0.8
 
 
 def joint(
@@ -69,14 +72,14 @@ def _linearised(
     of tolerances would be asked of the record, from where no step leads back.
     """
     flight = record.flight
-    fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), _ROUGH), config, None)
+    fit = _rough_fit(TiedWalk(record, config, no_responses(record), np.zeros(0), MOTION_ROUGH), config, None)
     force, near = _normal_force(record, fit), fit.near
     del fit  # large, like the responses: only the last are kept
     responses = telling(effect_responses(record, near.crossflow, force, perturbations))
     known, left = np.zeros(len(responses.effects)), _left(record, force)
-    for _ in range(_LINEARISATIONS):
+    for _ in range(MOTION_LINEARISATIONS):
         before, effects = near.crossflow, responses.effects
-        fit = _rough_fit(TiedWalk(record, config, responses, known, _ROUGH), config, near, left)
+        fit = _rough_fit(TiedWalk(record, config, responses, known, MOTION_ROUGH), config, near, left)
         moved, near = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas())), fit.near
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
@@ -84,7 +87,7 @@ def _linearised(
         left = _left(record, force)
         del fit, responses
         responses = effect_responses(record, near.crossflow, force, effects)
-        if moved < _MOVED:
+        if moved < MOTION_MOVED:
             break
     return TiedWalk(record, config, responses, known), near, left
 
@@ -98,14 +101,14 @@ def _rough_fit(
     """
     record, responses = problem.record, problem.responses
     solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
-    tie = force_tie(record, responses).with_slope_count(record.time, _ROUGH_SLOPE)
+    tie = force_tie(record, responses).with_slope_count(record.time, TIE_ROUGH_SLOPE)
     force = replace(tie, bends=True, sigma=louder * tie.sigma)
     moment = moment_tie(record, responses)
-    moment = replace(moment, sigma=moment.sigma + 0.1 * _rms(moment.observed, moment.sigma))
+    moment = replace(moment, sigma=moment.sigma + TIE_MOMENT_ANOMALY * _rms(moment.observed, moment.sigma))
     if config.ties == "moment":
         return solve((moment,))
     fit = solve((force,))
-    enough = _relative_error(fit, record.measured) < _ENOUGH
+    enough = _relative_error(fit, record.measured) < TIE_FORCE_ENOUGH
     return fit if enough else problem.solve_from_scratch((force, moment))
 
 
@@ -119,7 +122,7 @@ def _fitted(
         return _with_moment(problem, (), moment), ()
     fit = _with_force(problem, force_tie(record, responses), near, left)
     alone = _relative_error(fit, record.measured)
-    too_little = config.ties == "auto" and alone > _ENOUGH
+    too_little = config.ties == "auto" and alone > TIE_FORCE_ENOUGH
     if config.ties == "both" or too_little:
         fit = _with_moment(problem, fit.ties, moment)
     if not too_little:
@@ -147,7 +150,7 @@ def _with_force(
     """
     fit = _slope_under_noise(problem, tie, near, left)
     residual = fit.residual
-    clean = np.abs(residual) <= _OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
+    clean = np.abs(residual) <= TIE_FORCE_OUTLIER * np.sqrt(2.0) * tie.sigma * max(_misfit(residual, tie.sigma), 1.0)
     sigma = np.where(clean, tie.sigma, np.inf) * max(_misfit(residual[clean], tie.sigma[clean]), 1.0)
     return problem.solve((replace(fit.ties[-1], sigma=sigma),), fit.near)
 
@@ -160,17 +163,17 @@ def _slope_under_noise(problem: TiedWalk, tie: TieModel, near: Near | None, left
     while True:
         fit = _choose_slope(problem, (), replace(tie, sigma=left * tie.sigma), near)
         less = max(_misfit(fit.residual, tie.sigma), 1.0)
-        if less > _FAR_LESS * left:
+        if less > TIE_FORCE_FAR_LESS * left:
             return fit
         near, left = fit.near, less
 
 
 def _with_moment(problem: TiedWalk, others: tuple[TieModel, ...], tie: TieModel) -> TiedFit:
     """Fit by the static moment too, its noise set so that anomalies count for what they are: not white."""
-    tie = tie.with_slope_count(problem.record.time, 4)
-    tie = replace(tie, sigma=tie.sigma + 0.1 * _rms(tie.observed, tie.sigma))
+    tie = tie.with_slope_count(problem.record.time, TIE_MOMENT_SLOPE)
+    tie = replace(tie, sigma=tie.sigma + TIE_MOMENT_ANOMALY * _rms(tie.observed, tie.sigma))
     fit = problem.solve_from_scratch((*others, tie))
-    for _ in range(2):
+    for _ in range(TIE_MOMENT_ROUNDS):
         tie = replace(tie, sigma=_coloured_sigma(fit.residual, tie.sigma))
         fit = problem.solve((*others, tie), fit.near)
     fit = _choose_slope(problem, others, tie, None)
@@ -190,14 +193,14 @@ def _choose_slope(
     first = (*others, replace(tie.with_slope_count(time, 1), bends=bends))
     best = problem.solve(first, near) if near else problem.solve_from_scratch(first)
     best, worse = replace(best, response=None), 0
-    for count in _SLOPE_COUNTS[1:]:
+    for count in TIE_SLOPE_COUNTS[1:]:
         ties = (*others, best.ties[-1].with_slope_count(time, count))
         fit = replace(problem.solve(ties, best.near), response=None)
         if fit.score < best.score:
             best, worse = fit, 0
         else:
             worse += 1
-        if worse == 2:
+        if worse == TIE_PATIENCE:
             break
     return _straight(problem, best) if bends else best
 
@@ -232,7 +235,7 @@ def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
     """Sigma (n,) of white noise as informative as the residual: local rms times root of correlation time."""
     seen = np.isfinite(sigma)
     values = residual[seen]
-    width = max(values.size // 12, 8)
+    width = max(values.size // TIE_MOMENT_WINDOWS, TIE_MOMENT_WINDOW_LEAST)
     local = np.sqrt(
         np.convolve(
             np.pad(np.abs(values) ** 2 / 2.0, width, mode="reflect"),
@@ -242,7 +245,7 @@ def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
     )
     spectrum = np.abs(np.fft.fft(values / local, 2 * values.size)) ** 2
     correlation = np.abs(np.fft.ifft(spectrum)[: values.size])
-    first_low = int(np.argmax(correlation < 0.1 * correlation[0]))
+    first_low = int(np.argmax(correlation < TIE_MOMENT_UNCORRELATED * correlation[0]))
     samples = 1.0 + 2.0 * float(np.sum(correlation[1 : first_low + 1]) / correlation[0])
     answer = np.full(residual.size, np.inf)
     answer[seen] = local * np.sqrt(samples)

@@ -8,8 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import (
+    BENT,
+    FREE_GRAVITY,
+    MOTION_CONVERGED,
+    MOTION_FAR_START,
+    MOTION_LEAST_RELAXED,
+    MOTION_MOST_STEPS,
+    MOTION_START,
+)
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.motion.bend import BENT
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.frames import effective
@@ -18,7 +26,6 @@ from brv_hypo.motion.kept_rows import blocks
 from brv_hypo.motion.observations import Stretch, TieModel
 from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.wind import (
-    FREE_GRAVITY,
     WindStart,
     body_crossflow,
     force_impulse,
@@ -27,11 +34,7 @@ from brv_hypo.motion.wind import (
     transverse_axes,
 )
 
-_MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
-# Largest change of the crossflow in the last step, as a share of its standard deviation given the globals.
-_CONVERGED = 1e-2
 _Axes = tuple[FloatArray, FloatArray]
-_LEAST_RELAXED = 0.1  # of the share before, that is taken of a step
 # Parts of gravity: they stand before the errors of the record among the globals.
 _GRAVITY = 3
 
@@ -148,7 +151,7 @@ class TiedWalk:
         )
         answer = np.linalg.lstsq(columns[seen] * weight[:, None], tie.observed[seen] * weight, rcond=None)[0]
         offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
-        if not abs(offset) < 0.5:
+        if not abs(offset) < MOTION_FAR_START:
             return None
         return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
 
@@ -161,7 +164,7 @@ class TiedWalk:
         coefficients: tuple[FloatArray, ...] = ()
         share, last = 1.0, None
         equations: WalkEquations | None = None
-        for _ in range(_MOST_STEPS):
+        for _ in range(MOTION_MOST_STEPS):
             direction = self.direction(start)
             axes = transverse_axes(direction)
             nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
@@ -182,7 +185,7 @@ class TiedWalk:
             )
             coefficients = _added(coefficients, share * solution.theta[self.shared :])
             wander = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(step) < np.maximum(_CONVERGED * wander, self.rough * _rms(xi))):
+            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * wander, self.rough * _rms(xi))):
                 break
         assert equations is not None
         seen = sum(2 * int(np.count_nonzero(np.isfinite(tie.sigma))) for tie in ties)
@@ -227,7 +230,7 @@ class TiedWalk:
                 residual, own, sigma = stretch.of(residual), stretch.of(own), sigma * stretch.noise
             columns = _TieColumns(tie, gain, drift, tie.tied(xi, values), own, int(at), int(ends[-1]), stretch)
             rows.append(Tie(residual + slope * offset, gain, columns, sigma))
-        return walk_equations(rows, self.step_variance, (0.3 * self.speed[0]) ** 2)
+        return walk_equations(rows, self.step_variance, (MOTION_START * self.speed[0]) ** 2)
 
     def _priors(
         self, ties: Sequence[TieModel], coefficients: Sequence[FloatArray], start: WindStart
@@ -356,7 +359,7 @@ def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
     """
     change = step - before
     fall = -float(np.vdot(change, before).real)
-    return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), _LEAST_RELAXED), 1.0 / share)
+    return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
 
 
 def _rms(xi: ComplexArray) -> float:

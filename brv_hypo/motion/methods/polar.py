@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import POLAR_DOUBTFUL
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.differentiation import differentiate
@@ -23,10 +24,6 @@ from brv_hypo.motion.methods.wind_history import (
 )
 from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.wind import WindStart, body_crossflow, force_impulse, start_from_nose, wind_direction
-
-# Instants whose meridian or precession rate is known to less than this share, or angle in rad, are passed
-# over.
-_DOUBTFUL = 0.1
 
 
 def polar(
@@ -102,5 +99,5 @@ def _polar_angles(
         np.hypot(record.gyro_sigma, alpha * precession_error) / np.abs(precession_rate),
         alpha * meridian_error,
     )
-    doubtful = (precession_error > _DOUBTFUL * np.abs(precession_rate)) | (meridian_error > _DOUBTFUL)
+    doubtful = (precession_error > POLAR_DOUBTFUL * np.abs(precession_rate)) | (meridian_error > POLAR_DOUBTFUL)
     return np.abs(alpha), meridian, np.where(doubtful | (alpha < 0.0), np.inf, sigma)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import FREE_GRAVITY
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.effect_responses import EffectFit, as_expected, effect_responses, telling
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.perturbation import Perturbation
 from brv_hypo.motion.wind import (
-    FREE_GRAVITY,
     WindStart,
     body_crossflow,
     cycles,
