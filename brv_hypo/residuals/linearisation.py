@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import MODEL_MOMENT_ROUNDS
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import without
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
@@ -130,7 +131,7 @@ def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:
     """The flight with C_mw of Eq. 5.1 where columns look into its past."""
     if not any(column.theta for column in columns):
         return seen
-    for _ in range(2):
+    for _ in range(MODEL_MOMENT_ROUNDS):
         values = seen.values(seen.fitted, columns)
         seen = replace(seen, frame=seen.frame.with_in_plane_moment(columns, values))
     return seen
