@@ -24,13 +24,14 @@ from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.angles import crossflow_rate, with_crossflow
 from brv_hypo.motion.effect_responses import AT_ONCE, STEP
-from brv_hypo.motion.frames import body_from_plane, crossflow
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
 from brv_hypo.motion.kept_rows import spacing
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
+from brv_hypo.motion.quadrature import AtNodes
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError
 from brv_hypo.motion.splines import running_integral
@@ -242,11 +243,12 @@ class LinearisedFlight:
         rates = np.empty((count, flight.samples), dtype=complex)
         integrands = np.empty((count, nodes.time.size), dtype=complex)
         derotations = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
-        shifts = np.stack([xi - self.crossflow for _, xi in moved])
-        changes = np.gradient(shifts, flight.time, axis=1)
+        shifts = np.stack([xi - self.crossflow for _, xi in moved], axis=1)
+        changes = np.gradient(shifts, flight.time, axis=0)
+        shifts, changes, known = nodes.of(shifts), nodes.of(changes), AtNodes(nodes)
         for k, (record, _) in enumerate(moved):
             derotation = derotations[id(record.spin_angle)]
-            motion = self._moved(record, nodes.of(shifts[k]), nodes.of(changes[k]))
+            motion = self._moved(record, shifts[:, k], changes[:, k], known)
             integrands[k] = nodes.of(derotation * record.moment_scale) * self._moment(record, motion)
             rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
         for a, b in flight.segments:
@@ -269,18 +271,22 @@ class LinearisedFlight:
         own = record.moment_scale
         kept = np.divide(self.record.moment_scale, own, out=np.ones_like(own), where=own != 0.0)
         kept = self.reconstruction.nodes.of(kept)
-        for column, value in zip(self.columns, self.values, strict=True):
+        for column, course in zip(self.columns, self._courses, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term = found[key][column.term]
-            weight = value * column.course(motion.course_time)
-            if column.mechanism not in self._always:
-                weight = weight * kept
+            weight = course if column.mechanism in self._always else course * kept
             inside += weight * term.in_plane
             outside += weight * term.out_of_plane
-        return body_from_plane(inside, outside, motion.windward_meridian)
+        return motion.to_body(inside, outside)
+
+    @cached_property
+    def _courses(self) -> list[FloatArray]:
+        """Each column's coefficient at the nodes (m,)."""
+        time = self.reconstruction.motion_at_nodes.course_time
+        return [value * column.course(time) for column, value in zip(self.columns, self.values, strict=True)]
 
     @cached_property
     def _always(self) -> frozenset[str]:
@@ -290,22 +296,24 @@ class LinearisedFlight:
             name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
         )
 
-    def _moved(self, record: InertialRecord, shift: ComplexArray, change: ComplexArray) -> Motion:
+    def _moved(self, record: InertialRecord, shift: ComplexArray, change: ComplexArray, known: AtNodes) -> Motion:
         """The motion at the nodes (m,) with the record's own rates and air data.
 
-        Its crossflow differs by `shift` (m,), the rate of that by `change` (m,) 1/s.
+        Its crossflow differs by `shift` (m,), the rate of that by `change` (m,) 1/s. `known`: what was found there
+        before.
         """
-        motion, flight, nodes = self.reconstruction.motion_at_nodes, record.flight, self.reconstruction.nodes
+        motion, flight = self.reconstruction.motion_at_nodes, record.flight
         xi, xi_rate = self._crossflow_at_nodes
+        rate = known.of(record.transverse_rate)
         read = replace(
             motion,
-            p=nodes.of(flight.p),
-            q=nodes.of(record.transverse_rate.real),
-            r=nodes.of(record.transverse_rate.imag),
-            velocity=nodes.of(flight.velocity),
-            dynamic_pressure=nodes.of(flight.dynamic_pressure),
-            mach=motion.mach if flight.mach is None else nodes.of(flight.mach),
-            reynolds=motion.reynolds if flight.reynolds is None else nodes.of(flight.reynolds),
+            p=known.of(flight.p),
+            q=rate.real,
+            r=rate.imag,
+            velocity=known.of(flight.velocity),
+            dynamic_pressure=known.of(flight.dynamic_pressure),
+            mach=motion.mach if flight.mach is None else known.of(flight.mach),
+            reynolds=motion.reynolds if flight.reynolds is None else known.of(flight.reynolds),
         )
         moved = with_crossflow(read, xi + shift, xi_rate + change)
         return recorded(moved) if any(column.theta for column in self.columns) else moved
