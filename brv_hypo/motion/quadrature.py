@@ -48,10 +48,10 @@ class Quadrature:
         """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
         if self.spread is None:
             return values
-        flat = np.ascontiguousarray(values).reshape(self.samples.size, -1)
+        flat = np.ascontiguousarray(values).reshape(self.samples.size, -1).view(float)
         found = np.asarray(self.spread @ flat)
         found[self.samples] = flat
-        return found.reshape(-1, *values.shape[1:])
+        return found.view(values.dtype).reshape(-1, *values.shape[1:])
 
     def rows(self, first: int, stop: int) -> slice:
         """The nodes from one sample to before another, those after the last of them left out."""
