@@ -26,7 +26,6 @@ from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.model.columns import theta_grid
 from brv_hypo.model.static_bend import StaticBend
-from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
@@ -275,7 +274,7 @@ def _of_moments(
             continue
         terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
         for term, size in zip(terms, sizes, strict=True):
-            moment = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)
+            moment = motion.to_body(term.in_plane, term.out_of_plane)
             moment = size * acceleration * moment
             value = Tolerated(f"{mechanism.name} {term.name}", term.units, size)
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))

@@ -11,7 +11,6 @@ from numpy.polynomial import Legendre
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 
 
@@ -27,7 +26,7 @@ def static_terms(motion: Motion) -> tuple[Term, Term]:
 def pitch_damping_term(motion: Motion) -> Term:
     """C_mq: C_m += C_mq q d / 2V and C_n += C_mq r d / 2V, turned into the plane of alpha."""
     transverse = (motion.q + 1j * motion.r) * motion.rate_factor.astype(complex)
-    rate = plane_from_body(transverse, motion.windward_meridian)
+    rate = motion.to_plane(transverse)
     return Term("C_mq", rate.real, rate.imag, "1/rad")
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
@@ -76,6 +77,18 @@ class Motion:
     def course_time(self) -> FloatArray:
         """The time that courses of coefficients are told in, s: the common time where there is one."""
         return self.time if self.common_time is None else self.common_time
+
+    def to_plane(self, moment: ComplexArray) -> ComplexArray:
+        """C_N' + i C_Z' from C_m + i C_n: `frames.plane_from_body`, the turn found once."""
+        return np.asarray(moment * self._turn, dtype=complex)
+
+    def to_body(self, in_plane: FloatArray, out_of_plane: FloatArray) -> ComplexArray:
+        """C_m + i C_n from C_N' and C_Z': `frames.body_from_plane`, the turn found once."""
+        return np.asarray((in_plane + 1j * out_of_plane) * np.conj(self._turn), dtype=complex)
+
+    @cached_property
+    def _turn(self) -> ComplexArray:
+        return np.asarray(np.exp(1j * self.windward_meridian), dtype=complex)
 
     @property
     def rate_factor(self) -> FloatArray:

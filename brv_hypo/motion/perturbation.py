@@ -53,7 +53,8 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
             k: _Turned(*(np.ascontiguousarray(each[:, j]) for each in (rolls, attitudes, rates, changes)))
             for j, k in enumerate(turned)
         }
-    return [_moved(record, flight, turns.get(k)) for k, flight in enumerate(flights)]
+    swing = _swing(before, record.transverse_rate, record.rate_change)
+    return [_moved(record, flight, turns.get(k), swing) for k, flight in enumerate(flights)]
 
 
 class _Turned(NamedTuple):
@@ -65,8 +66,8 @@ class _Turned(NamedTuple):
     change: ComplexArray
 
 
-def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None) -> InertialRecord:
-    """The inertial record of one flight; `turned` where its rates differ."""
+def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, swing: FloatArray) -> InertialRecord:
+    """The inertial record of one flight; `turned` where its rates differ. `swing` (n, 3) is what the record's was."""
     before = record.flight
     roll, attitude, rate, change = turned or (
         record.roll,
@@ -78,7 +79,7 @@ def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None) -> In
     if any(getattr(flight, name) is not getattr(before, name) for name in _SENSED):
         force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
-        force = force + _swing(before, record.transverse_rate, record.rate_change)
+        force = force + swing
         force -= _swing(flight, rate, change)
     spin_angle = record.spin_angle
     if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -29,6 +29,11 @@ class SplineGrid:
     """
 
     time: FloatArray
+
+    @classmethod
+    def on(cls, time: FloatArray) -> SplineGrid:
+        """Those on these samples; the ones asked for last are kept, and their factors with them."""
+        return _kept_grid(np.asarray(time, dtype=float).tobytes())
 
     @cached_property
     def steps(self) -> FloatArray:
@@ -102,6 +107,11 @@ class SplineGrid:
         return self.steps / 2.0, self.steps**2 / 12.0
 
 
+@lru_cache(maxsize=4)
+def _kept_grid(time: bytes) -> SplineGrid:
+    return SplineGrid(np.frombuffer(time))
+
+
 class Spline:
     """Cubic spline through `values` (m, ...), made when it is first asked for."""
 
@@ -114,7 +124,7 @@ class Spline:
         if self._samples is not None:
             self._powers, self._samples = _powers(*self._samples), None
         i, u = places.interval, places.since
-        c0, c1, c2, c3 = (each[..., i] for each in self._powers)
+        c0, c1, c2, c3 = (each.take(i, axis=-1) for each in self._powers)
         return np.asarray((c0 + u * (c1 + u * (c2 + u * c3))).T, dtype=float)
 
 
@@ -137,7 +147,7 @@ def _powers(time: FloatArray, values: FloatArray) -> tuple[FloatArray, ...]:
     if time.size < _FEWEST:
         return tuple(np.moveaxis(c, 0, -1).copy() for c in CubicSpline(time, values).c[::-1])
     flat = np.ascontiguousarray(values).reshape(time.size, -1)
-    grid = SplineGrid(time)
+    grid = SplineGrid.on(time)
     slopes, h = grid.slopes(flat), grid.steps
     chord = np.diff(flat, axis=0) / h
     bend = (slopes[:-1] + slopes[1:] - 2.0 * chord) / h
@@ -150,5 +160,5 @@ def running_integral(time: FloatArray, values: Values) -> Values:
     if time.size < _FEWEST:
         return np.asarray(CubicSpline(time, values).antiderivative()(time))
     flat = np.ascontiguousarray(values).reshape(time.size, -1)
-    grid = SplineGrid(time)
+    grid = SplineGrid.on(time)
     return grid.integrals(flat, grid.slopes(flat)).reshape(values.shape)

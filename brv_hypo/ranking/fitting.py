@@ -32,7 +32,8 @@ from brv_hypo.regression.fit import (
     plainer,
     renewed,
     scanned_finely,
-    with_errors,
+    with_covariance,
+    with_design,
 )
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
@@ -150,19 +151,19 @@ def _with_errors(found: Fitted) -> Fitted:
     leader = likeliest(found.fits)
     anew = {fit.name: converged(found.problem, fit) for fit in found.fits}
     problem = _with_efficiency(found.problem, anew[leader.name])
-    return replace(found, problem=problem, fits=[_bounded(problem, fit) for fit in anew.values()])
+    return replace(found, problem=problem, fits=[with_design(problem, _bounded(problem, fit)) for fit in anew.values()])
 
 
 def _bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with errors and the price of its bounds; a plainer one where the terms beyond them bring less than that.
+    """The fit with covariance and the price of its bounds; a plainer one where the terms beyond bring less than that.
 
     Two knots that nearly meet may hold a value of any size between them, for next to nothing.
     """
-    own = within_bounds(with_errors(problem, fit))
+    own = within_bounds(with_covariance(problem, fit))
     if own.bound_cost == 0.0 or not problem.refine:
         return own
     plain = (converged(problem, each) for each in narrower(problem, fit))
-    return likeliest([own, *(within_bounds(with_errors(problem, each)) for each in plain)])
+    return likeliest([own, *(within_bounds(with_covariance(problem, each)) for each in plain)])
 
 
 def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:

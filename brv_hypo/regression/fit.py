@@ -23,7 +23,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import covariance_of
+from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import (
@@ -214,32 +214,37 @@ def _place(column: Column) -> tuple[bool, float, str, Theta]:
 
 
 def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the uncertainty of all that it says, at the problem's effective sample size."""
+    return with_design(problem, with_covariance(problem, fit))
+
+
+def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with the uncertainty of its coefficients, delays and knots, at the problem's effective sample size."""
     design = problem.design(fit.frame, fit.columns)
     if fit.nonlinear:
         slopes = prediction_slopes(fit.nonlinear, fit.columns, fit.values, fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    of_design = _design_moment(problem, fit)
-    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance, design=of_design)
+    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
 
 
-def _design_moment(problem: Problem, fit: HypothesisFit) -> DesignMoment | None:
-    """The tolerated moments that all flights share; None where there is none."""
+def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the tolerated moments that all flights share; as it is where there are none."""
     items = problem.rows.nuisances.items
     shared = [k for k, item in enumerate(items) if item.flight is None]
     if not shared:
-        return None
+        return fit
     always = TimeFunction("constant")
     columns = tuple(Column(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
-    _, others = problem.solution(fit.frame, fit.columns)
     sizes = np.array([items[k].size for k in shared])
     count = len(fit.columns)
     design = problem.whole_design(fit.frame, fit.columns)
+    others = solve_scaled(design, problem.raw_response)[-len(items) :]
     which = [*range(count), *(design.shape[1] - len(items) + k for k in shared)]
     whole = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
     scale = np.append(np.ones(count), sizes)
-    return DesignMoment(columns, sizes * others[shared], scale[:, None] * whole[np.ix_(which, which)] * scale)
+    covariance = scale[:, None] * whole[np.ix_(which, which)] * scale
+    return replace(fit, design=DesignMoment(columns, sizes * others[shared], covariance))
 
 
 def settled(

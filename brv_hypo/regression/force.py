@@ -25,8 +25,8 @@ class ForceModel:
 
     def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
         """Columns (n, 4) at the crossflow xi (n,)."""
-        flow = -record.force_scale * effective(xi)
-        square = np.abs(effective(xi)) ** 2
+        own = effective(xi)
+        flow, square = -record.force_scale * own, np.abs(own) ** 2
         return np.column_stack(
             [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
         )

@@ -17,7 +17,6 @@ from brv_hypo.constants import FREE_FEWEST_SPLINES, FREE_MOST_SPLINES, FREE_ROWS
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
@@ -48,7 +47,7 @@ def _rate(factor: complex) -> Shape:
 
     def shape(motion: Motion) -> tuple[ComplexArray, ...]:
         body = np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex)
-        return (np.asarray(factor * plane_from_body(body, motion.windward_meridian), dtype=complex),)
+        return (np.asarray(factor * motion.to_plane(body), dtype=complex),)
 
     return shape
 

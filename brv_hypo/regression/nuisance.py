@@ -14,7 +14,6 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import RESPONSE_PER_CYCLE
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.motion.frames import body_from_plane
 from brv_hypo.motion.kept_rows import kept_rows
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
@@ -180,7 +179,7 @@ def _tolerated(
         if number is None or segment.flight == number:
             motion, nodes = frame.finer[segment.flight], segment.nodes
             for k, term in enumerate(mechanism.terms(motion, {})):
-                body = body_from_plane(term.in_plane, term.out_of_plane, motion.windward_meridian)[nodes.rows]
+                body = motion.to_body(term.in_plane, term.out_of_plane)[nodes.rows]
                 rates[a:b, k] = segment.integrate(body[:, np.newaxis]).plain.at_nodes[nodes.samples, 0]
     return [
         (Nuisance(mechanism.name, name, number, units, size, 0.0), np.asarray(size * rates[:, k], dtype=complex))

@@ -120,7 +120,7 @@ def _moved(record: InertialRecord, reconstruction: Reconstruction, propagated: P
     moved = with_crossflow(replace(motion, history=None), after, rate)
     read = replace(
         moved,
-        roll_acceleration=SplineGrid(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
+        roll_acceleration=SplineGrid.on(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
         axial_share=axial_share(record, moved.alpha),
     )
     return replace(reconstruction, motion=recorded(read))

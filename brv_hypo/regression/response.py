@@ -13,7 +13,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,15 +23,16 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.angles import crossflow_rate, with_crossflow
+from brv_hypo.motion.angles import angles_of, crossflow_rate
 from brv_hypo.motion.effect_responses import AT_ONCE
-from brv_hypo.motion.frames import body_from_plane, crossflow
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
 from brv_hypo.motion.kept_rows import spacing
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
+from brv_hypo.motion.quadrature import AtNodes
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError
 from brv_hypo.motion.splines import running_integral
@@ -235,49 +236,65 @@ class LinearisedFlight:
 
     def _residuals(self, moved: Sequence[tuple[InertialRecord, ComplexArray]]) -> list[Rows]:
         """The residual of records of the same times at a crossflow; their moments are integrated at once."""
-        flight, nodes, count = moved[0][0].flight, self.reconstruction.nodes, len(moved)
-        rates = np.empty((count, flight.samples), dtype=complex)
-        integrands = np.empty((count, nodes.time.size), dtype=complex)
-        derotations = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
-        shifts = np.stack([xi - self.crossflow for _, xi in moved])
-        changes = np.gradient(shifts, flight.time, axis=1)
+        flight, nodes, known = moved[0][0].flight, self.reconstruction.nodes, AtNodes(self.reconstruction.nodes)
+        turns = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
+        derotations = [turns[id(record.spin_angle)] for record, _ in moved]
+        scales = [record.moment_scale for record, _ in moved]
+        factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)
+        integrands: ComplexArray = nodes.of(factors)
+        kept = nodes.of(np.stack([self._kept(scale) for scale in scales], axis=1))
+        angles = self._angles(np.stack([xi - self.crossflow for _, xi in moved], axis=1))
         for k, (record, _) in enumerate(moved):
-            derotation = derotations[id(record.spin_angle)]
-            motion = self._moved(record, nodes.of(shifts[k]), nodes.of(changes[k]))
-            integrands[k] = nodes.of(derotation * record.moment_scale) * self._moment(record, motion)
-            rates[k] = (record.flight.q + 1j * record.flight.r) * derotation
+            motion = self._moved(record, {name: each[k] for name, each in angles.items()}, known)
+            integrands[:, k] *= self._moment(motion, kept[:, k])
+        rates = np.stack(
+            [(r.flight.q + 1j * r.flight.r) * turn for (r, _), turn in zip(moved, derotations, strict=True)]
+        )
         for a, b in flight.segments:
             part = nodes.rows(a, b)
-            integral = running_integral(nodes.time[part], integrands[:, part].T).T
-            rates[:, a:b] -= integral[:, nodes.samples[a:b] - part.start]
+            integral = running_integral(nodes.time[part], integrands[part])
+            rates[:, a:b] -= integral[nodes.samples[a:b] - part.start].T
         return [
             Rows(own, record.transverse_force - self.force.at(record, xi, self.force_values))
             for own, (record, xi) in zip(rates, moved, strict=True)
         ]
 
-    def _moment(self, record: InertialRecord, motion: Motion) -> ComplexArray:
+    def _kept(self, scale: FloatArray) -> FloatArray:
+        """Pressure and inertia of the linearisation point over those of a record with this moment scale (n,)."""
+        return np.divide(self.record.moment_scale, scale, out=np.ones_like(scale), where=scale != 0.0)
+
+    def _angles(self, shifts: ComplexArray) -> dict[str, Any]:
+        """The motions' angles at the nodes (records, m) where the crossflow differs by `shifts` (n, records)."""
+        motion, nodes = self.reconstruction.motion_at_nodes, self.reconstruction.nodes
+        xi, rate = self._crossflow_at_nodes
+        changes = np.gradient(shifts, self.record.flight.time, axis=0)
+        moved, moved_rate = (np.ascontiguousarray(nodes.of(each).T) for each in (shifts, changes))
+        return angles_of(xi + moved, rate + moved_rate, motion.windward_meridian)
+
+    def _moment(self, motion: Motion, kept: FloatArray) -> ComplexArray:
         """C_m + i C_n of the model at the nodes (m,).
 
-        What is tested keeps the pressure and inertia of the linearisation point: its coefficients make up for both, and
-        a hypothesis without it would take an error of either for a share of it.
+        What is tested keeps the pressure and inertia of the linearisation point, which are `kept` (m,) of the record's:
+        its coefficients make up for both, and a hypothesis without it would take an error of either for a share of it.
         """
         inside, outside = np.zeros(motion.time.size), np.zeros(motion.time.size)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        own = record.moment_scale
-        kept = np.divide(self.record.moment_scale, own, out=np.ones_like(own), where=own != 0.0)
-        kept = self.reconstruction.nodes.of(kept)
-        for column, value in zip(self.columns, self.values, strict=True):
+        for column, course in zip(self.columns, self._courses, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term = found[key][column.term]
-            weight = value * column.course(motion.course_time)
-            if column.mechanism not in self._always:
-                weight = weight * kept
+            weight = course if column.mechanism in self._always else course * kept
             inside += weight * term.in_plane
             outside += weight * term.out_of_plane
-        return body_from_plane(inside, outside, motion.windward_meridian)
+        return motion.to_body(inside, outside)
+
+    @cached_property
+    def _courses(self) -> list[FloatArray]:
+        """Each column's coefficient at the nodes (m,)."""
+        time = self.reconstruction.motion_at_nodes.course_time
+        return [value * column.course(time) for column, value in zip(self.columns, self.values, strict=True)]
 
     @cached_property
     def _always(self) -> frozenset[str]:
@@ -287,24 +304,24 @@ class LinearisedFlight:
             name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
         )
 
-    def _moved(self, record: InertialRecord, shift: ComplexArray, change: ComplexArray) -> Motion:
-        """The motion at the nodes (m,) with the record's own rates and air data.
+    def _moved(self, record: InertialRecord, angles: Mapping[str, Any], known: AtNodes) -> Motion:
+        """The motion at the nodes (m,) with these angles and the record's own rates and air data.
 
-        Its crossflow differs by `shift` (m,), the rate of that by `change` (m,) 1/s.
+        `known`: what was found there before.
         """
-        motion, flight, nodes = self.reconstruction.motion_at_nodes, record.flight, self.reconstruction.nodes
-        xi, xi_rate = self._crossflow_at_nodes
-        read = replace(
+        motion, flight = self.reconstruction.motion_at_nodes, record.flight
+        rate = known.of(record.transverse_rate)
+        moved = replace(
             motion,
-            p=nodes.of(flight.p),
-            q=nodes.of(record.transverse_rate.real),
-            r=nodes.of(record.transverse_rate.imag),
-            velocity=nodes.of(flight.velocity),
-            dynamic_pressure=nodes.of(flight.dynamic_pressure),
-            mach=motion.mach if flight.mach is None else nodes.of(flight.mach),
-            reynolds=motion.reynolds if flight.reynolds is None else nodes.of(flight.reynolds),
+            **angles,
+            p=known.of(flight.p),
+            q=rate.real,
+            r=rate.imag,
+            velocity=known.of(flight.velocity),
+            dynamic_pressure=known.of(flight.dynamic_pressure),
+            mach=motion.mach if flight.mach is None else known.of(flight.mach),
+            reynolds=motion.reynolds if flight.reynolds is None else known.of(flight.reynolds),
         )
-        moved = with_crossflow(read, xi + shift, xi_rate + change)
         return recorded(moved) if any(column.theta for column in self.columns) else moved
 
     @cached_property

@@ -145,7 +145,7 @@ class WeakSegment:
 
     @cached_property
     def _grid(self) -> SplineGrid:
-        return SplineGrid(self.nodes.time)
+        return SplineGrid.on(self.nodes.time)
 
     def integrate(self, body_moments: ComplexArray) -> Integrals:
         """Antiderivatives for columns C_m + i C_n (k, columns) on the segment's nodes."""

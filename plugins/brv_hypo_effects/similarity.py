@@ -8,7 +8,6 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms import Mechanism, Term, hookimpl
-from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 
 _SOURCE = "standard similarity of aerodynamic coefficients"
@@ -30,7 +29,7 @@ def _stiffness(motion: Motion, course: FloatArray, name: str) -> Term:
 
 def _damping(motion: Motion, course: FloatArray, name: str) -> Term:
     body = np.asarray((motion.q + 1j * motion.r) * motion.rate_factor * course, dtype=complex)
-    rate = plane_from_body(body, motion.windward_meridian)
+    rate = motion.to_plane(body)
     return Term(f"C_mq * {name}", rate.real, rate.imag, "1/rad")
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Derived, Mechanism, Term, hookimpl
-from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 
 
@@ -92,7 +91,7 @@ class DynamicImbalance(Mechanism):
 
 def _body_axes(motion: Motion, about_y: FloatArray, about_z: FloatArray, name: str, units: str) -> Term:
     """A term from its moments about body y and z."""
-    plane = plane_from_body(np.asarray(about_y + 1j * about_z, dtype=complex), motion.windward_meridian)
+    plane = motion.to_plane(np.asarray(about_y + 1j * about_z, dtype=complex))
     return Term(name, plane.real, plane.imag, units)
 
 
