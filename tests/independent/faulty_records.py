@@ -3,8 +3,9 @@
 By hand: python -m tests.independent.faulty_records --seed 1000 --flights 1 --jobs 1
 
 Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.planted_faults`) or
-one blemish that no trial has to name: gaps, coarse digits, stamps that jitter, an inertia 5 % off. Where no fault is
-named and the record is not refused, it is compared; with `--trial` it is not, and blemishes are left out.
+one blemish that no trial has to name: gaps, samples that are no number, channels that are missing or zero, stamps
+given twice, coarse digits, stamps that jitter, an inertia 5 % off. Where no fault is named and the record is not
+refused, it is compared; with `--trial` it is not, and blemishes are left out. `--only` asks some of both alone.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from joblib import Parallel, delayed
 from brv_hypo import compare
 from brv_hypo.errors import FlightRecordError, UnanswerableError
 from brv_hypo.flight.assemble import assemble, unassemble
+from brv_hypo.flight.faults import RecordFault
 from brv_hypo.flight.noise import sigma_of_differences
-from brv_hypo.flight.schema import Record
+from brv_hypo.flight.schema import Record, validated
 from brv_hypo.motion import try_record
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.study.planted_faults import planted_faults
@@ -61,10 +63,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=1, help="of each vehicle and truth (24 in all)")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--trial", action="store_true", help="try the records only, which takes a fifth of the time")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="faults and blemishes, as the table names them")
     parser.add_argument("-v", "--verbose", action="store_true", help="a line of what was not named, as it goes")
     options = parser.parse_args(arguments)
     cases = [(v, t) for _ in range(options.flights) for v in sorted(CRAFTS) for t in ("none", *LISTED)]
-    runs = (delayed(records_of)(options.seed + k, *case, options.trial) for k, case in enumerate(cases))
+    runs = (delayed(records_of)(options.seed + k, *case, options.trial, options.only) for k, case in enumerate(cases))
     found: list[Tried] = []
     for k, flown in enumerate(Parallel(n_jobs=options.jobs, return_as="generator")(runs)):
         found.extend(flown)
@@ -77,8 +80,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(line)
 
 
-def records_of(seed: int, vehicle: str, truth: str, trial: bool = False) -> list[Tried]:
-    """A flight's record as it is, and with each fault and blemish; `trial`: with each fault, and tried only."""
+def records_of(
+    seed: int, vehicle: str, truth: str, trial: bool = False, only: Sequence[str] | None = None
+) -> list[Tried]:
+    """A flight's record as it is, and with each fault and blemish, or with `only` some.
+
+    `trial`: with each fault, and tried only.
+    """
     made = draw_flight(seed, vehicle=vehicle, truth=truth, grade=GRADES[seed % len(GRADES)])
     record = unassemble(made.flight)
     random = np.random.default_rng([seed, 7])
@@ -86,19 +94,21 @@ def records_of(seed: int, vehicle: str, truth: str, trial: bool = False) -> list
     found += [
         _tried(fault.spoil(record, random), truth, fault.name, fault.named_by, trial)
         for fault in planted_faults()
-        if shows(record, fault.channels)
+        if shows(record, fault.channels) and (only is None or fault.name in only)
     ]
     if trial:
         return found
-    found += [_tried(spoil(record, random), truth, name, lambda _: False) for name, spoil in BLEMISHES.items()]
+    chosen = {name: spoil for name, spoil in BLEMISHES.items() if only is None or name in only}
+    found += [_tried(spoil(record, random), truth, name, lambda _: False) for name, spoil in chosen.items()]
     return found
 
 
 def _tried(
-    record: Record, truth: str, name: str, is_named: Callable[[Sequence], bool], trial: bool = False
+    record: Record, truth: str, name: str, is_named: Callable[[Sequence[RecordFault]], bool], trial: bool = False
 ) -> Tried:
     """`said` of a record that is tried only: REFUSED where the trial found it at fault."""
     try:
+        record = validated(Record, dict(record))  # as a file is when it is read
         tried = try_record(assemble(record))[1]
         faults = tried.faults
     except FlightRecordError:
@@ -156,6 +166,35 @@ def _jitter(record: Record, random: np.random.Generator) -> Record:
     return record.model_copy(update={"time": record.time + 0.05 * step * random.uniform(-1, 1, record.time.size)})
 
 
+def _lost(name: str, share: float) -> Spoil:
+    """No number in a channel, for a share of the record."""
+
+    def spoil(record: Record, random: np.random.Generator) -> Record:
+        values = record.channels[name].copy()
+        count = round(share * values.size)
+        first = int(random.integers(0, values.size - count + 1))
+        values[first : first + count] = np.nan
+        return record.model_copy(update={"channels": {**record.channels, name: values}})
+
+    return spoil
+
+
+def _zero(name: str) -> Spoil:
+    def spoil(record: Record, _: np.random.Generator) -> Record:
+        channels = {**record.channels, name: np.zeros(record.time.size)}
+        return record.model_copy(update={"channels": channels})
+
+    return spoil
+
+
+def _twice(record: Record, random: np.random.Generator) -> Record:
+    """Five samples with the stamp of the one before."""
+    time = record.time.copy()
+    for at in random.integers(1, time.size, size=5):
+        time[at] = time[at - 1]
+    return record.model_copy(update={"time": time})
+
+
 def _inertia(*names: str) -> Spoil:
     def spoil(record: Record, random: np.random.Generator) -> Record:
         factor = 1.0 + 0.05 * float(random.choice([-1.0, 1.0]))
@@ -167,6 +206,11 @@ def _inertia(*names: str) -> Spoil:
 
 BLEMISHES: dict[str, Spoil] = {
     "gaps of 0.05 s": _gaps,
+    "q without numbers for 3 %": _lost("q", 0.03),
+    "ay without numbers for 3 %": _lost("ay", 0.03),
+    "q without a number": _lost("q", 1.0),
+    **{f"{name} zero": _zero(name) for name in ("p", "q", "ax", "ay", "velocity", "dynamic_pressure")},
+    "stamps given twice": _twice,
     "digits as coarse as the noise": _coarse,
     "stamps that jitter by 5 % of a step": _jitter,
     "inertias 5 % off": _inertia("ixx", "iyy"),
