@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.frames import plane_from_body
 
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
@@ -88,7 +89,7 @@ class Motion:
 
     @cached_property
     def _turn(self) -> ComplexArray:
-        return np.asarray(np.exp(1j * self.windward_meridian), dtype=complex)
+        return plane_from_body(np.ones((), dtype=complex), self.windward_meridian)
 
     @property
     def rate_factor(self) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import Method
-from brv_hypo.motion.frames import crossflow, plane_from_body
+from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.quadrature import Quadrature, at_nodes, quadrature
 from brv_hypo.motion.smoothing import InputError
@@ -154,7 +154,7 @@ class Reconstruction(Pictured, Histories):
     @property
     def plane_moments(self) -> ComplexArray:
         """C_N' + i C_Z' (n,)."""
-        return plane_from_body(self.moments.body, self.motion.windward_meridian)
+        return self.motion.to_plane(self.moments.body)
 
     @property
     def alpha_rms_sigma(self) -> float:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.atmosphere import HIGHEST
 from brv_hypo.simulation.config import SimulationConfig
@@ -156,7 +155,7 @@ def _truths(
     motion = _motion_alone(bare, instants, states, here)
     without = bare.plane_moments(motion)
     body = equations.body_moments(states, angular[:, chosen], here)
-    plane = plane_from_body(body[1] + 1j * body[2], motion.windward_meridian)
+    plane = motion.to_plane(body[1] + 1j * body[2])
     meridian = np.unwrap(motion.windward_meridian, axis=0)
     added = (plane.real - without[0], plane.imag - without[1])
     return [
