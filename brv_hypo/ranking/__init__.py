@@ -7,7 +7,7 @@ criteria.py  C_p, PRESS, AIC and BIC; disagreement.py where they put different h
 adequacy.py  whether only noise is left; alternative.py what may be there instead
 stability.py whether a repetition ends the same (repeated.py): other_knots.py, other_methods.py
 limits.py    how large each mechanism may be; intervals.py net values between knots
-verdict.py   a winner, or all that stand
+verdict.py   a winner, or all that stand; confidence_set.py those that held-out blocks cannot tell from the best
 likelihood.py    those that stand, by maximum likelihood
 summary.py   gathers the result; result.py is its shape
 benchmark.py processor seconds by stage: ``python -m brv_hypo.ranking.benchmark``

@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.constants import BOUND_SIGMAS, REPETITIONS
+from brv_hypo.constants import BOUND_SIGMAS, CONFIDENCE_BLOCKS, REPETITIONS
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.averaging import averaged
@@ -23,6 +24,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.alternative import alternatives
+from brv_hypo.ranking.confidence_set import confidence_p_values, confidence_set
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
@@ -131,7 +133,19 @@ def _judged(
     further = [each.fit for each in instead if each.fit.name not in listed]
     without = [*without, *(leaving.of(fit.frame, fit.columns) for fit in further)]
     repeated = stability(contest, repetitions(problem, [*fits, *further], without, REPETITIONS))
-    return judge(contest, repeated, limits(problem, hypotheses, fits))
+    verdict = judge(contest, repeated, limits(problem, hypotheses, fits))
+    return verdict.model_copy(update=_confidence(fits, without[: len(fits)]))
+
+
+def _confidence(fits: Sequence[HypothesisFit], without: Sequence[FitsWithout]) -> dict[str, Any]:
+    """The model confidence set of the verdict, and its p-values."""
+    names = [fit.name for fit in fits]
+    losses = [[each.score for each in fitted.each(CONFIDENCE_BLOCKS)] for fitted in without]
+    p_values = confidence_p_values(np.transpose(losses))
+    return {
+        "confidence_set": confidence_set(names, p_values),
+        "confidence_p_values": dict(zip(names, p_values.tolist(), strict=True)),
+    }
 
 
 def _impossible(fit: HypothesisFit) -> str | None:

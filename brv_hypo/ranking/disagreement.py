@@ -11,7 +11,7 @@ from functools import partial
 from brv_hypo.constants import CRITERIA_TIE
 from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import at
-from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference
+from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference, Verdict
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
 from brv_hypo.subset import stepwise_columns
@@ -43,6 +43,20 @@ def criteria_disagree(
         for each in dict.fromkeys(first.values())
     )
     return (f"criteria disagree on what comes first: {told}",)
+
+
+def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
+    """A sentence where the likeliest hypothesis of the list predicts held-out blocks worse than others by more than
+    chance; else nothing.
+    """
+    listed = {name: verdict.probability[name] for name in verdict.confidence_p_values}
+    leader = max(listed, key=lambda name: listed[name], default=None)
+    if leader is None or leader in verdict.confidence_set:
+        return ()
+    return (
+        f"held-out blocks disagree with the probability: the model confidence set (95 %) holds "
+        f"{_joined(verdict.confidence_set)}, not {leader}",
+    )
 
 
 def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:

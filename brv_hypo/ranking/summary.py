@@ -13,7 +13,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.model.columns import BASELINE, Column, Theta
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.ranking.disagreement import criteria_disagree, stepwise_differences
+from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
 from brv_hypo.ranking.drawn import drawn
 from brv_hypo.ranking.intervals import Interval, intervals
 from brv_hypo.ranking.likelihood import Likelihoods
@@ -78,7 +78,7 @@ def summarise(
         seconds=seconds,
         series=_series(problem, fits),
         warnings=tuple(warnings),
-        disagreements=criteria_disagree(ranking, verdict.probability),
+        disagreements=(*criteria_disagree(ranking, verdict.probability), *prediction_disagrees(verdict)),
         stepwise=stepwise_differences(problem, fits),
     )
 

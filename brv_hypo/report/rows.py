@@ -19,7 +19,7 @@ from brv_hypo.ranking.result import (
 )
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
-RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "prob.")
+RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "MCS p", "prob.")
 TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "Mach", "delay, s")
 ERROR_HEADINGS = ("term", "unit", "value", "sigma", "F")
 _PLANES = {"in-plane": "in", "out-of-plane": "out"}
@@ -30,7 +30,8 @@ _DIFFERENCES = ("aic", "bic")
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """One row for each hypothesis, likeliest first.
 
-    "of none" is the held-out error over that of `none`; "6+" terms says that more would have entered.
+    "of none" is the held-out error over that of `none`; "MCS p" the p-value in the model confidence set; "6+" terms
+    says that more would have entered.
     """
     return [
         (
@@ -42,6 +43,7 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
             number(row.prediction_error),
             share(row.prediction_ratio),
             f"{row.r2:.4f}",
+            probability(comparison.verdict.confidence_p_values.get(row.mechanism)),
             probability(comparison.verdict.probability.get(row.mechanism)),
         )
         for row in comparison.ranking

@@ -93,6 +93,8 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "adequacy",
         "limits",
         "stability",
+        "confidence_set",
+        "confidence_p_values",
         "reason",
     }
     assert set(content["verdict"]["adequacy"]) == {"ratio", "p_value", "adequate"}
