@@ -141,8 +141,17 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece]:
         if not piece.singular or max_size - len(piece.included) <= 2:
             yield piece
             continue
-        involved = piece.dependency
-        for i in range(len(involved)):
-            kept = piece.included + involved[:i]
-            rest = tuple(j for j in piece.undecided if j not in involved[: i + 1])
-            stack.append((kept, rest))
+        stack += _cut(piece, max_size)
+
+
+def _cut(piece: Piece, max_size: int) -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
+    """Included and undecided of each part of a singular piece: the first column of its dependency that is left out.
+
+    What comes before that one is in; parts that would hold more than `max_size` are none.
+    """
+    involved = piece.dependency
+    place = np.full(max(piece.undecided) + 1, len(involved))
+    place[list(involved)] = np.arange(len(involved))
+    places = place[piece.labels]
+    for i in range(min(len(involved), max_size - len(piece.included) + 1)):
+        yield piece.included + involved[:i], tuple(piece.labels[places > i].tolist())
