@@ -89,6 +89,8 @@ def a_mirror(data: st.DataObject, case: Case) -> Found:
 def any_order_of_flights(data: st.DataObject, case: Case) -> Found:
     flights = [flight(replace(case, seed=case.seed + more)) for more in range(data.draw(st.integers(2, 3)))]
     order = data.draw(st.permutations(range(len(flights))))
+    if order == sorted(order):  # the given order tells nothing: the other way round
+        order = order[::-1]
     return distance(compared(flights, case), compared([flights[k] for k in order], case)), SUMMED
 
 
