@@ -12,12 +12,14 @@ from scipy.integrate import quad
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import TimeVariation
+from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.baseline import PitchDamping
 from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import CommonTime, at, common_time
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion import reconstruct
 from brv_hypo.regression.frame import build_frame
+from brv_hypo.regression.search import offers
 from brv_hypo.regression.weakform import WeakSegment
 from tests.chains import reconstructed
 from tests.ranking.pulse import problem
@@ -207,7 +209,11 @@ def test_a_mach_number_and_the_reference_are_those_of_one_flight_wherever_it_sta
 def test_of_flights_that_share_their_clocks_the_longest_record_is_the_reference() -> None:
     longest = reconstructed("bodyfixed")
     short = reconstruct(longest.flight.window(None, 4.0))
-    assert [build_frame(each, []).reference for each in ([longest, short], [short, longest])] == [0, 1]
+    frames = [build_frame(each, []) for each in ([longest, short], [short, longest])]
+    assert [frame.reference for frame in frames] == [0, 1]
+    per_cycle = parse_hypothesis("bodyfixed", {"bodyfixed": {"variant": "per_cycle"}})
+    offered = [offers(problem(), frame.with_mechanisms(per_cycle), per_cycle) for frame in frames]
+    assert offered[0] == offered[1]
 
 
 def test_one_flight_has_its_own_time() -> None:
