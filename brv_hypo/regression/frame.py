@@ -111,6 +111,14 @@ class RateFrame:
         """The time that courses are told in, of each row (rows,), s."""
         return np.concatenate([segment.course_time for segment in self.segments])
 
+    @cached_property
+    def reference(self) -> int:
+        """The flight in whose time courses are told, wherever it stands; of one clock for all, the longest record."""
+        if self.common is not None:
+            return self.common.reference
+        lengths = [(float(own.time[-1] - own.time[0]), float(np.sum(own.p**2))) for own in self.motions]
+        return max(range(len(lengths)), key=lengths.__getitem__)
+
     def own_time(self, flight: int) -> OwnTime | None:
         """How one flight's time goes with the common one; None where there is none."""
         return None if self.common is None else self.common.flights[flight]
@@ -280,13 +288,17 @@ def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[
 def build_frame(
     reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
 ) -> RateFrame:
-    """The frame of these flights; flights without a usable segment contribute nothing."""
+    """The frame of these flights; flights without a usable segment contribute nothing.
+
+    Several that have no `common` time share that of their clocks.
+    """
+    several = len(reconstructions) > 1
     if common is not None:
         reconstructions = [_on_common_time(*each) for each in zip(reconstructions, common.flights, strict=True)]
     segments = [
         segment
         for number, rec in enumerate(reconstructions)
-        for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time, nodes=rec.nodes)
+        for segment in weak_segments(rec.flight, number, rec.motion.course_time if several else None, rec.nodes)
     ]
     return RateFrame(
         tuple(reconstructions),

@@ -170,10 +170,11 @@ def _tolerated(
     frame: RateFrame, number: int | None, mechanism: Mechanism
 ) -> list[tuple[Nuisance, ComplexArray]]:
     """The residual rates (rows,) that one sigma of each term of a tolerance leaves on one flight; on all for None."""
-    sizes = mechanism.tolerance(frame.reconstructions[number or 0].flight)
+    told = frame.reference if number is None else number
+    sizes = mechanism.tolerance(frame.reconstructions[told].flight)
     if sizes is None:
         return []
-    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[number or 0], {})]
+    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[told], {})]
     rates = np.zeros((frame.observed.size, len(names)), dtype=complex)
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         if number is None or segment.flight == number:

@@ -70,8 +70,9 @@ def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) 
 def _columns_of(
     problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
 ) -> tuple[Column, ...]:
-    own = mechanism.knots(frame.motions[0])
-    return candidates(mechanism, frame.motions[0], problem.knots if own is None else own, thetas)
+    motion = frame.motions[frame.reference]
+    own = mechanism.knots(motion)
+    return candidates(mechanism, motion, problem.knots if own is None else own, thetas)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,10 @@ from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.quadrature import Quadrature
 from brv_hypo.motion.splines import Places, SplineGrid, running_integral
 
+# Share of the last step before a segment's end within which what begins is nothing of it: the difference of two
+# integrals up to there is rounding, and least squares would fit the last sample's noise by any multiple of that.
+_END = 1e-9
+
 
 @dataclass(frozen=True)
 class Antiderivative:
@@ -73,7 +77,10 @@ class Integrals:
 
 @dataclass(frozen=True)
 class _Courses:
-    """Courses as arrays (k,); start and stop are also given as `begin` and `end` inside a segment, in its own time."""
+    """Courses as arrays (k,); start and stop are also given as `begin` and `end` inside a segment, in its own time.
+
+    Infinite is what lies beyond a segment (`WeakSegment.own_times`).
+    """
 
     ramp: BoolArray
     start: FloatArray
@@ -114,7 +121,7 @@ class Nodes:
 class WeakSegment:
     """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,).
 
-    `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own.
+    `common_time` (m,) s is the time that flights share, in which courses are told; None where there is one flight.
     `finer` are the nodes of its integrals; None where its samples are.
     """
 
@@ -138,10 +145,14 @@ class WeakSegment:
         return self.time if self.common_time is None else self.common_time
 
     def own_times(self, told: FloatArray) -> FloatArray:
-        """The segment's own times (k,) of times that courses are told in (k,); beyond it that of its end."""
-        if self.common_time is None:
-            return np.asarray(np.minimum(np.maximum(told, self.time[0]), self.time[-1]), dtype=float)
-        return np.asarray(np.interp(told, self.common_time, self.time), dtype=float)
+        """The segment's own times (k,) of times that courses are told in (k,); before it that of its first sample.
+
+        After it infinite: what begins there is nothing of it.
+        """
+        before, end = self.course_time[-2:]
+        shared = self.common_time is not None
+        own = np.interp(told, self.course_time, self.time) if shared else np.maximum(told, self.time[0])
+        return np.where(told > end - _END * (end - before), np.inf, own)
 
     @cached_property
     def _grid(self) -> SplineGrid:
@@ -171,13 +182,14 @@ class WeakSegment:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
         out = integral.at_nodes[self.nodes.samples][:, which]
         base = np.zeros(which.size, dtype=complex)
-        late = np.flatnonzero(told.begin > self.time[0])
+        late = np.flatnonzero((told.begin > self.time[0]) & np.isfinite(told.begin))
         if late.size:
             begin = told.begin[late]
             base[late] = integral.at(Places.among(self.nodes.time, begin), which[late])
             out -= base
             for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
                 out[:first, j] = 0.0
+        out[:, np.isposinf(told.begin)] = 0.0
         for j in np.flatnonzero(told.end < self.time[-1]).tolist():
             after = self.time.searchsorted(told.end[j])
             place = Places.among(self.nodes.time, told.end[j : j + 1])
@@ -197,9 +209,9 @@ class WeakSegment:
 def weak_segments(
     flight: Flight,
     index: int,
-    shortest: int = 8,
     common_time: FloatArray | None = None,
     nodes: Quadrature | None = None,
+    shortest: int = 8,
 ) -> tuple[WeakSegment, ...]:
     """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates.
 

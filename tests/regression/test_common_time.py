@@ -11,9 +11,17 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import TimeVariation
+from brv_hypo.mechanisms.registry import parse_hypothesis
+from brv_hypo.model.baseline import PitchDamping
+from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import CommonTime, at, common_time
 from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion import reconstruct
+from brv_hypo.regression.frame import build_frame
+from brv_hypo.regression.search import offers
 from brv_hypo.regression.weakform import WeakSegment
+from tests.chains import reconstructed
 from tests.ranking.pulse import problem
 
 TIME = np.linspace(2.0, 6.0, 401)
@@ -151,6 +159,61 @@ def test_a_common_time_that_is_the_own_changes_nothing(kind: str) -> None:
         each.columns(each.integrate(values), np.array([0]), [course]) for each in (segment(None), segment(OTHER_TIME))
     ]
     np.testing.assert_allclose(columns[0], columns[1], rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["jump", "ramp"])
+@pytest.mark.parametrize("later", [-1e-13, 0.0, 1e-13, 0.7])
+def test_what_begins_where_a_flight_has_ended_is_nothing_of_it(kind: TimeVariation, later: float) -> None:
+    """Not what rounding leaves of two equal integrals, by any multiple of which a fit takes up the last sample's noise.
+
+    Several flights in the other order round otherwise: which knots such a fit chose was rounding.
+    """
+    common = first_time(OTHER_TIME)
+    here, draws = segment(common), np.random.default_rng(1)
+    moments = draws.standard_normal((OTHER_TIME.size, 200)) + 1j * draws.standard_normal((OTHER_TIME.size, 200))
+    every = np.arange(200)
+    begun, before = (
+        here.columns(here.integrate(moments), every, [TimeFunction(kind, start)] * every.size)
+        for start in (float(common[-1]) + later, 0.5 * float(common[-2] + common[-1]))
+    )
+    assert not np.any(begun)
+    assert not np.any(before[:-1])
+    assert np.all(before[-1])
+
+
+def test_flights_that_share_their_clocks_have_a_common_time_too() -> None:
+    """What begins where one has ended is nothing of it there either."""
+    one = reconstructed("bodyfixed")
+    alone, together = (build_frame([one] * count, [PitchDamping()]) for count in (1, 2))
+    assert all(each.common_time is None for each in alone.segments)
+    assert all(each.common_time is not None for each in together.segments)
+    (term,) = PitchDamping().terms(one.motion, {})
+    late = Column(PitchDamping.name, term.name, (), TimeFunction("jump", float(one.motion.time[-1])), term.units)
+    assert not np.any(together.columns([late]))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 1, 0)])
+def test_a_mach_number_and_the_reference_are_those_of_one_flight_wherever_it_stands(order: tuple[int, ...]) -> None:
+    records = [
+        (TIME, noisy(mach(TIME), 3)),
+        (OTHER_TIME, noisy(mach(first_time(OTHER_TIME)), 4)),
+        (OTHER_TIME, noisy(mach(first_time(OTHER_TIME) + 2.0), 5)),
+    ]
+    told = [common_time([records[k] for k in places]) for places in ((0, 1, 2), order)]
+    assert all(isinstance(each, CommonTime) for each in told)
+    places = np.linspace(1.0, 9.0, 60)
+    first, again = ([each.mach(place) for place in places] for each in told if isinstance(each, CommonTime))
+    assert first == again
+
+
+def test_of_flights_that_share_their_clocks_the_longest_record_is_the_reference() -> None:
+    longest = reconstructed("bodyfixed")
+    short = reconstruct(longest.flight.window(None, 4.0))
+    frames = [build_frame(each, []) for each in ([longest, short], [short, longest])]
+    assert [frame.reference for frame in frames] == [0, 1]
+    per_cycle = parse_hypothesis("bodyfixed", {"bodyfixed": {"variant": "per_cycle"}})
+    offered = [offers(problem(), frame.with_mechanisms(per_cycle), per_cycle) for frame in frames]
+    assert offered[0] == offered[1]
 
 
 def test_one_flight_has_its_own_time() -> None:
