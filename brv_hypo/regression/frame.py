@@ -288,17 +288,13 @@ def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[
 def build_frame(
     reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
 ) -> RateFrame:
-    """The frame of these flights; flights without a usable segment contribute nothing.
-
-    Several that have no `common` time share that of their clocks.
-    """
-    several = len(reconstructions) > 1
+    """The frame of these flights; flights without a usable segment contribute nothing."""
     if common is not None:
         reconstructions = [_on_common_time(*each) for each in zip(reconstructions, common.flights, strict=True)]
     segments = [
         segment
         for number, rec in enumerate(reconstructions)
-        for segment in weak_segments(rec.flight, number, rec.motion.course_time if several else None, rec.nodes)
+        for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time, nodes=rec.nodes)
     ]
     return RateFrame(
         tuple(reconstructions),

@@ -121,7 +121,7 @@ class Nodes:
 class WeakSegment:
     """One contiguous part of a flight: derolled rates `observed` (m,) rad/s, factor of the integrand (m,).
 
-    `common_time` (m,) s is the time that flights share, in which courses are told; None where there is one flight.
+    `common_time` (m,) s is the time that flights share, in which courses are told; None where it is their own.
     `finer` are the nodes of its integrals; None where its samples are.
     """
 
@@ -209,9 +209,9 @@ class WeakSegment:
 def weak_segments(
     flight: Flight,
     index: int,
+    shortest: int = 8,
     common_time: FloatArray | None = None,
     nodes: Quadrature | None = None,
-    shortest: int = 8,
 ) -> tuple[WeakSegment, ...]:
     """The usable segments of a flight (those of at least `shortest` samples), with their derolled rates.
 

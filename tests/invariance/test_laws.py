@@ -6,7 +6,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, given, settings
 from hypothesis import strategies as st
 
-from tests.invariance.chain import PLANTS, Case
+from tests.invariance.chain import PLANTS, Case, Change, compared, distance, flight, original
+from tests.invariance.changes import shifted
 from tests.invariance.laws import LAWS, SUMMED, reordered
 
 FLIGHTS = 200
@@ -37,6 +38,14 @@ def test_a_knot_where_flights_have_ended_is_not_chosen_for_rounding():
     """In one order of these flights rounding was a column, and a better one than any other: 2.3 of 2 ln L."""
     nothing_planted = Case(531, 0.05257302884490797, -0.8541860141137723, 6.471303006054866, "none", "bodyfixed")
     assert reordered(nothing_planted, (1, 0, 2)).within(SUMMED)
+
+
+@pytest.mark.thorough
+def test_nor_where_one_flight_has_ended():
+    """With another origin of time the step took that column up no longer: 26 of 2 ln L."""
+    case = Case(10_000, 0.03, 0.0, 7.903566449424679, "damping", "damping")
+    after = compared([shifted(flight(case), 1.0)], case)
+    assert distance(original(case), after, Change(shift=1.0)).within(SUMMED)
 
 
 @pytest.mark.slow
