@@ -10,6 +10,8 @@ from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
 from brv_hypo.report.style import interval, number, share
 from brv_hypo.residuals.prediction import Prediction
 
+TOLD = 16
+"""Coefficients that the terminal shows; all of them with -v and on the page."""
 SETTLED = 0.5
 """Ratio of mean squares below which the frozen model is said to hold on the flight."""
 
@@ -41,8 +43,8 @@ def prediction_document(result: Prediction) -> Document:
             Table(("moments less", "mean square", "ratio"), errors, "Error of the moments"),
             Table(("time s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
             *(Picture(chart) for chart in prediction_charts(result)),
-            term_table("Frozen", result.frozen, "always"),
-            term_table("Fitted to this flight", result.refitted, "always"),
+            term_table("Frozen", result.frozen, "always", most=TOLD),
+            term_table("Fitted to this flight", result.refitted, "always", most=TOLD),
             Texts(fault_texts(result.record), "Warnings", warning=True),
             Texts(flight.notes, "Notes", shown="page"),
         ),
