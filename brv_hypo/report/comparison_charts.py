@@ -106,6 +106,7 @@ def _sizes(comparison: Comparison) -> Chart:
         "terms besides the baseline",
         [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
         range=(-0.5, most + 1.0),  # room for the label of the last
+        counted=True,
     )
 
 
