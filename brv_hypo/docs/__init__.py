@@ -26,6 +26,12 @@ def notebooks() -> dict[str, str]:
     return {entry.name: entry.read_text(encoding="utf-8") for entry in sorted(found, key=lambda entry: entry.name)}
 
 
+def file_of(info: str) -> str:
+    """The file that a fence is to be written to, of its info string `LANGUAGE FILE`; "" for none."""
+    language, _, file = info.strip().partition(" ")
+    return "" if language == "sh" else file
+
+
 def text(topic: str) -> str:
     """The Markdown of a topic; UsageError with the topics there are where there is no such one."""
     page = files(__name__) / f"{topic}.md"

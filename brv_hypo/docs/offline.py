@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.token import Token
+from markdown_it.utils import EnvType, OptionsDict
 
-from brv_hypo.docs import text, topics
+from brv_hypo.docs import file_of, text, topics
 from brv_hypo.report.pages import resource
 from brv_hypo.version import version
 
@@ -14,6 +18,7 @@ from brv_hypo.version import version
 def manual_page() -> str:
     """Every topic in reading order, a list of them at the side, and a field that searches all of them."""
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    markdown.add_render_rule("fence", _named_fence)
     known = topics()
     links = "".join(f'<li><a href="#{name}">{escape(title)}</a></li>' for name, title in known.items())
     articles = "\n".join(f'<article id="{name}">{markdown.render(text(name))}</article>' for name in known)
@@ -28,3 +33,12 @@ def manual_page() -> str:
         f'<footer class="quiet">brv-hypo {escape(version())}</footer>\n</div>\n'
         f"<script>{script}</script>\n</body>\n</html>\n"
     )
+
+
+def _named_fence(
+    renderer: RendererHTML, tokens: Sequence[Token], index: int, options: OptionsDict, env: EnvType
+) -> str:
+    """Code under the name of the file that it belongs in."""
+    file = file_of(tokens[index].info)
+    heading = f'<p class="file">{escape(file)}</p>\n' if file else ""
+    return heading + renderer.fence(tokens, index, options, env)

@@ -24,12 +24,12 @@ def criteria_disagree(
 ) -> tuple[str, ...]:
     """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
 
-    The F-ratio is none of `none`: it is against it.
+    The F-ratio is none of `none`: it is against it. No probability comes first where none is left for the list.
     """
     if len(ranking) < 2:
         return ()
     tested = [row for row in ranking if row.f_ratio is not None]
-    named = [row for row in ranking if row.mechanism in probability]
+    named = [row for row in ranking if probability.get(row.mechanism, 0.0) > 0.0]
     first = {"C_p": min(ranking, key=lambda row: row.cp).mechanism}
     first["prediction error"] = min(ranking, key=lambda row: row.prediction_error).mechanism
     if tested:
@@ -49,8 +49,8 @@ def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
     """A sentence where the likeliest hypothesis of the list predicts held-out blocks worse than others by more than
     chance; else nothing.
     """
-    listed = {name: verdict.probability[name] for name in verdict.confidence_p_values}
-    leader = max(listed, key=lambda name: listed[name], default=None)
+    likely = [name for name in verdict.confidence_p_values if verdict.probability[name] > 0.0]
+    leader = max(likely, key=lambda name: verdict.probability[name], default=None)
     if leader is None or leader in verdict.confidence_set:
         return ()
     return (

@@ -198,8 +198,9 @@ class Seconds(NullIsNaN):
 class Series(NullIsNaN):
     """Histories for pictures, of one flight: not part of the JSON.
 
-    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`. Standard deviations, rates and
-    Mach number are empty where they are not known.
+    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`; what is fitted includes the errors
+    of record and vehicle beside the mechanism, and both are NaN at the ends, where rates cannot be differentiated.
+    Standard deviations, rates and Mach number are empty where they are not known.
     """
 
     time_s: tuple[float, ...]

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.faults import RecordTrial
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification
@@ -37,6 +38,7 @@ from brv_hypo.ranking.result import (
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import HeldOut
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.residual_moments import residual_moments
 from brv_hypo.subset.criteria import Criteria
 
 
@@ -335,12 +337,18 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     return tuple(found)
 
 
+def _left(problem: Problem, fit: HypothesisFit) -> ComplexArray:
+    """What a hypothesis, with errors of record and vehicle fitted beside it, leaves of the moments (frame rows,)."""
+    left = problem.left(fit.frame, fit.columns, *problem.solution(fit.frame, fit.columns))
+    return residual_moments(fit.frame, problem.records, left.rates).body
+
+
 def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
     """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
     frame = problem.frame
-    measured = np.concatenate([frame.reconstructions[s.flight].moments.body[s.rows] for s in frame.segments])
-    wholes = ((fit, *fit.moment[:2]) for fit in fits)
-    predicted = {fit.name: fit.frame.moments(columns) @ values for fit, columns, values in wholes}
+    known = residual_moments(frame, problem.records, frame.observed)
+    measured = np.where(known.usable, known.body, np.nan)
+    fitted = {fit.name: measured - _left(problem, fit) for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):
         pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]
@@ -361,7 +369,7 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
                 windward_meridian_rad=tuple(phi_w.tolist()),
                 measured=plane(measured),
                 sigma=tuple(frame.reconstructions[index].moments.noise_sigma[kept].tolist()),
-                fitted={name: plane(body) for name, body in predicted.items()},
+                fitted={name: plane(body) for name, body in fitted.items()},
                 alpha_sigma_rad=tuple(frame.reconstructions[index].alpha_sigma[kept].tolist()),
                 windward_meridian_sigma_rad=tuple(frame.reconstructions[index].phi_w_sigma[kept].tolist()),
                 roll_rate_rad_s=tuple(motion.p[kept].tolist()),

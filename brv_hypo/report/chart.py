@@ -127,7 +127,7 @@ class Chart:
     """Panels, one below the other, over a common horizontal axis titled `x`.
 
     `name` is the stem of picture files. Charts `over_time` share their axis with each other. Of a `path` the panels
-    are the stretches, with their titles above them.
+    are the stretches, with their titles above them. Of what is `counted` the axis has whole numbers alone.
     """
 
     name: str
@@ -141,6 +141,7 @@ class Chart:
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
     caption: str = ""
+    counted: bool = False
 
     @property
     def columns(self) -> int:

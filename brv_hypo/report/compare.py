@@ -62,10 +62,16 @@ def _terms(heading: str, terms: Sequence[TermEstimate], knots: Sequence[Knot] = 
     return term_table(heading, terms, "verbose", knots)
 
 
-def term_table(heading: str, terms: Sequence[TermEstimate], shown: Shown, knots: Sequence[Knot] = ()) -> Table:
+def term_table(
+    heading: str,
+    terms: Sequence[TermEstimate],
+    shown: Shown,
+    knots: Sequence[Knot] = (),
+    most: int | None = None,
+) -> Table:
     """One row for each coefficient with its sigma, F, unit, region and delay, where any has one."""
     headings, lines = rows.shown_columns(rows.TERM_HEADINGS, rows.term_rows(terms, knots))
-    return Table(headings, lines, heading, shown=shown)
+    return Table(headings, lines, heading, most=most, shown=shown)
 
 
 def _seconds(comparison: Comparison) -> str:

@@ -68,7 +68,10 @@ def leading(comparison: Comparison) -> list[tuple[str, Role]]:
 
 
 def _probabilities(comparison: Comparison) -> Chart:
-    known = sorted(comparison.verdict.probability.items(), key=lambda item: -item[1])
+    chances = comparison.verdict.probability
+    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in chances]
+    names = dict.fromkeys([*ranked, *chances])  # of equal ones the better ranked first
+    known = sorted(((name, chances[name]) for name in names), key=lambda item: -item[1])
     bars = Bars([name for name, _ in known], [value for _, value in known], [probability(v) for _, v in known])
     panels = [Panel("", [bars])] if known else []
     return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08))
@@ -103,6 +106,7 @@ def _sizes(comparison: Comparison) -> Chart:
         "terms besides the baseline",
         [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
         range=(-0.5, most + 1.0),  # room for the label of the last
+        counted=True,
     )
 
 

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, Path, named
 
@@ -88,6 +89,8 @@ def _fill(figure: Figure, chart: Chart) -> None:
         bottom.set_xlabel(_plain(chart.x))
     if chart.log:
         bottom.set_xscale("log")
+    if chart.counted:
+        bottom.xaxis.set_major_locator(MaxNLocator(integer=True))
     if chart.range:
         bottom.set_xlim(*chart.range)
     if chart.path is not None:

@@ -18,6 +18,8 @@ MILLI = 1e3
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′ · 10³", "out of plane, C<sub>Z</sub>′ · 10³"
 BODY = ("pitch, C<sub>m</sub> · 10³", "yaw, C<sub>n</sub> · 10³")
 TIME = "time, s"
+BESIDE = "Errors of record and vehicle are fitted beside every model."
+_GYROS = "Band: white noise of the gyros; a verdict counts in the noise that the record shows, which may be more."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _FAR_WIDER = 5.0
@@ -91,9 +93,10 @@ def moment_chart(
         for k, (title, values) in enumerate(zip(titles, measured, strict=True))
     ]
     heading = "Moments, measured and modelled" if models else "Moments"
+    beside = BESIDE if models else ""
     knots = "Dashed lines: knots of the model on top." if setting.knots else ""
     shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, _caption(knots, shaded, _cut(panels)))
+    return setting.chart("moments", heading, panels, _caption(beside, knots, shaded, _cut(panels)))
 
 
 def residual_chart(
@@ -114,7 +117,7 @@ def residual_chart(
         for k, title in enumerate(titles)
     ]
     knots = "Dashed lines: knots." if setting.knots else ""
-    return setting.chart("residuals", heading, panels, _caption(knots, _cut(panels)))
+    return setting.chart("residuals", heading, panels, _caption(BESIDE, _GYROS, knots, _cut(panels)))
 
 
 def _before_noise(title: str, band: Band, lines: Sequence[Line]) -> Panel:
@@ -198,7 +201,11 @@ def spectrum_chart(
     sample_rate = 1.0 / float(np.median(np.diff(t)))
     layers: list[Layer] = []
     highest = 0.0
-    spectra = {name: _spectrum(moments, sample_rate) for name, (moments, _) in histories.items()}
+    known = np.all([np.isfinite(values) for moments, _ in histories.values() for values in moments], axis=0)
+    spectra = {
+        name: _spectrum([np.asarray(values)[known] for values in moments], sample_rate)
+        for name, (moments, _) in histories.items()
+    }
     for frequency, power in spectra.values():
         highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
     highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
@@ -216,10 +223,10 @@ def spectrum_chart(
     )
 
 
-def _spectrum(moments: Moments, sample_rate: float) -> tuple[FloatArray, FloatArray]:
+def _spectrum(moments: Sequence[FloatArray], sample_rate: float) -> tuple[FloatArray, FloatArray]:
     """One-sided power density of both histories together, from the first line above zero."""
     size = min(_SEGMENT, len(moments[0]))
-    parts = [welch(np.asarray(values, dtype=float), fs=sample_rate, nperseg=size) for values in moments]
+    parts = [welch(values, fs=sample_rate, nperseg=size) for values in moments]
     frequency, power = np.asarray(parts[0][0], dtype=float), np.asarray(parts[0][1] + parts[1][1], dtype=float)
     return frequency[1:], np.maximum(power[1:], np.finfo(float).tiny)
 

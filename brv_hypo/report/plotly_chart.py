@@ -149,6 +149,7 @@ def _layout(chart: Chart) -> dict[str, Any]:
             "title": {"text": chart.x},
             "anchor": "y" if count == 1 else f"y{count}",
             **({"type": "log"} if chart.log else {}),
+            **({"dtick": 1} if chart.counted else {}),
             **({"range": list(across)} if across else {}),
             **({"exponentformat": "power"} if across and across[1] < _LEAST_PLAIN else {}),
         },

@@ -10,6 +10,8 @@ from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
 from brv_hypo.report.style import interval, number, share
 from brv_hypo.residuals.prediction import Prediction
 
+TOLD = 16
+"""Coefficients that the terminal shows; all of them with -v and on the page."""
 SETTLED = 0.5
 """Ratio of mean squares below which the frozen model is said to hold on the flight."""
 
@@ -39,10 +41,10 @@ def prediction_document(result: Prediction) -> Document:
         settled=result.ratio < SETTLED and sound,
         blocks=(
             Table(("moments less", "mean square", "ratio"), errors, "Error of the moments"),
-            Table(("time s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
+            Table(("time, s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
             *(Picture(chart) for chart in prediction_charts(result)),
-            term_table("Frozen", result.frozen, "always"),
-            term_table("Fitted to this flight", result.refitted, "always"),
+            term_table("Frozen", result.frozen, "always", most=TOLD),
+            term_table("Fitted to this flight", result.refitted, "always", most=TOLD),
             Texts(fault_texts(result.record), "Warnings", warning=True),
             Texts(flight.notes, "Notes", shown="page"),
         ),
@@ -82,7 +84,8 @@ def band_chart(result: Prediction) -> Chart:
             )
         )
     heading = f"Moments in the {100.0 * band.level:.0f} % predictive band ({100.0 * band.inside:.1f} % inside)"
-    return Chart("band", heading, TIME, panels, over_time=True)
+    span = (result.flight.start_s, result.flight.stop_s)
+    return Chart("band", heading, TIME, panels, over_time=True, range=span)
 
 
 def _bars(names: list[str], percent: list[float]) -> Bars:

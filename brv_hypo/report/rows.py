@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -19,10 +20,12 @@ from brv_hypo.ranking.result import (
 )
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
-RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "of none", "R²", "MCS p", "prob.")
+RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "R²", "MCS p", "prob.")
 TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "Mach", "delay, s")
 ERROR_HEADINGS = ("term", "unit", "value", "sigma", "F")
 _PLANES = {"in-plane": "in", "out-of-plane": "out"}
+_LONG = re.compile(r"\d+\.\d{5,}")
+"""A number at more digits than a reader needs, in the name of what was discovered."""
 _DIFFERENCES = ("aic", "bic")
 """Criteria that say nothing but by their differences."""
 
@@ -30,7 +33,7 @@ _DIFFERENCES = ("aic", "bic")
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """One row for each hypothesis, likeliest first.
 
-    "of none" is the held-out error over that of `none`; "MCS p" the p-value in the model confidence set; "6+" terms
+    "pred. error" is the held-out error over that of `none`; "MCS p" the p-value in the model confidence set; "6+" terms
     says that more would have entered.
     """
     return [
@@ -40,7 +43,6 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
             str(row.n_terms) + ("+" if row.status == "term limit" else ""),
             number(row.f_ratio),
             number(row.cp),
-            number(row.prediction_error),
             share(row.prediction_ratio),
             f"{row.r2:.4f}",
             probability(comparison.verdict.confidence_p_values.get(row.mechanism)),
@@ -61,7 +63,7 @@ def term_rows(terms: Iterable[TermEstimate], knots: Sequence[Knot] = ()) -> list
     digits = decimals(list(machs.values()))
     return [
         (
-            term.name,
+            _LONG.sub(lambda found: f"{float(found[0]):.4g}", term.name),
             _PLANES.get(term.channel, term.channel),
             term.units,
             known_to(term.value, term.std_error),

@@ -78,7 +78,7 @@ def probability(value: float | None) -> str:
         return NOT_A_NUMBER
     if value >= 0.995:
         return ">99 %"
-    if value < 0.005:
+    if value <= 0.005:
         return "<1 %"
     return f"{100.0 * value:.0f} %"
 

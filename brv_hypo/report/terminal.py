@@ -26,7 +26,7 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
     late: list[RenderableType] = []
     for block in document.blocks:
         if block.shown in shown and not block.empty and not isinstance(block, Picture):
-            (late if _warns(block) else parts).extend(_lines(block if verbose else _shortened(block)))
+            (late if _warns(block) else parts).extend(_lines(block, verbose))
     panel = Panel(
         Text(document.conclusion),
         title=document.conclusion_title,
@@ -37,21 +37,17 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
     return Group(*parts, Text(), panel, *late)
 
 
-def _shortened(block: Table | Texts) -> Table | Texts:
-    """A table without the rows beyond those that it is to show at first."""
-    if isinstance(block, Texts) or block.most is None:
-        return block
-    return replace(block, rows=block.rows[: block.most])
-
-
 def _warns(block: Block) -> bool:
     return isinstance(block, Texts) and block.warning
 
 
-def _lines(block: Table | Texts) -> Iterator[RenderableType]:
+def _lines(block: Table | Texts, verbose: bool) -> Iterator[RenderableType]:
     if isinstance(block, Table):
         yield Text(f"\n{block.heading}" if block.heading else "", "bold")
-        yield Fitted(block)
+        shown = block.rows if verbose else block.rows[: block.most]
+        yield Fitted(replace(block, rows=shown))
+        if len(shown) < len(block.rows):
+            yield Text(f"and {len(block.rows) - len(shown)} more: -v", "dim")
     elif block.bullets:
         yield bullets(block.texts, block.heading, "yellow" if block.warning else "dim")
     else:

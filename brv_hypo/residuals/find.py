@@ -20,7 +20,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import SMOOTH, Motion
 from brv_hypo.regression.frame import remove_levels
-from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.regression.whitening import effective_samples, white
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.linearisation import Seen
@@ -45,8 +45,9 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     p_value = _whiteness(look)
     channels = _channels(body, motion.windward_meridian[samples])
     worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
-    measured = _by_region(time, reconstruction.moments.body[samples], usable)
-    relative = _worst_region(time, _by_region(time, body, usable) / np.maximum(measured, 1e-300))
+    flown = residual_moments(look.seen.frame, look.seen.records, look.seen.frame.observed).body[rows]
+    measured = np.maximum(_by_region(time, flown, usable), 1e-300)
+    relative = _worst_region(time, _by_region(time, body, usable) / measured)
     frequency = _dominant(body, usable, float(np.median(np.diff(time))))
     return Residual(
         flight=number if several else None,

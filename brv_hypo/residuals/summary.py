@@ -19,7 +19,7 @@ from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
-from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, filed
@@ -250,7 +250,7 @@ def _unexplained(residual: Residual) -> str | None:
     )
     times = _times(float(np.sqrt(residual.noise_ratio)))
     return (
-        f"What is left has an rms of {residual.rms:.2e}, {times} times the noise of the moments; it is largest in "
+        f"What is left has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
         f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
         f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; against the moment "
         f"that was flown it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} its rms there."
@@ -307,12 +307,13 @@ def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
     after, seen = end.state.left, end.state.seen
     reconstruction = seen.reconstructions[number]
     moments, motion = reconstruction.moments, reconstruction.motion
+    measured = residual_moments(seen.frame, seen.records, seen.frame.observed)
     rows = seen.rows_of(number)
     kept = (before.usable & after.usable)[rows]
     samples = seen.samples_of(number)[kept]
     return Picture(
         time_s=tuple(motion.time[samples].tolist()),
-        measured=_pair(moments.body[samples]),
+        measured=_pair(measured.body[rows][kept]),
         before=_pair(before.body[rows][kept]),
         after=_pair(after.body[rows][kept]),
         sigma=tuple(moments.noise_sigma[samples].tolist()),

@@ -46,7 +46,7 @@ def test_an_estimate_has_the_digits_that_its_error_leaves(value, sigma, text):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(1.0, ">99 %"), (0.997, ">99 %"), (0.9, "90 %"), (0.001, "<1 %"), (0.0, "<1 %"), (None, "–")],
+    [(1.0, ">99 %"), (0.997, ">99 %"), (0.9, "90 %"), (0.005, "<1 %"), (0.001, "<1 %"), (0.0, "<1 %"), (None, "–")],
 )
 def test_a_probability_is_never_certain(value, text):
     assert probability(value) == text

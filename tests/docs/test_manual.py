@@ -212,6 +212,11 @@ class TestPage:
         assert '<input id="search"' in html
         assert "<table>" in html
 
+    def test_files_are_shown_under_their_names(self, html, brv_hypo):
+        assert '<p class="file">sister.yaml</p>\n<pre>' in html
+        assert "sister.yaml:" in brv_hypo("docs", "loop").stdout.splitlines()
+        assert ">opportunity</p>" not in html  # a name of commands that belong together, no file
+
     def test_the_command_writes_it(self, brv_hypo, tmp_path):
         done = brv_hypo("docs", "-o", "manual.html", cwd=tmp_path)
         assert done.returncode == 0, done.stderr

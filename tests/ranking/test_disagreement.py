@@ -9,8 +9,8 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.disagreement import criteria_disagree, stepwise_differences
-from brv_hypo.ranking.result import StepwiseDifference
+from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
+from brv_hypo.ranking.result import StepwiseDifference, Verdict
 from brv_hypo.regression import search
 from brv_hypo.report import rows
 from brv_hypo.subset import best_columns, stepwise, stepwise_columns
@@ -31,6 +31,22 @@ def test_each_criterion_is_told_with_what_it_puts_first():
     assert told == (
         "criteria disagree on what comes first: F-ratio: damping; C_p and probability: lag; prediction error: none"
     )
+
+
+def test_where_no_probability_is_left_for_the_list_none_of_it_comes_first():
+    ranking = [row("lag", 50.0, 5.0, 0.2), row("none", None, 90.0, 0.1)]
+    (told,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})
+    assert "probability" not in told
+    nothing = Verdict(
+        winner=None,
+        outcome="none adequate",
+        equivalent=(),
+        probability={"none": 0.0, "lag": 0.0, "other": 1.0},
+        confidence_set=("lag",),
+        confidence_p_values={"none": 0.01, "lag": 1.0},
+        reason="",
+    )
+    assert prediction_disagrees(nothing) == ()
 
 
 def test_a_record_that_was_refused_disagrees_on_nothing():

@@ -39,6 +39,13 @@ def test_names_of_dots_that_lie_on_each_other_stand_in_one_label() -> None:
     assert list(dots.labels) == ["a", "", "d\nc\nb", "", "e"]
 
 
+def test_terms_are_counted_in_whole_numbers() -> None:
+    dots = Panel("y", [Line([0, 1], [2.0, 1.0], "first", dots=True)])
+    chart = Chart("cp", "C_p", "terms", [dots], range=(-0.5, 2.0), counted=True)
+    assert plotly_chart(chart)["layout"]["xaxis"]["dtick"] == 1
+    assert all(at == round(at) for at in chart_figure(chart).axes[0].get_xticks())
+
+
 def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> None:
     loud, quiet = np.linspace(1e-3, 1.0, 200), np.full(200, 1e-4)
     models = [Drawn("model", (WAVE, WAVE), "first")]

@@ -11,7 +11,9 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from brv_hypo.report.blocks import Document, Table, Texts
+from brv_hypo.report.rows import RANKING_HEADINGS, ranking_rows, term_rows
 from brv_hypo.report.terminal import Fitted, terminal_view
+from tests.chains import compared_nominal
 
 WORDS = ("mechanism", "kind", "term")
 WORD = st.text("abc_", min_size=1, max_size=30)
@@ -56,12 +58,28 @@ def test_names_are_not_folded_where_closer_columns_do() -> None:
     assert len(text.splitlines()) == 3
 
 
+def test_a_ranking_of_long_names_fits_80_columns_unfolded() -> None:
+    comparison = compared_nominal()
+    row = comparison.ranking[0].model_copy(update={"mechanism": "ablation_by_file", "f_ratio": 1.07e6, "cp": 1.07e6})
+    table = Table(RANKING_HEADINGS, ranking_rows(comparison.model_copy(update={"ranking": (row,)})))
+    lines = printed(Fitted(table), 80).splitlines()
+    assert len(lines) == 3
+    assert "ablation_by_file" in lines[2]
+
+
+def test_names_of_what_was_discovered_are_told_at_four_digits() -> None:
+    term = compared_nominal().baseline.terms[0].model_copy(update={"name": "turns at -0.316672539482 rad/s, body_y"})
+    ((name, *_),) = term_rows([term])
+    assert name == "turns at -0.3167 rad/s, body_y"
+
+
 @pytest.mark.parametrize(("verbose", "rows"), [(False, 2), (True, 5)])
 def test_details_are_shown_with_verbose_alone(verbose, rows) -> None:
     table = Table(("n1",), [(f"row {i}",) for i in range(5)], most=2)
     blocks = (table, Texts(("every detail",), shown="verbose"), Texts(("for the page",), shown="page"))
     text = printed(terminal_view(Document("t", ("record",), "Verdict", "words", True, blocks), verbose=verbose), 80)
     assert text.count("row ") == rows
+    assert ("and 3 more: -v" in text) != verbose
     assert ("every detail" in text) == verbose
     assert "for the page" not in text
 
