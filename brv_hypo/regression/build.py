@@ -112,14 +112,17 @@ def errors_found(problem: Problem) -> tuple[Errors, ...]:
 
 
 def farthest_apart(problem: Problem, ones: Sequence[Errors], others: Sequence[Errors]) -> float:
-    """The largest difference, in tolerances, between two estimates of every flight's errors (SI)."""
-    apart = [0.0]
+    """How far apart two estimates of a flight's errors (SI) are, in tolerances; of the flight where that is most.
+
+    The length over all errors, for of one of a vector's components it would depend on how the body axes are rolled.
+    """
+    squares = np.zeros(len(problem.records))
     for item in problem.rows.nuisances.items:
         if item.taken_out is not None and item.flight is not None and np.isfinite(item.present):
             key = (item.name, item.component)
             one, other = ones[item.flight].get(key, 0.0), others[item.flight].get(key, 0.0)
-            apart.append(abs(one - other) / item.size)
-    return max(apart)
+            squares[item.flight] += ((one - other) / item.size) ** 2
+    return float(np.sqrt(np.max(squares)))
 
 
 def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
