@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.constraints import Constraints
@@ -52,9 +53,9 @@ class Piece:
         """Residual sum of squares of the included columns alone."""
         return self.bound + float(self.z @ self.z)
 
-    @cached_property
+    @property
     def inverse(self) -> FloatArray:
-        """R^-1."""
+        """R^-1, found anew each time: a tree may have tens of thousands of pieces."""
         return np.asarray(np.linalg.solve(self.R, np.eye(self.z.size)), dtype=np.float64)
 
     @cached_property
@@ -70,7 +71,7 @@ class Piece:
         """
         if not self.undecided or self.bound <= 0.0:
             return 0.0
-        growth = float(np.abs(self.inverse @ self.z).sum()) / float(np.sqrt(self.bound))
+        growth = float(np.abs(dtrtrs(self.R, self.z)[0]).sum()) / float(np.sqrt(self.bound))
         return 16.0 * EPS * growth if triangular else 64.0 * EPS * max(growth, growth**2)
 
 

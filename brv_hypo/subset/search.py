@@ -48,16 +48,8 @@ class Effort:
 def search(board: Board, effort: Effort) -> Certificate:
     """Search until every branch is decided or the time is up; the board then holds the answer."""
     deadline = np.inf if effort.time_limit_s is None else effort.started + effort.time_limit_s
-    pieces = list(independent_pieces(board.frame, board.max_size))
-    triangular = _triangular(board.frame, pieces, effort.kernel)
-    for piece in pieces:
-        if not piece.singular:
-            board.widen(piece.rounding_margin(triangular=triangular))
-    nodes, engine = 0, "numpy"
-    left: list[OpenSubtree] = [OpenSubtree(p.included, p.undecided, p.bound) for p in pieces]
-    # A compiled kernel that is in memory already is quicker from the first node.
-    if effort.kernel.startswith("numpy") or (effort.kernel == "auto" and not _kernel_in_memory()):
-        nodes, left = _search_numpy(board, pieces, triangular, effort, deadline)
+    nodes, left, triangular = _search_numpy(board, effort, deadline)
+    engine = "numpy"
     if left and time.perf_counter() < deadline:
         # Imported here: numba takes longer to import than most searches take to finish.
         if not _kernel_in_memory():
@@ -81,19 +73,11 @@ def search(board: Board, effort: Effort) -> Certificate:
     )
 
 
-def _triangular(frame: Frame, pieces: Sequence[Piece], kernel: str) -> bool:
-    if kernel.endswith("givens"):
-        return True
-    limit = SCHUR_CONDITION if kernel == "auto" else SCHUR_BREAKDOWN
-    if np.isfinite(frame.condition):
-        return frame.condition > limit
-    return any(p.condition > limit for p in pieces if not p.singular)
+def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, list[OpenSubtree], bool]:
+    """Search in numpy within its budget: nodes visited, what is left, and whether that needs orthogonal steps.
 
-
-def _search_numpy(
-    board: Board, pieces: Sequence[Piece], triangular: bool, effort: Effort, deadline: float
-) -> tuple[int, list[OpenSubtree]]:
-    """Search in numpy within its budget: nodes visited and what is left."""
+    Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
+    """
     budget = _numpy_budget(effort, deadline)
     nodes = 0
 
@@ -103,19 +87,39 @@ def _search_numpy(
         if nodes > budget or (nodes % 64 == 0 and time.perf_counter() > deadline):
             raise StopSearchError
 
-    tree = NumpyTree(board, triangular=triangular, spend=spend)
-    for i, piece in enumerate(pieces):
+    tree = NumpyTree(board, spend=spend)
+    left: list[OpenSubtree] = []
+    triangular, stopped = False, budget <= 0
+    for piece in independent_pieces(board.frame, board.max_size):
+        triangular = triangular or _triangular(board.frame, piece, effort.kernel)
+        if not piece.singular:
+            board.widen(piece.rounding_margin(triangular=triangular))
+        if stopped:
+            left.append(OpenSubtree(piece.included, piece.undecided, piece.bound))
+            continue
         try:
-            tree.run(piece)
+            tree.run(piece, triangular=triangular)
         except StopSearchError:
-            rest = [OpenSubtree(p.included, p.undecided, p.bound) for p in pieces[i + 1 :]]
-            return nodes, tree.open_subtrees + rest
-    return nodes, []
+            stopped = True
+    return nodes, tree.open_subtrees + left, triangular
+
+
+def _triangular(frame: Frame, piece: Piece, kernel: str) -> bool:
+    """Whether Schur complements lose too many digits on this piece."""
+    if kernel.endswith("givens"):
+        return True
+    limit = SCHUR_CONDITION if kernel == "auto" else SCHUR_BREAKDOWN
+    if np.isfinite(frame.condition):
+        return frame.condition > limit
+    return not piece.singular and piece.condition > limit
 
 
 def _numpy_budget(effort: Effort, deadline: float) -> float:
     if effort.kernel.startswith("numpy"):
         return np.inf
+    # A compiled kernel that is in memory already is quicker from the first node.
+    if effort.kernel != "auto" or _kernel_in_memory():
+        return 0.0
     return NUMPY_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
 
 

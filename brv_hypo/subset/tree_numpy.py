@@ -22,15 +22,14 @@ class StopSearchError(Exception):
 class NumpyTree:
     """Depth-first search of pieces; ``spend`` is called at every node and may stop it."""
 
-    def __init__(self, board: Board, *, triangular: bool, spend: Callable[[], None]) -> None:
+    def __init__(self, board: Board, *, spend: Callable[[], None]) -> None:
         self._board = board
-        self._kind: type[SchurNode | TriangularNode] = TriangularNode if triangular else SchurNode
         self._spend = spend
         self._constraints = board.frame.constraints
         self.open_subtrees: list[OpenSubtree] = []
 
-    def run(self, piece: Piece) -> None:
-        """Search the piece to the end; better subsets go to the board."""
+    def run(self, piece: Piece, *, triangular: bool) -> None:
+        """Search the piece to the end, by orthogonal steps if `triangular`; better subsets go to the board."""
         self._board.offer(piece.included)
         room = self._board.max_size - len(piece.included)
         if room <= 0 or not piece.undecided:
@@ -38,7 +37,7 @@ class NumpyTree:
         if piece.singular:
             self._score(TriangularNode.start(piece), min(room, 2))
         else:
-            self._visit(self._kind.start(piece))
+            self._visit((TriangularNode if triangular else SchurNode).start(piece))
 
     def _visit(self, node: Node | None) -> None:
         limits = self._board.limits
