@@ -268,6 +268,7 @@ RESPONSE_TURN = 1e-4  # rad, half the width of differences by the start's direct
 RESPONSE_PULL = 0.05  # m/s^2, the same by gravity
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
+WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it
 # Warnings, by which `maximum_likelihood: quick` leaves a record out: samples a cycle, sigma of alpha over its rms,
 # noise of the moments over their rms, gravity found over that expected.
 WARNED_PER_CYCLE = 20.0
@@ -395,9 +396,10 @@ TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 # and are judged together by its fresh ones.
 
 COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and six terms
-# How often a record is linearised about the errors that it shows, and the tolerances, in length over all errors, by which
-# the next estimate may differ before it is done again. One of them 4 off left 450 in 2 ln L, 3 left 13, below 1 nothing
-# (industrial instruments); the length is 1.8 times the largest of them in the median of 60 (seeds 192000 to 192026).
+# How often a record is linearised about the errors that it shows, and the tolerances, in length over all errors, by
+# which the next estimate may differ before it is done again. One of them 4 off left 450 in 2 ln L, 3 left 13, below 1
+# nothing (industrial instruments); the length is 1.8 times the largest of them in the median of 60 (seeds 192000 to
+# 192026).
 MOST_LINEARISATIONS = 4
 SETTLED_ERRORS = 2.0
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the

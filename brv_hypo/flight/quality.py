@@ -18,7 +18,7 @@ from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.phases import Phase, find_phases
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
-from brv_hypo.flight.resample import dominant_frequency, runs
+from brv_hypo.flight.resample import runs, strongest_frequency
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
 from brv_hypo.flight.spikes import find_spikes, without_spikes
 from brv_hypo.flight.store import read_record, windowed
@@ -104,8 +104,7 @@ def _part(record: Record, start: float | None, stop: float | None) -> Record:
 
 def _inspection(record: Record, ready: Flight) -> Inspection:
     """What was recorded, beside what is `ready` to be analysed."""
-    start, stop = max(ready.segments, key=lambda segment: segment[1] - segment[0])
-    frequency = max(dominant_frequency(rate[start:stop], ready.step) for rate in (ready.q, ready.r))
+    frequency = strongest_frequency(ready.q, ready.r, ready.step, ready.segments)
     channels = tuple(_channels(record, ready))
     phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
     per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")

@@ -12,7 +12,7 @@ Longer gaps cut.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -164,6 +164,15 @@ def _placed(values: FloatArray, index: np.typing.NDArray[np.int64], size: int) -
     grid = np.full(size, np.nan)
     grid[index] = values
     return grid
+
+
+def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Sequence[tuple[int, int]]) -> float:
+    """Frequency of the strongest transverse motion, Hz, over the longest of `segments`; 0 where nothing varies.
+
+    `q` and `r` (n,), `step` in s.
+    """
+    start, stop = max(segments, key=lambda segment: segment[1] - segment[0])
+    return max(dominant_frequency(rate[start:stop], step) for rate in (q, r))
 
 
 def dominant_frequency(values: FloatArray, step: float) -> float:

@@ -6,11 +6,13 @@ import itertools
 
 import numpy as np
 
-from brv_hypo.constants import WARNED_ALPHA, WARNED_GRAVITY, WARNED_MOMENTS, WARNED_PER_CYCLE
-from brv_hypo.flight.resample import longest_crossed
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import WARNED_ALPHA, WARNED_GRAVITY, WARNED_LEFT, WARNED_MOMENTS, WARNED_PER_CYCLE
+from brv_hypo.flight.resample import longest_crossed, strongest_frequency
 from brv_hypo.motion.frames import angle_of_attack
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.methods import WindHistory
+from brv_hypo.motion.moments import error_of_differentiation
 from brv_hypo.motion.reconstruction import MomentEstimate
 from brv_hypo.motion.wind import gravity_magnitude
 
@@ -20,7 +22,7 @@ def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate
     checks = (
         _attitude_lost(record),
         _alpha_error(record, wind),
-        _moment_noise(moments),
+        _moment_noise(record, moments),
         _samples_per_cycle(record),
         _gravity(record, wind),
     )
@@ -55,20 +57,40 @@ def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
     )
 
 
-def _moment_noise(moments: MomentEstimate) -> str | None:
-    if not moments.usable.any():
+def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None:
+    """Whether what is left of the moments is hidden; told of the moments that the gyros show.
+
+    Weighed by the dynamic pressure: as it falls, a coefficient's error grows without bound, a moment's does not.
+    """
+    usable = moments.usable
+    if not usable.any():
         return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
-    size = float(np.sqrt(np.mean(np.abs(moments.body[moments.usable]) ** 2) / 2.0))
-    share = float(np.sqrt(np.mean(moments.noise_sigma[moments.usable] ** 2))) / max(size, 1e-300)
-    if share < WARNED_MOMENTS:
+    size = _rms(moments.body[usable]) / np.sqrt(2.0)
+    if _rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
         return None
-    percent = 100.0 * share
-    return f"gyro noise makes {percent:.0f} % of the moments' rms; only strong mechanisms can be told apart"
+    pressure = record.flight.dynamic_pressure[usable]
+    shown = _rms(record.moment[usable] * pressure) / np.sqrt(2.0)
+    percent = 100.0 * _rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
+    text = (
+        f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
+        "only strong mechanisms can be told apart"
+    )
+    share = 100.0 * _rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
+    if share < WARNED_LEFT:
+        text += f". The errors of the record that were fitted leave {share:.2g} % of these moments"
+    return text
+
+
+def _rms(values: FloatArray | ComplexArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
 
 def _samples_per_cycle(record: InertialRecord) -> str | None:
-    """Samples in one cycle of the motion, from the rms of the rate's steps over that of the rate."""
-    spin = record.spin_rate
+    """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own.
+
+    The strongest motion, of which `inspect` tells, may be far slower, and is named beside it.
+    """
+    flight, spin = record.flight, record.spin_rate
     change = np.diff(spin.signal)[record.measured[1:] & record.measured[:-1]]
     noise = record.gyro_sigma**2
     power = float(np.var(spin.signal[record.measured])) - 2.0 * noise
@@ -77,10 +99,12 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
     step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
     if 2.0 * np.pi > WARNED_PER_CYCLE * step:
         return None
+    strongest = strongest_frequency(flight.q, flight.r, flight.step, flight.segments)
+    beside = f"; that of the strongest has {flight.sample_rate / strongest:.3g}" if strongest > 0.0 else ""
     return (
-        f"about {2.0 * np.pi / step:.0f} samples per cycle of the oscillation at "
-        f"{record.flight.sample_rate:.3g} Hz: differentiated gyros are "
-        "noisy, and delays shorter than a few samples cannot be told from none"
+        f"a cycle of the transverse motion's rms frequency has about {2.0 * np.pi / step:.0f} samples at "
+        f"{flight.sample_rate:.3g} Hz{beside}: differentiated gyros are noisy, and delays shorter than a few samples "
+        "cannot be told from none"
     )
 
 

@@ -18,17 +18,23 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
     rest of what was found is taken out here, and what they may be beyond that counts in `sigma`.
     """
     spin = record.spin_rate
-    noise = np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale
     responses = effects.responses.moment
+    noise = error_of_differentiation(record)
     return MomentEstimate(
         body=record.moment - responses.of(effects.value - effects.known),
         sigma=np.sqrt(noise**2 + 0.5 * responses.variance(effects.covariance)),
-        noise_sigma=np.asarray(noise),
+        noise_sigma=noise,
         usable=record.measured & spin.interior,
         filter_half_width=spin.half_width,
         noise_correlation=spin.noise_correlation,
         spin_angle=record.spin_angle,
     )
+
+
+def error_of_differentiation(record: InertialRecord) -> FloatArray:
+    """Standard deviation (n,) of C_m and of C_n by the gyros' noise and the estimated bias of their differentiation."""
+    spin = record.spin_rate
+    return np.asarray(np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale)
 
 
 def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from brv_hypo.ranking.result import (
 from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
 from brv_hypo.report.motion_charts import (
-    MILLI,
+    PLAIN,
     Drawn,
     Moments,
+    Scale,
     Setting,
     difference,
     knots_of,
@@ -29,6 +31,7 @@ from brv_hypo.report.motion_charts import (
     moment_chart,
     motion_chart,
     residual_chart,
+    scale_of,
     spectrum_chart,
     turning_rates,
 )
@@ -42,13 +45,15 @@ ROUNDING = 1e-9
 """A coefficient that stays below this, its error included, is none of the model's and is not drawn."""
 _ROLES: tuple[Role, ...] = ("first", "second")
 COEFFICIENTS = {
-    "C_N'": ("C<sub>N</sub>′ · 10³", MILLI),
-    "C_Z'": ("C<sub>Z</sub>′ · 10³", MILLI),
-    "C_N' by alpha": ("∂C<sub>N</sub>′/∂α, 1/rad", 1.0),
-    "C_Z' by alpha": ("∂C<sub>Z</sub>′/∂α, 1/rad", 1.0),
-    "C_Nalpha_force": ("force C<sub>Nα</sub>, 1/rad", 1.0),
+    "C_N'": "C<sub>N</sub>′",
+    "C_Z'": "C<sub>Z</sub>′",
+    "C_N' by alpha": "∂C<sub>N</sub>′/∂α, 1/rad",
+    "C_Z' by alpha": "∂C<sub>Z</sub>′/∂α, 1/rad",
+    "C_Nalpha_force": "force C<sub>Nα</sub>, 1/rad",
 }
-"""By name, the title of a coefficient's axis and the scale that goes with it."""
+"""By name, the title of a coefficient's axis."""
+MOMENTS = ("C_N'", "C_Z'")
+"""Coefficients that may be drawn in thousandths."""
 BY_MACH = ("C_N' by alpha", "C_Nalpha_force")
 """Coefficients that are drawn over Mach number too."""
 
@@ -129,13 +134,13 @@ def _together(names: Sequence[str], columns: Sequence[int], heights: FloatArray)
     return labels
 
 
-def _own_knots(leader: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
-    """Times inside the record of one flight at which the leader's coefficients begin, change or end."""
-    if leader is None:
+def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
+    """Times inside the record of one flight at which a hypothesis' coefficients begin, change or end."""
+    if row is None:
         return []
-    if not leader.knots:
-        return knots_of(leader.terms, flight.start_s, flight.stop_s)
-    own = [knot.flights_s[index] for knot in leader.knots]
+    if not row.knots:
+        return knots_of(row.terms, flight.start_s, flight.stop_s)
+    own = [knot.flights_s[index] for knot in row.knots]
     return [time for time in own if time is not None and flight.start_s < time < flight.stop_s]
 
 
@@ -177,7 +182,8 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     charts.append(spectrum_chart(setting, time, histories, rates))
     for name, _ in reversed(leading(comparison)):
         own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
-        charts += _coefficients(setting, own, series)
+        row = next((row for row in comparison.ranking if row.mechanism == name), None)
+        charts += _coefficients(replace(setting, knots=_own_knots(row, index, flight)), own, series)
     return charts
 
 
@@ -201,14 +207,15 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
     if len(series) < 2:
         return []
     roles: tuple[Role, ...] = ("none", "third", "second")  # the fewest terms below
+    scale = scale_of(*(each.at_zero for each in series))
     at_zero: list[Layer] = []
     slopes: list[Layer] = []
     for each, role in zip(series, (*roles, "first"), strict=False):
         name = f"{each.n_terms} term{'' if each.n_terms == 1 else 's'}" + (", chosen" if each.chosen else "")
         shown: Role = "first" if each.chosen else role
-        at_zero.append(Line(each.time_s, MILLI * np.asarray(each.at_zero), shown, name))
+        at_zero.append(Line(each.time_s, scale.drawn(each.at_zero), shown, name))
         slopes.append(Line(each.time_s, each.slope, shown, name))
-    panels = [Panel("C<sub>N0</sub> · 10³", at_zero), Panel(COEFFICIENTS["C_N' by alpha"][0], slopes)]
+    panels = [Panel(f"C<sub>N0</sub>{scale.suffix}", at_zero), Panel(COEFFICIENTS["C_N' by alpha"], slopes)]
     heading = f"In-plane moment of {series[-1].mechanism} by its terms"
     caption = "Above: at no angle of attack. Where two sizes differ by much, the smaller is not to be believed."
     return [setting.chart("coefficients-by-size", heading, panels, caption)]
@@ -220,12 +227,14 @@ def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion:
     if not shown:
         return []
     name, method = shown[0].mechanism, shown[0].method
+    scale = scale_of(*(s.value for s in shown if s.name in MOMENTS))
     panels = [
         Panel(
-            COEFFICIENTS.get(each, (each, 1.0))[0],
-            [layer for s in shown if s.name == each for layer in _estimate(s, s.time_s)],
+            f"{COEFFICIENTS.get(each, each)}{own.suffix}",
+            [layer for s in shown if s.name == each for layer in _estimate(s, s.time_s, own)],
         )
         for each in dict.fromkeys(s.name for s in shown)
+        for own in (scale if each in MOMENTS else PLAIN,)
     ]
     heading = f"Coefficients of {name} by {method}"
     charts = [setting.chart(f"coefficients-{name}", heading, panels, "Bands: two standard deviations.")]
@@ -243,8 +252,8 @@ def _by_mach(setting: Setting, series: Sequence[CoefficientSeries], motion: Seri
             if s.name == name:
                 mach = np.interp(s.time_s, motion.time_s, motion.mach)
                 order = np.argsort(mach, kind="stable")
-                layers += _estimate(s, mach[order], order)
-        panels.append(Panel(COEFFICIENTS[name][0], layers))
+                layers += _estimate(s, mach[order], PLAIN, order)
+        panels.append(Panel(COEFFICIENTS[name], layers))
     return Chart(
         f"coefficients-by-mach-{series[0].mechanism}{setting.suffix}",
         f"Coefficients of {series[0].mechanism} by Mach number{setting.which}",
@@ -254,9 +263,8 @@ def _by_mach(setting: Setting, series: Sequence[CoefficientSeries], motion: Seri
 
 
 def _estimate(
-    series: CoefficientSeries, x: Values, order: IntArray | slice = slice(None)
+    series: CoefficientSeries, x: Values, scale: Scale, order: IntArray | slice = slice(None)
 ) -> list[Layer]:
     """The estimate within two standard deviations."""
-    scale = COEFFICIENTS.get(series.name, ("", 1.0))[1]
-    value, wide = scale * np.asarray(series.value)[order], 2.0 * scale * np.asarray(series.std_error)[order]
+    value, wide = scale.drawn(series.value)[order], 2.0 * scale.drawn(series.std_error)[order]
     return [Band(x, value - wide, value + wide, role="first"), Line(x, value, "first", "estimate")]

@@ -78,7 +78,7 @@ def _usable(inspection: Inspection) -> str:
     text = f"usable: {stretches} s, dynamic pressure {number(low)} to {number(high)} Pa"
     if inspection.transverse_frequency > 0.0:
         text += (
-            f"; transverse motion mostly at {number(inspection.transverse_frequency)} Hz, "
+            f"; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
             f"{number(inspection.samples_per_cycle)} samples a cycle"
         )
     return text

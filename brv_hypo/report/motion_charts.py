@@ -13,10 +13,8 @@ from brv_hypo.flight.faults import RecordFault
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.chart import Band, Chart, Layer, Line, Mark, Panel, Role, Span, Values, wrapped_degrees
 
-MILLI = 1e3
-"""Moment coefficients are drawn in thousandths."""
-IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′ · 10³", "out of plane, C<sub>Z</sub>′ · 10³"
-BODY = ("pitch, C<sub>m</sub> · 10³", "yaw, C<sub>n</sub> · 10³")
+IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′"
+BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
 BESIDE = "Errors of record and vehicle are fitted beside every model."
 _GYROS = "Band: white noise of the gyros; a verdict counts in the noise that the record shows, which may be more."
@@ -33,6 +31,27 @@ _SEGMENT = 512
 
 Moments = tuple[Values, Values]
 """In-plane and out-of-plane, or pitch and yaw, moment coefficient over time."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What the moment coefficients of one chart are drawn in: thousandths, or as they are."""
+
+    factor: float
+    suffix: str
+
+    def drawn(self, values: Values) -> FloatArray:
+        """The values as they stand on an axis."""
+        return self.factor * np.asarray(values, dtype=float)
+
+
+THOUSANDTHS, PLAIN = Scale(1e3, " · 10³"), Scale(1.0, "")
+
+
+def scale_of(*histories: Values) -> Scale:
+    """Thousandths, unless a coefficient reaches one: thousands of thousandths are hard to read."""
+    sizes = [np.abs(np.asarray(values, dtype=float)) for values in histories]
+    return PLAIN if any(np.any(size >= 1.0) for size in sizes) else THOUSANDTHS
 
 
 @dataclass(frozen=True)
@@ -81,13 +100,14 @@ def moment_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
 ) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
+    scale = scale_of(*measured, *(values for m in models for values in m.moments))
     panels = [
         _before_noise(
-            title,
-            _band(time, values, sigma),
+            f"{title}{scale.suffix}",
+            _band(time, values, sigma, scale),
             [
-                Line(time, MILLI * np.asarray(values), "measured", "measured", dots=True),
-                *(Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models),
+                Line(time, scale.drawn(values), "measured", "measured", dots=True),
+                *(Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models),
             ],
         )
         for k, (title, values) in enumerate(zip(titles, measured, strict=True))
@@ -108,11 +128,12 @@ def residual_chart(
     heading: str = "Residual moments",
 ) -> Chart:
     """What models leave of the moments, before a band of two standard deviations; the last one on top."""
+    scale = scale_of(*(values for m in models for values in m.moments))
     panels = [
         _before_noise(
-            title,
-            _band(time, np.zeros(len(time)), sigma),
-            [Line(time, MILLI * np.asarray(m.moments[k]), m.role, m.name) for m in models],
+            f"{title}{scale.suffix}",
+            _band(time, np.zeros(len(time)), sigma, scale),
+            [Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models],
         )
         for k, title in enumerate(titles)
     ]
@@ -179,12 +200,13 @@ def moment_by_alpha_chart(
 ) -> Chart:
     """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
     degrees = np.degrees(np.asarray(alpha))
+    scale = scale_of(*measured, *(values for m in models for values in m.moments))
     panels = [
         Panel(
-            title,
+            f"{title}{scale.suffix}",
             [
-                Line(degrees, MILLI * np.asarray(values), "measured", "measured", dots=True),
-                *(Line(degrees, MILLI * np.asarray(m.moments[k]), m.role, m.name, dots=True) for m in models),
+                Line(degrees, scale.drawn(values), "measured", "measured", dots=True),
+                *(Line(degrees, scale.drawn(m.moments[k]), m.role, m.name, dots=True) for m in models),
             ],
         )
         for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
@@ -260,6 +282,6 @@ def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
     return found
 
 
-def _band(time: Values, centre: Values, sigma: Values) -> Band:
-    middle, wide = MILLI * np.asarray(centre), 2.0 * MILLI * np.asarray(sigma)
+def _band(time: Values, centre: Values, sigma: Values, scale: Scale) -> Band:
+    middle, wide = scale.drawn(centre), 2.0 * scale.drawn(sigma)
     return Band(time, middle - wide, middle + wide)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
 from brv_hypo.report.compare import term_table
-from brv_hypo.report.motion_charts import BODY, TIME
+from brv_hypo.report.motion_charts import BODY, TIME, scale_of
 from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
 from brv_hypo.report.style import interval, number, share
 from brv_hypo.residuals.prediction import Prediction
@@ -69,16 +69,17 @@ def band_chart(result: Prediction) -> Chart:
     """C_m and C_n as measured, over the band in which the frozen model predicts them, noise included."""
     band, panels = result.band, []
     time = thinned(band.time_s)
+    scale = scale_of(*band.measured, *band.predicted)
     for name, measured, predicted, width in zip(
         BODY, band.measured, band.predicted, band.half_width, strict=True
     ):
-        centre, half = 1e3 * thinned(predicted), 1e3 * thinned(width)
+        centre, half = scale.drawn(thinned(predicted)), scale.drawn(thinned(width))
         panels.append(
             Panel(
-                name,
+                f"{name}{scale.suffix}",
                 [
                     Band(time, centre - half, centre + half, f"{100.0 * band.level:.0f} % band", "first"),
-                    Line(time, 1e3 * thinned(measured), "measured", "measured", dots=True),
+                    Line(time, scale.drawn(thinned(measured)), "measured", "measured", dots=True),
                     Line(time, centre, "first", "predicted"),
                 ],
             )

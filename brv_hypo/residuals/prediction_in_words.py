@@ -84,8 +84,9 @@ def _held_too_much(shares: Shares, remedy: str) -> str:
 def _of_other_times(left_out: Sequence[str]) -> str:
     if not left_out:
         return ""
+    belong, are, they = ("belongs", "is", "it") if len(left_out) == 1 else ("belong", "are", "they")
     return (
-        f" {', '.join(left_out)} of the model belong to the times of its own flight, and are left out; what they "
+        f" {', '.join(left_out)} of the model {belong} to the times of its own flight, and {are} left out; what {they} "
         "stood for there is in the band."
     )
 

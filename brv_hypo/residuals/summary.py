@@ -282,8 +282,9 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
     if per_cycle < TOLD_PER_CYCLE:
         attenuation = 1.0 - np.sinc(1.0 / per_cycle)
         found.append(
-            f"a cycle has {per_cycle:.0f} samples: where samples are means over their interval, fast motion reads "
-            f"{100.0 * attenuation:.1f} % too small, and a delay of half a sample may pose as damping or lag"
+            f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: "
+            f"where samples are means over their interval, it reads {100.0 * attenuation:.1f} % too small, and a delay "
+            "of half a sample may pose as damping or lag"
         )
     drag = _drag_spread(flight)
     if drag is not None and drag < TOLD_DRAG:

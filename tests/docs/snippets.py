@@ -17,6 +17,9 @@ from pathlib import Path
 from brv_hypo.docs import text
 
 _FENCE = re.compile(r"^```(?P<info>[^\n]*)\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL)
+_CONTINUED = re.compile(r" \\\n +")
+COMMANDS = ("console", "sh")
+"""Languages of fences in which a line that ends with a backslash goes on in the next."""
 _OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
@@ -34,7 +37,8 @@ def snippets(topic: str) -> list[Snippet]:
     found = []
     for fence in _FENCE.finditer(text(topic)):
         language, _, file = fence["info"].strip().partition(" ")
-        found.append(Snippet(language, file, fence["body"]))
+        body = _CONTINUED.sub(" ", fence["body"]) if language in COMMANDS else fence["body"]
+        found.append(Snippet(language, file, body))
     return found
 
 

@@ -239,3 +239,11 @@ class TestSnippets:
 
     def test_white_space_does_not_count(self):
         assert matches("a   b\n", "a b  \n\n")
+
+
+@pytest.mark.parametrize("topic", sorted(topics()))
+def test_commands_and_files_are_not_broken_at_80_columns(topic):
+    """The terminal sets code one column in; what it breaks cannot be copied."""
+    for fence in re.finditer(r"^```(\w+)[^\n]*\n(.*?)^```$", text(topic), re.MULTILINE | re.DOTALL):
+        if fence[1] in ("console", "sh", "yaml"):
+            assert all(len(line) <= 78 for line in fence[2].splitlines()), fence[2]

@@ -12,7 +12,15 @@ from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel
 from brv_hypo.report.comparison_charts import comparison_charts
 from brv_hypo.report.figure import SMALLEST_DOT, chart_figure
-from brv_hypo.report.motion_charts import Drawn, Setting, masked, moment_chart, residual_chart
+from brv_hypo.report.motion_charts import (
+    Drawn,
+    Setting,
+    knots_of,
+    masked,
+    moment_by_alpha_chart,
+    moment_chart,
+    residual_chart,
+)
 from brv_hypo.report.pages import page, resource
 from brv_hypo.report.plotly_chart import plotly_chart
 from brv_hypo.report.provenance import Provenance
@@ -37,6 +45,20 @@ def test_names_of_dots_that_lie_on_each_other_stand_in_one_label() -> None:
     (dots,) = next(chart for chart in charts if chart.name == "cp").panels[0].layers
     assert isinstance(dots, Line)
     assert list(dots.labels) == ["a", "", "d\nc\nb", "", "e"]
+
+
+def test_every_hypothesis_has_its_own_knots_marked() -> None:
+    comparison = compared_nominal()
+    rows = {row.mechanism: row for row in comparison.ranking}
+    flight = comparison.flights[0]
+    charts = [c for c in comparison_charts(comparison) if c.name.startswith("coefficients-") and c.over_time]
+    seen = 0
+    for chart in charts:
+        row = rows.get(chart.name.removeprefix("coefficients-"))
+        if row is not None:
+            seen += 1
+            assert [mark.at for mark in chart.marks] == knots_of(row.terms, flight.start_s, flight.stop_s)
+    assert seen >= 2
 
 
 def test_terms_are_counted_in_whole_numbers() -> None:
@@ -186,3 +208,17 @@ class TestContrast:
         for name in (*text, *drawn):
             brighter, darker = sorted((self.luminance(colours[name]), paper), reverse=True)
             assert (brighter + 0.05) / (darker + 0.05) >= (4.5 if name in text else 3.0), name
+
+
+@pytest.mark.parametrize(("times", "factor", "suffix"), [(1.0, 1e3, " · 10³"), (2e4, 1.0, "")])
+def test_coefficients_of_one_and_more_are_not_drawn_in_thousandths(times, factor, suffix) -> None:
+    large = times * WAVE
+    models = [Drawn("model", (large, large), "first")]
+    for drawn in (
+        moment_chart(SETTING, TIME, (large, large), np.full(200, 1e-4), models),
+        residual_chart(SETTING, TIME, np.full(200, 1e-4), models),
+        moment_by_alpha_chart(SETTING, TIME, (large, large), models),
+    ):
+        for panel in drawn.panels:
+            assert panel.title.endswith(f"′{suffix}")
+            np.testing.assert_allclose(panel.layers[-1].y, factor * large)

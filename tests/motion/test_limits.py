@@ -1,0 +1,30 @@
+"""What a reconstruction says limits it is said of the record as it is, and names what is counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.motion.config import ReconstructionConfig
+from brv_hypo.motion.inertial import inertial_record
+from brv_hypo.motion.limits import limits_of
+from brv_hypo.motion.methods import METHODS
+from brv_hypo.motion.moments import moment_estimate
+from tests.flights import nominal
+
+
+def test_noise_is_told_of_the_moments_that_the_gyros_show() -> None:
+    """Fitted errors of the record that take nearly all of the moments do not make the noise thousands of times them."""
+    config = ReconstructionConfig(method="rates")
+    record = inertial_record(nominal().flight, config)
+    wind = METHODS["rates"](record, config, ())
+    moments = moment_estimate(wind.record, wind.effects)
+    assert not any("differentiating" in text for text in limits_of(record, wind, moments))
+    emptied = replace(moments, body=1e-4 * moments.body)
+    (told,) = (text for text in limits_of(record, wind, emptied) if "differentiating" in text)
+    share = float(told.split("the gyros is ")[1].split(" %")[0])
+    size = np.sqrt(np.mean(np.abs(record.moment[moments.usable]) ** 2) / 2.0)
+    noise = np.sqrt(np.mean(moments.noise_sigma[moments.usable] ** 2))
+    assert 0.2 * noise / size < share / 100.0 + 0.005 < 5.0 * noise / size + 0.01
+    assert "leave 0.01 % of these moments" in told
