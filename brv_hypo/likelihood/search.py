@@ -264,9 +264,8 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
             step = gauss_newton_step(problem, iterate, segments, frozen=True)
-            before = objective(problem, iterate)[0]
             iterate = moved(problem, iterate, step, 1.0)
-            unforeseen = abs(objective(problem, iterate)[0] - before - step.decrease)
+            unforeseen = abs(objective(problem, iterate)[0] - step.cost - step.decrease)
             if found.last < _NEAR_NOISE and unforeseen < _LINEAR:
                 break
     return problem, iterate
