@@ -78,7 +78,9 @@ class Progress:
 
 @dataclass(frozen=True)
 class Options:
-    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal."""
+    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal. `draft`: where the
+    mesh is too coarse, the fit goes on on a finer one.
+    """
 
     max_iterations: int
     tolerance: float
@@ -88,6 +90,7 @@ class Options:
     student: bool = False
     progress: Callable[[Progress], None] | None = None
     mesh_steps: int = 1
+    draft: bool = False
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
