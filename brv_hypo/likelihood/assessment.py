@@ -14,8 +14,9 @@ from brv_hypo.likelihood.colour import coloured_covariance, inflation, white_cov
 from brv_hypo.likelihood.discretisation import mesh_shift
 from brv_hypo.likelihood.filtering import kalman_innovations
 from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
+from brv_hypo.likelihood.mesh import TOLERATED
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.noise_errors import noise_errors
+from brv_hypo.likelihood.noise_errors import NoiseErrors, noise_errors
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.scoring import directions_of
 from brv_hypo.likelihood.search import Options, Outcome, residuals
@@ -81,10 +82,14 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
             _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
         )
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
-    noise = noise_errors(problem, iterate, wanted, segments, white)
+    shift = mesh_shift(problem, iterate, segments, white)
+    if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
+        noise = NoiseErrors.unknown(problem, iterate, white)  # those on a finer mesh will count
+    else:
+        noise = noise_errors(problem, iterate, wanted, segments, white)
     if np.any(problem.process_noise):
         white = coloured = noise.covariance
-    shift = mesh_shift(problem, iterate, segments, white)
+        shift = mesh_shift(problem, iterate, segments, white)
     # Only where the motion was too fast for the samples: elsewhere nothing is over before it is measured.
     fast = options.mesh_steps > 1 and bool(rows) and not loose
     changing = changing_errors(problem, iterate, segments, white, estimated) if fast else ()

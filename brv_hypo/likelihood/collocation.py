@@ -10,8 +10,8 @@ which is fourth-order accurate and, each state being an unknown, never integrate
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -263,21 +263,29 @@ def _bent(
     """Derivatives of the sums of weights (k, points, rows, n_states) times a function's derivatives by states: by
     states (k, points, n_states), and parameters (k, p).
     """
-    by_state = np.zeros((len(weights), *points.x.shape[::-1]))
+    n_states, n = points.x.shape
+    by_state = np.zeros((len(weights), n, n_states))
     by_parameter = np.zeros((len(weights), len(names)))
     size = np.sqrt(np.mean(points.x**2, axis=1))
-    for j in np.flatnonzero(weights.any(axis=(0, 1, 2))).tolist():
-        step = _BEND * (size[j] if size[j] > 0.0 else 1.0)
-        shift = np.zeros((len(points.x), 1))
-        shift[j] = step
-        up, down = (
-            _jacobian(model, function, replace(points, x=points.x + s * shift), theta, names, ignored)
-            for s in (1.0, -1.0)
-        )
-        weight = weights[..., j] / (2.0 * step)
-        by_state += np.einsum("kna,nam->knm", weight, up.by_state - down.by_state)
-        by_parameter += np.tensordot(weight, up.by_parameter - down.by_parameter, 2)
+    step = _BEND * np.where(size > 0.0, size, 1.0)
+    bending = np.flatnonzero(weights.any(axis=(0, 1, 2)))
+    several = max(1, _AT_ONCE // (2 * n))
+    for first in range(0, bending.size, several):
+        states = bending[first : first + several]
+        shift = (step[:, None] * np.eye(n_states))[:, states]
+        shifted = points.repeated(np.concatenate([shift, -shift], axis=1))
+        found = _jacobian(model, function, shifted, theta, names, ignored)
+        for j, (bent, by_theta) in zip(states.tolist(), _differences(found, states.size), strict=True):
+            weight = weights[..., j] / (2.0 * step[j])
+            by_state += np.einsum("kna,nam->knm", weight, bent)
+            by_parameter += np.tensordot(weight, by_theta, 2)
     return by_state, by_parameter
+
+
+def _differences(found: Jacobian, count: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Derivatives by states and parameters at points shifted up less those at points shifted down, `count` times."""
+    split = (part.reshape(2, count, -1, *part.shape[1:]) for part in (found.by_state, found.by_parameter))
+    return zip(*(up - down for up, down in split), strict=True)
 
 
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:

@@ -22,6 +22,11 @@ def compiled(function: Compiled) -> Compiled:
     return cast(Compiled, njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
+def reassociated(function: Compiled) -> Compiled:
+    """The same for long sums, whose terms may be added in any order."""
+    return cast(Compiled, njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})(function))
+
+
 class Filter(NamedTuple):
     """A Kalman filter's run: `innovation` (n, q), its `covariance` (n, q, q) and the inverse of that, unit rows where
     nothing was measured; `gain` (n, m, q); `before` and `after` (n, m, m), covariance of the state before and after its

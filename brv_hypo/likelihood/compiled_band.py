@@ -14,7 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.likelihood.compiled import compiled, multiply
+from brv_hypo.likelihood.compiled import compiled, multiply, reassociated
+
+_LANES = 8
+"""Matrices that are factored side by side, in the processor's vectors."""
+_SLAB = 64
+"""Rows that are brought to a triangle at a time: they stay in cache."""
 
 
 class LinearModel(NamedTuple):
@@ -97,24 +102,28 @@ def _assembled(model: LinearModel, variances: Variances) -> tuple[FloatArray, fl
 @compiled
 def _factored(band: FloatArray, right: FloatArray) -> float:
     """Both reduced to an upper triangle, in place; log |det|, nan where it is singular."""
-    size = band.shape[0]
-    half = (band.shape[1] - 1) // 3
+    size, width = band.shape
+    half = (width - 1) // 3
     columns = right.shape[1]
+    # Entry (r, c) stands at r (width - 1) + c + half of what lies in one piece: one index, not two, in the inner loop.
+    flat, stride = band.ravel(), width - 1
     log_det, product = 0.0, 1.0
     for j in range(size):
         last, end = min(j + half, size - 1), min(j + 2 * half, size - 1)
-        best, largest = j, abs(band[j, half])
+        here = j * stride + half
+        best, largest = j, abs(flat[here + j])
         for r in range(j + 1, last + 1):
-            value = abs(band[r, j - r + half])
+            value = abs(flat[r * stride + half + j])
             if value > largest:
                 best, largest = r, value
         if not largest > 0.0:
             return np.nan
         if best != j:
+            there = best * stride + half
             for c in range(j, end + 1):
-                kept = band[j, c - j + half]
-                band[j, c - j + half] = band[best, c - best + half]
-                band[best, c - best + half] = kept
+                kept = flat[here + c]
+                flat[here + c] = flat[there + c]
+                flat[there + c] = kept
             for c in range(columns):
                 kept = right[j, c]
                 right[j, c] = right[best, c]
@@ -124,42 +133,163 @@ def _factored(band: FloatArray, right: FloatArray) -> float:
             log_det += np.log(product)
             product = 1.0
         for r in range(j + 1, last + 1):
-            factor = band[r, j - r + half] / band[j, half]
+            row = r * stride + half
+            factor = flat[row + j] / flat[here + j]
             if factor != 0.0:
-                for c in range(1, end - j + 1):
-                    band[r, c + j - r + half] -= factor * band[j, c + half]
+                for c in range(j + 1, end + 1):
+                    flat[row + c] -= factor * flat[here + c]
                 for c in range(columns):
                     right[r, c] -= factor * right[j, c]
     return float(log_det + np.log(product))
 
 
 @compiled
-def log_determinant(model: LinearModel, variances: Variances) -> float:
-    """log |det| without the rows of free initial states' multipliers; nan where singular."""
-    band, weight = _assembled(model, variances)
-    free = np.isinf(variances.start).sum()
-    return float(_factored(band, np.zeros((band.shape[0], 0))) + free * np.log(weight))
-
-
-@compiled
 def log_determinants(
     model: LinearModel, start: FloatArray, drive: FloatArray, whitener: FloatArray
 ) -> FloatArray:
-    """The same of several variances, (k,): `drive` (k, m), `whitener` (k, patterns, q, q)."""
+    """log |det| without the rows of free initial states' multipliers, (k,), of several variances near each other:
+    `drive` (k, m), `whitener` (k, patterns, q, q). nan where singular.
+    """
+    inverse = np.zeros_like(whitener)
+    for v in range(len(drive)):
+        inverse[v] = _inverses(whitener[v])
+    weight = _weights(model, inverse)
     found = np.zeros(len(drive))
-    for i in range(len(drive)):
-        found[i] = log_determinant(model, Variances(start, drive[i], whitener[i]))
+    for first in range(0, len(drive), _LANES):
+        of_lane = np.minimum(np.arange(first, first + _LANES), len(drive) - 1)
+        lanes = _log_determinants(
+            model,
+            start,
+            np.ascontiguousarray(drive[of_lane].T),
+            np.ascontiguousarray(inverse[of_lane].transpose(1, 2, 3, 0)),
+            weight[of_lane],
+        )
+        last = min(first + _LANES, len(drive))
+        found[first:last] = lanes[: last - first]
+    found += np.isinf(start).sum() * np.log(weight)
     return found
 
 
+@compiled
+def _log_determinants(
+    model: LinearModel, start: FloatArray, drive: FloatArray, inverse: FloatArray, weight: FloatArray
+) -> FloatArray:
+    """Those of as many variances as there are lanes, `drive` (m, lanes), `inverse` (patterns, q, q, lanes): matrices
+    side by side, pivots those of the first, only the rows of two samples held at a time.
+    """
+    n, _, m = model.observe.shape
+    stage, half = 2 * m, 2 * m - 1
+    window = np.zeros((2 * stage, 3 * stage, _LANES))
+    found, product, factor = np.zeros(_LANES), np.ones(_LANES), np.zeros(_LANES)
+    _put_stage(window, 0, 0, model, start, drive, inverse, weight)
+    for k in range(n):
+        last = stage - 1
+        if k + 1 < n:
+            _put_stage(window, k + 1, stage, model, start, drive, inverse, weight)
+            last = 2 * stage - 1
+        for j in range(stage):
+            best = j
+            for r in range(j + 1, min(j + half, last) + 1):
+                if abs(window[r, j, 0]) > abs(window[best, j, 0]):
+                    best = r
+            end = min(j + 2 * half, 3 * stage - 1)
+            here = window[j]
+            if best != j:
+                there = window[best]
+                for c in range(j, end + 1):
+                    for v in range(_LANES):
+                        kept = here[c, v]
+                        here[c, v] = there[c, v]
+                        there[c, v] = kept
+            for v in range(_LANES):
+                product[v] *= abs(here[j, v])
+            if not 1e-100 < product[0] < 1e100:
+                found += np.log(product)
+                product[:] = 1.0
+            for r in range(j + 1, min(j + half, last) + 1):
+                row = window[r]
+                for v in range(_LANES):
+                    factor[v] = row[j, v] / here[j, v]
+                for c in range(j + 1, end + 1):
+                    for v in range(_LANES):
+                        row[c, v] -= factor[v] * here[c, v]
+        window[:stage, : 2 * stage] = window[stage:, stage:]
+        window[:stage, 2 * stage :] = 0.0
+        window[stage:] = 0.0
+    found += np.log(product)
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+@compiled
+def _weights(model: LinearModel, inverse: FloatArray) -> FloatArray:
+    """What the objective is divided by so that all blocks are of one size, of each `inverse` (k, patterns, q, q)."""
+    n, q, m = model.observe.shape
+    squares = np.zeros(inverse.shape[1:])
+    for k in range(n):
+        h = model.observe[k]
+        for a in range(q):
+            for b in range(q):
+                for i in range(m):
+                    squares[model.pattern[k], a, b] += h[a, i] * h[b, i]
+    total = np.zeros(len(inverse))
+    for v in range(len(inverse)):
+        total[v] = np.sum(inverse[v] * squares) / (n * m)
+        if not total[v] > 0.0:
+            total[v] = 1.0
+    return total
+
+
+@compiled
+def _put_stage(
+    window: FloatArray,
+    k: int,
+    at: int,
+    model: LinearModel,
+    start: FloatArray,
+    drive: FloatArray,
+    inverse: FloatArray,
+    weight: FloatArray,
+) -> None:
+    """The rows of sample k: those of its multipliers from row and column `at` on, then those of its states."""
+    n, q, m = model.observe.shape
+    h, own = model.observe[k], inverse[model.pattern[k]]
+    for i in range(m):
+        for j in range(i + 1):
+            entry = window[at + m + i, at + m + j]
+            for a in range(q):
+                for b in range(q):
+                    size = h[a, i] * h[b, j]
+                    for v in range(_LANES):
+                        entry[v] += size * own[a, b, v]
+            for v in range(_LANES):
+                entry[v] /= weight[v]
+            if i != j:
+                window[at + m + j, at + m + i] = entry
+        if k > 0:
+            for v in range(_LANES):
+                window[at + i, at + i, v] = -drive[i, v] * model.step[k - 1] * weight[v]
+            for j in range(m):
+                window[at + i, at - m + j] = model.dynamics[k - 1, 0, i, j]
+                window[at + i, at + m + j] = window[at + m + j, at + i] = model.dynamics[k - 1, 1, i, j]
+        elif np.isinf(start[i]):
+            window[at + i, at + i] = 1.0
+        else:
+            window[at + i, at + i] = -start[i] * weight
+            window[at + i, at + m + i] = window[at + m + i, at + i] = 1.0
+        if k + 1 < n:
+            for j in range(m):
+                window[at + m + j, at + 2 * m + i] = model.dynamics[k, 0, i, j]
+
+
 class Rows(NamedTuple):
-    """The whitened outputs (n, q, c) and process noise (n, m, c) that states, best for the variances, leave; and the
-    squares of the outputs, (c,), with the states held.
+    """The whitened outputs (n, q, c) and process noise (n, m, c) that states, best for the variances, leave; the
+    squares of the outputs, (c,), with the states held; and the upper triangle (c, c) of all rows, what is left last.
     """
 
     outputs: FloatArray
     noise: FloatArray
     direct: FloatArray
+    triangle: FloatArray
 
 
 @compiled
@@ -171,6 +301,7 @@ def rows_of(
     columns = model.outputs.shape[2]
     outputs, noise, direct = np.zeros((n, q, columns)), np.zeros((n, m, columns)), np.zeros(columns)
     held, left = np.zeros((q, columns)), np.zeros((q, columns))
+    triangle, slab, filled = np.zeros((columns, columns)), np.zeros((columns, _SLAB)), 0
     for k in range(n):
         whitener = variances.whitener[model.pattern[k]]
         multiply(model.observe[k], states[k], left)
@@ -185,15 +316,50 @@ def rows_of(
             root = np.sqrt(variance) if np.isfinite(variance) else 0.0
             for c in range(columns):
                 noise[k, i, c] = root * multipliers[k, i, c]
-    return Rows(outputs, noise, direct)
+        for j in range(q + m):
+            row = outputs[k, j] if j < q else noise[k, j - q]
+            for c in range(1, columns):
+                slab[c - 1, filled] = row[c]
+            slab[columns - 1, filled] = row[0]
+            filled += 1
+            if filled == _SLAB:
+                _absorb(triangle, slab, filled)
+                filled = 0
+    _absorb(triangle, slab, filled)
+    return Rows(outputs, noise, direct, triangle)
+
+
+@reassociated
+def _absorb(triangle: FloatArray, slab: FloatArray, filled: int) -> None:
+    """The triangle (c, c) of its own rows and the first `filled` columns of the slab, by reflections, in place."""
+    for j in range(triangle.shape[0]):
+        mirror = slab[j]
+        square = 0.0
+        for r in range(filled):
+            square += mirror[r] ** 2
+        if square == 0.0:
+            continue
+        head = triangle[j, j]
+        length = -np.copysign(np.sqrt(square + head**2), head)
+        first = head - length
+        triangle[j, j] = length
+        for c in range(j + 1, triangle.shape[0]):
+            column = slab[c]
+            along = first * triangle[j, c]
+            for r in range(filled):
+                along += mirror[r] * column[r]
+            along /= length * first
+            triangle[j, c] += first * along
+            for r in range(filled):
+                column[r] += along * mirror[r]
 
 
 @compiled
 def solved(
     model: LinearModel, variances: Variances, probe: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """States and multipliers, (n, m, c) each, as `band` has them, and the growth of the `probe` (2 m n,) times the
-    norm of the matrix: its condition, infinite where it is singular.
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """States and multipliers, (n, m, c) each, as `band` has them; the growth of the `probe` (2 m n,) times the norm of
+    the matrix: its condition, infinite where it is singular; and log |det| as `log_determinants` has it.
     """
     n, q, m = model.observe.shape
     columns = model.outputs.shape[2]
@@ -222,8 +388,9 @@ def solved(
             sums[c] += abs(band[r, c - r + half])
     norm = sums.max()
     states, multipliers = np.zeros((n, m, columns)), np.zeros((n, m, columns))
-    if np.isnan(_factored(band, right)):
-        return states, multipliers, np.inf
+    log_det = _factored(band, right) + np.isinf(variances.start).sum() * np.log(weight)
+    if np.isnan(log_det):
+        return states, multipliers, np.inf, log_det
     for j in range(band.shape[0] - 1, -1, -1):
         for s in range(1, min(2 * half, band.shape[0] - 1 - j) + 1):
             factor = band[j, half + s]
@@ -237,4 +404,4 @@ def solved(
                 multipliers[k, i, c] = right[2 * m * k + i, c] * weight
                 states[k, i, c] = right[2 * m * k + m + i, c]
     grown = np.sqrt(np.sum(right[:, columns] ** 2) / np.sum(probe**2))
-    return states, multipliers, grown * norm
+    return states, multipliers, grown * norm, log_det

@@ -61,6 +61,16 @@ class Points:
     rates: Mapping[str, Delayed] = field(default_factory=dict)
     courses: tuple[SampledCourse, ...] = ()
 
+    def repeated(self, shift: FloatArray) -> Points:
+        """All points once for each column of `shift`, (n_states, times), which is added to x. Without delays."""
+        times = shift.shape[1]
+        return Points(
+            (self.x[:, None] + shift[:, :, None]).reshape(len(self.x), -1),
+            np.tile(self.u, times),
+            np.tile(self.t, times),
+            courses=tuple(replace(c, shapes=np.tile(c.shapes, times)) for c in self.courses),
+        )
+
 
 class Jacobian(NamedTuple):
     """Value (m, n) and derivatives by states, parameters and delayed states.

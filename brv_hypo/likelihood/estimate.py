@@ -24,7 +24,7 @@ from brv_hypo.likelihood.derivatives import (
     parameter_scales,
 )
 from brv_hypo.likelihood.given import Derivatives, Given, with_given
-from brv_hypo.likelihood.mesh import finer, refine
+from brv_hypo.likelihood.mesh import MOST_STEPS, finer, refine
 from brv_hypo.likelihood.noise import Kind, least_variance
 from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
@@ -154,6 +154,7 @@ def fit(
         noise_covariance, first_noise, derivatives, near_start, options,
     )  # fmt: skip
     if mesh_steps is None and not near_start:
+        task = replace(task, options=replace(options, draft=True))
         result = refine(segments, task.solve, None if per_segment else task.follow)
     else:
         steps = mesh_steps or 1
@@ -229,7 +230,8 @@ class _Task:
             model, grids, parameters, state_sizes(histories), driving, parameters.spread(self.reach, np.inf)
         )
         y = np.concatenate([g.y for g in grids], axis=1)
-        options = replace(self.options, floor=least_variance(y), mesh_steps=steps)
+        draft = self.options.draft and steps < MOST_STEPS
+        options = replace(self.options, floor=least_variance(y), mesh_steps=steps, draft=draft)
 
         known = None if self.noise_covariance is None else _known_covariance(self.noise_covariance, len(y))
 

@@ -40,6 +40,7 @@ class Determinant:
 
     def __init__(self) -> None:
         self._last: tuple[Problem, Iterate, list[_Run]] | None = None
+        self._moves: tuple[Iterate, list[_Motion]] | None = None
         self._gradient: FloatArray | None = None
         self._way = 0.0
 
@@ -65,8 +66,17 @@ class Determinant:
 
     def _runs(self, problem: Problem, iterate: Iterate) -> list[_Run]:
         if self._last is None or self._last[0] is not problem or self._last[1] is not iterate:
-            self._last = problem, iterate, [_filtered(problem, iterate, s) for s in range(len(problem.grids))]
+            motions = self._motions(problem, iterate)
+            self._last = problem, iterate, [m.run(problem.process_noise, iterate.covariance) for m in motions]
         return self._last[2]
+
+    def _motions(self, problem: Problem, iterate: Iterate) -> list[_Motion]:
+        """They do not change as the variances do."""
+        known = self._moves
+        if known is None or known[0].x is not iterate.x or known[0].theta is not iterate.theta:
+            known = iterate, [_motion(problem, iterate, s) for s in range(len(problem.grids))]
+            self._moves = known
+        return known[1]
 
 
 def disturbance_cost(problem: Problem, iterate: Iterate) -> float:

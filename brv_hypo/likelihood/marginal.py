@@ -16,7 +16,6 @@ from brv_hypo.likelihood.collocation import Linearisation
 from brv_hypo.likelihood.noise import gap_patterns, pattern_whitening
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.step import Problem, Sensitivity, quadratic_of, start_defect, unseen_columns
-from brv_hypo.likelihood.triangle import residual_last, upper_triangle
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,8 @@ class Integrated:
     """With the states best for the variances: `outputs` (n, n_outputs, 1 + p) and process noise `noise` (n, n_states, 1
     + p), both whitened, the initial state's row first; what is left, then derivatives by the segment's parameters.
 
-    `x` and `multiplier` are those of `band.BandSolution`, `triangle` and `void` of `step.Sensitivity`.
+    `x` and `multiplier` are those of `band.BandSolution`, `triangle` and `void` of `step.Sensitivity`, `log_det` is
+    that of `Marginal.log_dets`.
     """
 
     x: FloatArray
@@ -33,6 +33,7 @@ class Integrated:
     noise: FloatArray
     triangle: FloatArray
     void: BoolArray
+    log_det: float
 
 
 class Marginal:
@@ -70,15 +71,19 @@ class Marginal:
     def log_dets(self, process_noise: FloatArray, covariance: FloatArray) -> FloatArray:
         """log det of the outputs' covariance, initial states that are free integrated out, but for a constant, (k,).
 
-        Of process noises (k, n_states) and covariances of measurement noise (k, n_outputs, n_outputs).
+        Of variances near each other: process noises (k, n_states), and covariances of measurement noise (k, n_outputs,
+        n_outputs).
         """
         from brv_hypo.likelihood.compiled_band import log_determinants
 
         whitener = pattern_whitening(covariance, self._patterns)
-        size = np.where(self._patterns, np.diagonal(whitener, axis1=2, axis2=3), 1.0)
-        measured = -2.0 * np.log(size).sum(axis=2) @ self._samples
         start, drive = self._variances(process_noise)
-        return np.asarray(measured + log_determinants(self._model, start, drive, whitener))
+        return self._of_noise(whitener) + log_determinants(self._model, start, drive, whitener)
+
+    def _of_noise(self, whitener: FloatArray) -> FloatArray:
+        """log det of the measurement noise of all samples, (...,); whitener (..., patterns, n_outputs, n_outputs)."""
+        size = np.where(self._patterns, np.diagonal(whitener, axis1=-2, axis2=-1), 1.0)
+        return np.asarray(-2.0 * np.log(size).sum(axis=-1) @ self._samples)
 
     def integrated(self, process_noise: FloatArray, covariance: FloatArray) -> Integrated | None:
         """The states eliminated; None where they are not determined."""
@@ -87,14 +92,15 @@ class Marginal:
         variances = Variances(
             *self._variances(process_noise), pattern_whitening(covariance, self._patterns)
         )
-        x, multiplier, condition = solved(self._model, variances, self._probe)
+        x, multiplier, condition, log_det = solved(self._model, variances, self._probe)
         if not condition < SINGULAR or not np.all(np.isfinite(x)):
             return None
         rows = rows_of(self._model, variances, x, multiplier)
-        triangle = upper_triangle(np.concatenate([residual_last(rows.outputs), residual_last(rows.noise)]))
+        triangle = rows.triangle
         void = unseen_columns(triangle, rows.direct[1:])
         triangle[:, :-1][:, void] = 0.0
-        return Integrated(x, multiplier, rows.outputs, rows.noise, triangle, void)
+        log_det += float(self._of_noise(variances.whitener))
+        return Integrated(x, multiplier, rows.outputs, rows.noise, triangle, void, log_det)
 
     def sensitivity(self, problem: Problem, covariance: FloatArray, found: Integrated) -> Sensitivity:
         """What was integrated with these variances, as a step of theta takes it."""

@@ -25,9 +25,8 @@ def line_search(
     The merit is the objective, plus the penalty times the violation, plus a further `term` where there is
     one.
     """
-    cost, violation = objective(problem, iterate)
-    merit = cost + penalty * violation + (term(iterate) if term else 0.0)
-    slope = step.decrease - penalty * violation
+    merit = step.cost + penalty * step.violation + (term(iterate) if term else 0.0)
+    slope = step.decrease - penalty * step.violation
     slack = 1e-10 * (1.0 + abs(merit))
     fraction = 1.0
     for _ in range(_HALVINGS):

@@ -36,6 +36,9 @@ def pattern_whitening(covariance: FloatArray, patterns: BoolArray) -> FloatArray
     n_outputs).
     """
     n_outputs = covariance.shape[-1]
+    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    if np.count_nonzero(covariance) == np.count_nonzero(variance):  # of outputs that are independent
+        return np.where(patterns, 1.0 / np.sqrt(variance)[..., None, :], 0.0)[..., None] * np.eye(n_outputs)
     weights = np.zeros((*covariance.shape[:-2], len(patterns), n_outputs, n_outputs))
     for g, pattern in enumerate(patterns):
         seen = np.flatnonzero(pattern)

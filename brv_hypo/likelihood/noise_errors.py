@@ -25,6 +25,13 @@ class NoiseErrors:
     covariance: FloatArray
     remarks: tuple[str, ...] = ()
 
+    @classmethod
+    def unknown(cls, problem: Problem, iterate: Iterate, covariance: FloatArray) -> NoiseErrors:
+        """None, `covariance` as it is."""
+        return cls(
+            np.full(problem.process_noise.size, np.nan), np.full(iterate.covariance.shape[0], np.nan), covariance
+        )
+
 
 def noise_errors(
     problem: Problem,
@@ -34,14 +41,14 @@ def noise_errors(
     covariance: FloatArray,
 ) -> NoiseErrors:
     """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
-    states, outputs = problem.process_noise.size, iterate.covariance.shape[0]
-    process, measurement = np.full(states, np.nan), np.full(outputs, np.nan)
+    unknown = NoiseErrors.unknown(problem, iterate, covariance)
+    process, measurement = unknown.process, unknown.measurement
     if not directions.count or not np.any(problem.process_noise):
-        return NoiseErrors(process, measurement, covariance)
+        return unknown
     linear = marginals(problem, iterate)
     score = score_of(problem, iterate, directions, linear)
     if score is None:
-        return NoiseErrors(process, measurement, covariance)
+        return unknown
     gone = score.vanished
     live = np.flatnonzero(~gone)
     spread = np.zeros((directions.count, directions.count))

@@ -149,7 +149,7 @@ def scored(
     lengths = []
     score: Score | None = None
     move = np.zeros(directions.count)
-    value = _value(problem, iterate, linear, solved)
+    value = _value(solved)
     for _ in range(_SCORINGS if directions.count else 0):
         gradient = _gradient(problem, iterate, directions, linear, solved)
         if information is None:
@@ -187,7 +187,7 @@ def _moved(
     for _ in range(_HALVINGS):
         trial = moved_noise(problem, iterate, score.directions, move)
         found = _solved(*trial, linear)
-        after = np.inf if found is None else _value(*trial, linear, found)
+        after = np.inf if found is None else _value(found)
         if found is not None and after <= value + 1e-10 * abs(value):
             return *trial, found, after, move
         move = 0.5 * move
@@ -352,7 +352,8 @@ def _orthonormal(
     inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
     p = inside.size
     data = information_factor(problem, segments)[:p, :p]
-    rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)])
+    informed = np.isfinite(parameters.prior_std)
+    rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)[informed]])
     size = np.linalg.norm(rows, axis=0)
     free = np.flatnonzero(inside & (size > 0.0))
     _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
@@ -383,10 +384,8 @@ def _squares(
     return np.array([*(ratio[:, None] ** 2 * np.asarray(driven)[list(directions.driven)]), *measured])
 
 
-def _value(problem: Problem, iterate: Iterate, linear: Sequence[Marginal], solved: _Solved) -> float:
+def _value(solved: _Solved) -> float:
     """Restricted NLLF but for a constant, priors left out; infinite where it is not finite."""
-    log_det = sum(
-        float(each.log_dets(problem.process_noise[None], iterate.covariance[None])[0]) for each in linear
-    )
+    log_det = sum(each.log_det for each in solved.segments)
     total = solved.objective + 0.5 * (log_det + solved.log_det)
     return total if np.isfinite(total) else float("inf")

@@ -78,7 +78,9 @@ class Progress:
 
 @dataclass(frozen=True)
 class Options:
-    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal."""
+    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal. `draft`: where the
+    mesh is too coarse, the fit goes on on a finer one.
+    """
 
     max_iterations: int
     tolerance: float
@@ -88,6 +90,7 @@ class Options:
     student: bool = False
     progress: Callable[[Progress], None] | None = None
     mesh_steps: int = 1
+    draft: bool = False
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
@@ -264,9 +267,8 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
             step = gauss_newton_step(problem, iterate, segments, frozen=True)
-            before = objective(problem, iterate)[0]
             iterate = moved(problem, iterate, step, 1.0)
-            unforeseen = abs(objective(problem, iterate)[0] - before - step.decrease)
+            unforeseen = abs(objective(problem, iterate)[0] - step.cost - step.decrease)
             if found.last < _NEAR_NOISE and unforeseen < _LINEAR:
                 break
     return problem, iterate

@@ -102,7 +102,7 @@ class Step:
 
     `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in
     standard errors (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of
-    the objective, <= 0.
+    the objective, <= 0; `cost` and `violation` what `objective` has at its foot.
     """
 
     theta: FloatArray
@@ -111,6 +111,8 @@ class Step:
     length: float
     multiplier: float
     decrease: float
+    cost: float
+    violation: float
 
 
 class SingularStatesError(ArithmeticError):
@@ -206,6 +208,8 @@ def information_factor(problem: Problem, segments: Sequence[Triangular]) -> Floa
     """
     parameters = problem.parameters
     p = len(parameters.names)
+    if len(segments) == 1 and np.array_equal(parameters.segment_index[0], np.arange(p)):
+        return segments[0].triangle
     rows = [np.zeros((0, p + 1))]
     for index, segment in zip(parameters.segment_index, segments, strict=True):
         spread = np.zeros((segment.triangle.shape[0], p + 1))
@@ -248,8 +252,8 @@ def gauss_newton_step(
         multiplier = max(multiplier, float(np.abs(multipliers).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
-    decrease = promised - objective(problem, iterate)[0]
-    return Step(change, tuple(x), data[:p, :p], length, multiplier, decrease)
+    cost, violation = objective(problem, iterate)
+    return Step(change, tuple(x), data[:p, :p], length, multiplier, promised - cost, cost, violation)
 
 
 def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:

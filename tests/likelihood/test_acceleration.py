@@ -30,7 +30,7 @@ def problem(reach: float = np.inf, process_noise: float = 0.0) -> Problem:
 
 def step_from(theta: FloatArray) -> Step:
     move = (SHRINKS - np.eye(3)) @ (theta - GOAL)
-    return Step(move, (move[None],), np.eye(3), float(np.linalg.norm(move)), 0.0, 0.0)
+    return Step(move, (move[None],), np.eye(3), float(np.linalg.norm(move)), 0.0, 0.0, 0.0, 0.0)
 
 
 def distances(extrapolation: Extrapolation, steps: int, start: FloatArray) -> list[float]:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.band import eliminate_by_band
 from brv_hypo.likelihood.blocks import BlockRows, Coupling
-from brv_hypo.likelihood.compiled_band import LinearModel, Variances, log_determinant, solved
+from brv_hypo.likelihood.compiled_band import LinearModel, Variances, log_determinants, solved
 from brv_hypo.likelihood.condensation import condense
 from brv_hypo.likelihood.elimination import eliminate
 from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
@@ -128,10 +128,29 @@ def test_the_compiled_band_is_that_of_dense_algebra(variance: float, held: bool)
     matrix, right = dense_matrix(problem, held)
     model, variances = compiled_model(problem)
     expected = np.linalg.solve(matrix, right)
-    states, _, condition = solved(model, variances, np.ones(2 * problem.defect.size))
+    states, _, condition, log_det = solved(model, variances, np.ones(2 * problem.defect.size))
     np.testing.assert_allclose(states.reshape(16, -1), expected[:16], rtol=1e-9, atol=1e-11)
     assert 1.0 < condition < 1e6
-    assert log_determinant(model, variances) == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
+    assert log_det == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_determinants_of_many_variances_at_once_are_those_of_each(held: bool) -> None:
+    """More than are factored side by side, with a gap in the record."""
+    problem = random_problem(6, 9, 2, 0, 0.3)
+    model, variances = compiled_model(problem)
+    model = model._replace(pattern=np.array([0, 0, 1, 0, 0, 1, 0, 0, 0]))
+    start = np.zeros(2) if held else variances.start
+    factor = np.linspace(0.9, 1.1, 11)
+    whitener = np.stack([variances.whitener[0], np.diag([1.0, *np.zeros(len(variances.whitener[0]) - 1)])])
+    drive, several = factor[:, None] * variances.drive, factor[:, None, None, None] * whitener
+    found = log_determinants(model, start, drive, several)
+    each = [
+        solved(model, Variances(start, q, r), np.ones(2 * problem.defect.size))[3]
+        for q, r in zip(drive, several, strict=True)
+    ]
+    np.testing.assert_allclose(found, each, rtol=1e-10)
+    assert np.ptp(found) > 1.0
 
 
 @pytest.mark.parametrize("rate", [-40.0, 40.0])
