@@ -170,9 +170,13 @@ def _predict(
 
 
 def _covariance_of(content: SavedModel, task: _Task, known: IntArray) -> FloatArray:
-    """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none."""
+    """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none.
+
+    Not on its own flights, it is that of the coefficients that were fitted without what belongs to those alone.
+    """
+    told = (content.covariance_elsewhere or content.covariance) if task.elsewhere else content.covariance
     errors = np.array([column.std_error or 0.0 for column in content.columns])
-    whole = np.array(content.covariance) if content.covariance else np.diag(errors**2)
+    whole = np.array(told) if told else np.diag(errors**2)
     mechanisms = task.seen.frame.mechanisms
     place = {column_of(c, mechanisms[c.mechanism]): k for k, c in enumerate(content.columns)}
     order = [place[task.columns[k]] for k in known]

@@ -30,12 +30,14 @@ from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel, SavedR
 class Found:
     """What is known of a model: its coefficients (columns,), their covariance, and where they were found.
 
-    `elsewhere` (columns,) are the coefficients on other flights, NaN for columns that belong to these alone.
+    `elsewhere` (columns,) are the coefficients on other flights, NaN for columns that belong to these alone, and
+    `covariance_elsewhere` is theirs.
     """
 
     values: FloatArray
     covariance: FloatArray
     elsewhere: FloatArray
+    covariance_elsewhere: FloatArray
     error: ModelError
     on: tuple[str, ...]
     times: tuple[tuple[float, float], ...]
@@ -83,13 +85,20 @@ def _with_coefficients(content: SavedModel, found: Found) -> SavedModel:
                 )
                 for column, value, error, elsewhere in known
             ),
-            "covariance": tuple(tuple(row) for row in found.covariance.tolist()),
+            "covariance": _rows(found.covariance),
+            "covariance_elsewhere": ()
+            if np.array_equal(found.covariance, found.covariance_elsewhere)
+            else _rows(found.covariance_elsewhere),
             "error": found.error,
             "found_on": found.on,
             "times": found.times,
             "flown": found.flown,
         }
     )
+
+
+def _rows(covariance: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in covariance.tolist())
 
 
 def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = False) -> Model:
@@ -129,12 +138,16 @@ def of_as_many(content: SavedModel, flights: int) -> SavedModel:
     return content.model_copy(
         update={
             "columns": tuple(content.columns[k] for k in kept),
-            "covariance": tuple(tuple(row[k] for k in kept) for row in (content.covariance[j] for j in kept))
-            if content.covariance
-            else (),
+            "covariance": _among(content.covariance, kept),
+            "covariance_elsewhere": _among(content.covariance_elsewhere, kept),
             "record": () if len(content.found_on) > 1 or flights > 1 else content.record,
         }
     )
+
+
+def _among(covariance: tuple[tuple[float, ...], ...], kept: Sequence[int]) -> tuple[tuple[float, ...], ...]:
+    """Rows and columns that are kept, if there are any."""
+    return tuple(tuple(covariance[j][k] for k in kept) for j in kept) if covariance else ()
 
 
 def _saved_column(column: Column) -> SavedColumn:

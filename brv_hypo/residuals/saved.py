@@ -79,12 +79,13 @@ class SavedRecordError(_Saved):
 class SavedModel(_Saved):
     """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
 
-    `covariance` is that of the columns' coefficients, in their order; empty where they have none. `static` is the
-    baseline's static moment with its schedule; None for constant coefficients; `table` the aerodynamic table that
-    stands in its place, `schedule` the prior of its slope's change with Mach number, `bend` that of its bend with the
-    angle of attack. `found_on` names the flights, `times` (s) are their starts and stops; `error` is what it left
-    there; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the model is known
-    to nobody.
+    `covariance` is that of the columns' coefficients, in their order; empty where they have none.
+    `covariance_elsewhere` is that of the coefficients on other flights, 0 for what is left out there; empty where it is
+    the same. `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
+    aerodynamic table that stands in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
+    of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops; `error`
+    is what it left there; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the
+    model is known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -97,6 +98,7 @@ class SavedModel(_Saved):
     schedule: SlopeSchedule | None = None
     bend: StaticBend | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
+    covariance_elsewhere: tuple[tuple[float, ...], ...] = ()
     error: ModelError | None = None
     found_on: tuple[str, ...] = ()
     times: tuple[tuple[float, float], ...] = ()
@@ -104,10 +106,11 @@ class SavedModel(_Saved):
 
     @model_validator(mode="after")
     def _covariance_fits(self) -> SavedModel:
-        sizes = {len(self.covariance), *(len(row) for row in self.covariance)}
-        if self.covariance and sizes != {len(self.columns)}:
-            raise ValueError(
-                f"the covariance has {len(self.covariance)} rows for {len(self.columns)} columns: edit both alike, or "
-                "take it out, so that the columns' own std_error count"
-            )
+        for name in ("covariance", "covariance_elsewhere"):
+            told = getattr(self, name)
+            if told and {len(told), *(len(row) for row in told)} != {len(self.columns)}:
+                raise ValueError(
+                    f"{name} has {len(told)} rows for {len(self.columns)} columns: edit both alike, or take it out, "
+                    "so that the columns' own std_error count"
+                )
         return self

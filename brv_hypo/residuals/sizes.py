@@ -65,11 +65,6 @@ class Coefficients:
     values: FloatArray
     covariance: FloatArray
 
-    @property
-    def by_column(self) -> dict[Column, float]:
-        """The coefficient of each column."""
-        return dict(zip(self.columns, self.values.tolist(), strict=True))
-
 
 def coefficients_of(here: Look) -> Coefficients:
     """The model's columns, and what its baseline is more after them, which has a prior in the fit."""

@@ -71,7 +71,8 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         Found(
             moments.values,
             moments.covariance,
-            np.array([elsewhere.values.get(column, np.nan) for column in moments.columns]),
+            elsewhere.values,
+            elsewhere.covariance,
             model_error(last, state.left, elsewhere.left),
             tuple(flight.path or flight.title for flight in flights),
             tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
@@ -143,9 +144,14 @@ def _described(end: Ending, moments: Coefficients) -> MechanismFile | None:
 
 @dataclass(frozen=True)
 class _Elsewhere:
-    """The model without what belongs to its own flights alone: its coefficients, and what it leaves here."""
+    """The model without what belongs to its own flights alone, and what it leaves here.
 
-    values: dict[Column, float]
+    `values` (columns,) are the coefficients of the whole model's columns, NaN for what is left out, and `covariance`
+    theirs, 0 there.
+    """
+
+    values: FloatArray
+    covariance: FloatArray
     left: ResidualMoments
 
 
@@ -154,14 +160,19 @@ def _elsewhere(flights: Sequence[Flight], end: Ending, model: Model, own: Coeffi
     state = end.state
     lasts = lasting(model.columns, model.mechanisms)
     if np.all(lasts) and not model.applied:
-        return _Elsewhere(own.by_column, state.left)
+        return _Elsewhere(own.values, own.covariance, state.left)
     columns = tuple(itertools.compress(model.columns, lasts))
     state = settled_state(flights, replace(model, columns=columns, applied=()), end.config)
     here = bare_look(state.seen, state.model, state.linear, end.config, state.problem.rows.noise)
     found = coefficients_of(here)
     # What was refined on the way is the same column still.
-    same = dict(zip(columns, found.values.tolist(), strict=False))
-    return _Elsewhere({**found.by_column, **same}, state.left)
+    place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}
+    kept = [j for j, column in enumerate(own.columns) if column in place]
+    order = [place[own.columns[j]] for j in kept]
+    values, covariance = np.full(own.values.size, np.nan), np.zeros_like(own.covariance)
+    values[kept] = found.values[order]
+    covariance[np.ix_(kept, kept)] = found.covariance[np.ix_(order, order)]
+    return _Elsewhere(values, covariance, state.left)
 
 
 def term_estimates(

@@ -25,6 +25,8 @@ from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel
 from tests.chains import traced_trim, trimmed
 from tests.flights import nominal
 
+# Variance of what stays over that of the whole model's coefficient, where what is left out was a part of it.
+WIDER = 9.0
 BY_MACH = ModelError(mach=(5.0, 10.0), own=(1e-5, 3e-5), elsewhere=(2e-5, 6e-5))
 JUMP = SavedColumn(
     mechanism="bodyfixed",
@@ -138,7 +140,12 @@ def with_a_jump(result: Trace, found_on: str, elsewhere: float | None = None) ->
     covariance = (*((*row, 0.0, 0.0) for row in definition.covariance), (*zeros, 1e-12, 0.0), (*zeros, 0.0, 1e-12))
     across = JUMP.model_copy(update={"term": "C_b sin(phi_b)"})
     return definition.model_copy(
-        update={"columns": (*columns, JUMP, across), "covariance": covariance, "found_on": (found_on,)}
+        update={
+            "columns": (*columns, JUMP, across),
+            "covariance": covariance,
+            "covariance_elsewhere": tuple(tuple(WIDER * value for value in row) for row in covariance),
+            "found_on": (found_on,),
+        }
     )
 
 
@@ -176,6 +183,9 @@ def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record
 
 def test_elsewhere_what_stays_has_its_own_coefficient(elsewhere: Prediction) -> None:
     assert next(term.value for term in elsewhere.frozen if term.name == "C_N0") == 1.5e-4
+    known = {term.name: term.std_error for term in traced_trim().model.terms}
+    for term in elsewhere.frozen:
+        assert term.std_error == pytest.approx(np.sqrt(WIDER) * known[term.name], rel=1e-6)
 
 
 @pytest.mark.thorough
