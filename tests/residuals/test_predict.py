@@ -14,7 +14,7 @@ from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.report.blocks import Texts
 from brv_hypo.report.chart_names import PREDICTION
-from brv_hypo.report.motion_charts import BODY
+from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
 from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import band_chart, prediction_charts, prediction_document
 from brv_hypo.report.provenance import provenance
@@ -182,7 +182,7 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
     assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION)
-    assert [panel.title for panel in chart.panels] == list(BODY)
+    assert [panel.title for panel in chart.panels] == [f"{title}{THOUSANDTHS.suffix}" for title in BODY]
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
 
 
