@@ -213,7 +213,10 @@ def _inadequate(
             if unlikely
             else "`brv-hypo trace` looks for what else is at work."
         )
-        return f"None of the hypotheses is adequate: {leader.name} fits best, but {' and '.join(wrongs)}. {remedy}"
+        return (
+            f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, "
+            f"but {' and '.join(wrongs)}. {remedy}"
+        )
     if instead is not None:
         return (
             f"None of the hypotheses is adequate: {leader.name} fits best of them, and {instead.words} fits better "
