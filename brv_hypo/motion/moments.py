@@ -32,9 +32,12 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
 
 
 def error_of_differentiation(record: InertialRecord) -> FloatArray:
-    """Standard deviation (n,) of C_m and of C_n by the gyros' noise and the estimated bias of their differentiation."""
+    """Standard deviation (n,) of C_m and of C_n by the gyros' noise and the estimated bias of their differentiation.
+
+    Positive too where errors that were taken out of an accepted record turned the sign of its dynamic pressure.
+    """
     spin = record.spin_rate
-    return np.asarray(np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / record.moment_scale)
+    return np.asarray(np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / np.abs(record.moment_scale))
 
 
 def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray) -> FloatArray:
