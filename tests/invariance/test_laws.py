@@ -13,15 +13,20 @@ from tests.invariance.laws import LAWS, SUMMED, reordered
 FLIGHTS = 200
 # To make a failing flight smaller takes minutes, and says no more.
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
-CASES = st.builds(
-    Case,
-    seed=st.integers(1, 10_000),
-    alpha=st.floats(0.03, 0.06),
-    windward_meridian=st.floats(-3.0, 3.0),
-    roll_rate=st.floats(4.0, 10.0),
-    planted=st.sampled_from(PLANTS),
-    mechanism=st.sampled_from(PLANTS[1:]),
-)
+
+
+@st.composite
+def cases(draw: st.DrawFn) -> Case:
+    """Every other flight holds what is fitted to it: where none stands there are a verdict and chances to compare."""
+    mechanism = draw(st.sampled_from(PLANTS[1:]))
+    return Case(
+        seed=draw(st.integers(1, 10_000)),
+        alpha=draw(st.floats(0.03, 0.06)),
+        windward_meridian=draw(st.floats(-3.0, 3.0)),
+        roll_rate=draw(st.floats(4.0, 10.0)),
+        planted=draw(st.sampled_from((mechanism, "none", mechanism, *PLANTS[1:]))),
+        mechanism=mechanism,
+    )
 
 
 @pytest.mark.thorough
@@ -50,7 +55,7 @@ def test_nor_where_one_flight_has_ended():
 
 @pytest.mark.slow
 @settings(max_examples=FLIGHTS, phases=PHASES, suppress_health_check=list(HealthCheck))
-@given(law=st.sampled_from(sorted(LAWS)), case=CASES, data=st.data())
+@given(law=st.sampled_from(sorted(LAWS)), case=cases(), data=st.data())
 def test_every_law_holds_on_drawn_flights(law, case, data):
     apart, allowed = LAWS[law](data, case)
     event(f"{law}: within {apart.estimates:.0e} standard errors")
