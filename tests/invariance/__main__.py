@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
 import time
@@ -18,6 +19,8 @@ from hypothesis import strategies as st
 from tests.invariance.chain import Case, Distance
 from tests.invariance.laws import LAWS, Found, Law
 from tests.invariance.test_laws import cases
+
+EVERY = 10  # flights between accounts of how it stands
 
 
 class _Account:
@@ -58,7 +61,7 @@ class _Account:
 
 def ask(laws: Mapping[str, Law], flights: int, number: int) -> Iterable[_Account]:
     """Every law on so many drawn flights, which share what they compare with."""
-    accounts = [_Account(name, law) for name, law in laws.items()]
+    accounts, asking = [_Account(name, law) for name, law in laws.items()], itertools.count(1)
 
     @seed(number)
     @settings(
@@ -72,6 +75,8 @@ def ask(laws: Mapping[str, Law], flights: int, number: int) -> Iterable[_Account
     def draw(case: Case, data: st.DataObject) -> None:
         for account in accounts:
             account.ask(data, case)
+        if (asked := next(asking)) % EVERY == 0:
+            print(f"after {asked} flights", *accounts, sep="\n", flush=True)
 
     draw()
     return accounts
