@@ -111,8 +111,8 @@ def build_frame(
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
     free = np.array([j for j in range(X64.shape[1]) if j not in set(forced_columns)], dtype=np.int64)
-    projected, norms = _project_out(basis, X64[:, free])
-    rest, _ = _project_out(basis, y64[:, None])
+    projected, norms = project_out(basis, X64[:, free])
+    rest, _ = project_out(basis, y64[:, None])
     rest = rest[:, 0]
     original = np.linalg.norm(X64[:, free], axis=0)
     inside = norms <= SPAN_TOLERANCE * original
@@ -222,7 +222,7 @@ def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, t
     kept: list[int] = []
     aliases: list[Alias] = []
     for j in forced:
-        rest, norm = _project_out(basis, X[:, [j]])
+        rest, norm = project_out(basis, X[:, [j]])
         if norm[0] <= SPAN_TOLERANCE * np.linalg.norm(X[:, j]):
             aliases += _span_aliases(X, tuple(kept), np.array([j]))
             continue
@@ -231,7 +231,7 @@ def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, t
     return basis, tuple(kept), aliases
 
 
-def _project_out(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+def project_out(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Remove the basis from the columns, twice for orthogonality to rounding; also their norms."""
     rest = columns - basis @ (basis.T @ columns)
     rest -= basis @ (basis.T @ rest)

@@ -91,9 +91,14 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
     left: list[OpenSubtree] = []
     triangular, stopped = False, budget <= 0
     for piece in independent_pieces(board.frame, board.max_size):
+        if isinstance(piece, OpenSubtree):
+            if time.perf_counter() > deadline:
+                left.append(piece)
+            else:
+                tree.score(piece)
+            continue
         triangular = triangular or _triangular(board.frame, piece, effort.kernel)
-        if not piece.singular:
-            board.widen(piece.rounding_margin(triangular=triangular))
+        board.widen(piece.rounding_margin(triangular=triangular))
         if stopped:
             left.append(OpenSubtree(piece.included, piece.undecided, piece.bound))
             continue
@@ -111,7 +116,7 @@ def _triangular(frame: Frame, piece: Piece, kernel: str) -> bool:
     limit = SCHUR_CONDITION if kernel == "auto" else SCHUR_BREAKDOWN
     if np.isfinite(frame.condition):
         return frame.condition > limit
-    return not piece.singular and piece.condition > limit
+    return piece.condition > limit
 
 
 def _numpy_budget(effort: Effort, deadline: float) -> float:
