@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_subsets, tree_numpy
+from brv_hypo.subset import best_columns, best_subsets, frame, tree_numpy
 from brv_hypo.subset.frame import Frame
 from brv_hypo.subset.pieces import Leaf, OpenSubtree, make_leaf
 from tests.subset.brute_force import enumerate_subsets
@@ -106,10 +106,22 @@ def test_leaves_of_any_size_hold_what_every_subset_does(most: int, kernel: str) 
 def test_a_leaf_is_made_once(monkeypatch: pytest.MonkeyPatch, kernel: str) -> None:
     made: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
 
-    def counted(frame: Frame, part: OpenSubtree, room: int) -> Leaf | None:
+    def counted(own: Frame, part: OpenSubtree, room: int) -> Leaf | None:
         made.append((part.included, part.undecided))
-        return make_leaf(frame, part, room)
+        return make_leaf(own, part, room)
 
     monkeypatch.setattr(tree_numpy, "make_leaf", counted)
     best_subsets(*sums(6), 5, forced=(), kernel=kernel)
     assert len(made) == len(set(made)) > 3
+
+
+def test_a_search_for_columns_alone_names_no_dependency(monkeypatch: pytest.MonkeyPatch) -> None:
+    X, y = sums(3)
+    named = best_subsets(X, y, 3, forced=())
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("names that nobody reads")
+
+    monkeypatch.setattr(frame, "_named", refuse)
+    assert len(named.aliases) == 3
+    assert [columns for _, columns in best_columns(X, y, 3, forced=())] == [s.columns for s in named.subsets]
