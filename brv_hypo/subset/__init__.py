@@ -8,7 +8,8 @@ A map, in the order in which data flow:
     board.py        the best subsets so far and the thresholds that they set
     heuristics.py   good subsets to start from
     pieces.py       the tree cut into pieces of independent columns
-    search.py       choice of kernel, time limit, certificate; kernel_cache.py
+    search.py       choice of kernel, time limit, certificate
+    kernel_cache.py whether a compiled kernel is on disk
     nodes.py, tree_numpy.py                  the tree in numpy
     workers.py, compiled.py, kernel*.py, steps_*.py   the tree compiled, on several threads
     enumeration.py  near-ties, certified PRESS
