@@ -9,6 +9,7 @@ A map, in the order in which data flow:
     heuristics.py   good subsets to start from
     pieces.py       the tree cut into pieces of independent columns
     search.py       choice of kernel, time limit, certificate
+    kernel_cache.py whether a compiled kernel is on disk
     nodes.py, tree_numpy.py                  the tree in numpy
     workers.py, compiled.py, kernel*.py, steps_*.py   the tree compiled, on several threads
     enumeration.py  near-ties, certified PRESS

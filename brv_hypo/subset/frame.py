@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dgeqrf
+from scipy.linalg.lapack import dgeqrf, dtrtrs
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
@@ -63,7 +63,8 @@ class Frame:
     ``X`` (n, p) and ``y`` (n,) are the weighted data in the precision given. ``R`` (m, m) and ``z`` (m,)
     are the triangular factor of the m candidates with the forced columns projected out, scaled to unit
     length, and of the response. ``rss_forced`` and ``rss_full`` are the residual sums of squares of the
-    forced and of the complete model.
+    forced and of the complete model. ``set_aside`` are columns that are no candidates; ``dependent`` the columns
+    of each dependency of those that are.
     """
 
     X: FloatArray
@@ -78,14 +79,29 @@ class Frame:
     rss_full: float
     rank: int
     condition: float
-    aliases: tuple[Alias, ...]
-    refused: tuple[Refusal, ...]
+    set_aside: tuple[Alias, ...]
+    dependent: tuple[IntArray, ...]
     constraints: Constraints
 
     @property
     def n_candidates(self) -> int:
         """Number of candidates searched over."""
         return int(self.candidates.size)
+
+    @property
+    def aliases(self) -> tuple[Alias, ...]:
+        """Columns that are combinations of others."""
+        return (*self.set_aside, *self._names[0])
+
+    @property
+    def refused(self) -> tuple[Refusal, ...]:
+        """Columns that no subset holds together."""
+        return self._names[1]
+
+    @cached_property
+    def _names(self) -> tuple[list[Alias], tuple[Refusal, ...]]:
+        """The dependencies by name: fits of long columns, which a search for columns alone does without."""
+        return _named(self.X.astype(np.float64), self.forced, self.dependent)
 
 
 def build_frame(
@@ -111,8 +127,8 @@ def build_frame(
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
     free = np.array([j for j in range(X64.shape[1]) if j not in set(forced_columns)], dtype=np.int64)
-    projected, norms = _project_out(basis, X64[:, free])
-    rest, _ = _project_out(basis, y64[:, None])
+    projected, norms = project_out(basis, X64[:, free])
+    rest, _ = project_out(basis, y64[:, None])
     rest = rest[:, 0]
     original = np.linalg.norm(X64[:, free], axis=0)
     inside = norms <= SPAN_TOLERANCE * original
@@ -127,15 +143,20 @@ def build_frame(
     noise = (original[~inside] / norms[~inside])[keep]
     independent, involved = dependencies(R, noise)
     rank = len(independent)
-    combinations, refused = _named(X64, kept_forced, [free[list(each)] for each in involved])
-    singular = np.linalg.svd(R, compute_uv=False) if free.size else np.ones(1)
-    condition = float(singular[0] / singular[-1]) if rank == free.size else float("inf")
     return Frame(
         X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
-        rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=condition,
-        aliases=(*aliases, *combinations), refused=refused,
+        rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=_condition(R, rank),
+        set_aside=tuple(aliases), dependent=tuple(free[list(each)] for each in involved),
         constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
     )  # fmt: skip
+
+
+def _condition(R: FloatArray, rank: int) -> float:
+    """Condition number of the triangular factor; infinite where it is not of full rank."""
+    if rank < R.shape[0]:
+        return float("inf")
+    singular = np.linalg.svd(R, compute_uv=False) if R.size else np.ones(1)
+    return float(singular[0] / singular[-1])
 
 
 def triangle(columns: FloatArray) -> FloatArray:
@@ -160,7 +181,7 @@ def dependency(R: FloatArray, noise: FloatArray) -> list[int]:
     rounding error of the combination that represents it.
     """
     for k in np.flatnonzero(np.abs(R.diagonal()) <= WEAK_DIAGONAL).tolist():
-        weights = np.append(np.linalg.solve(R[:k, :k], R[:k, k]), 1.0)
+        weights = np.append(dtrtrs(R[:k, :k], R[:k, k])[0], 1.0)
         if abs(R[k, k]) <= MEANINGFUL_MULTIPLE * EPS * float(np.abs(weights) @ noise[: k + 1]):
             return np.flatnonzero(np.abs(weights) > 1e-10 * np.abs(weights).max()).tolist()
     return []
@@ -222,7 +243,7 @@ def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, t
     kept: list[int] = []
     aliases: list[Alias] = []
     for j in forced:
-        rest, norm = _project_out(basis, X[:, [j]])
+        rest, norm = project_out(basis, X[:, [j]])
         if norm[0] <= SPAN_TOLERANCE * np.linalg.norm(X[:, j]):
             aliases += _span_aliases(X, tuple(kept), np.array([j]))
             continue
@@ -231,7 +252,7 @@ def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, t
     return basis, tuple(kept), aliases
 
 
-def _project_out(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+def project_out(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Remove the basis from the columns, twice for orthogonality to rounding; also their norms."""
     rest = columns - basis @ (basis.T @ columns)
     rest -= basis @ (basis.T @ rest)

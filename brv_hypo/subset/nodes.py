@@ -17,8 +17,8 @@ from brv_hypo.subset.frame import triangle
 from brv_hypo.subset.pieces import Piece
 
 
-class Node(Protocol):
-    """What the tree needs of a node; ``labels`` are the undecided candidates, in the order of all arrays."""
+class Scored(Protocol):
+    """What scoring needs of a node; ``labels`` are the undecided candidates, in the order of all arrays."""
 
     @property
     def included(self) -> tuple[int, ...]:
@@ -35,6 +35,18 @@ class Node(Protocol):
         """Residual sum of squares of the included candidates."""
         ...
 
+    def singles(self) -> tuple[FloatArray, FloatArray]:
+        """The diagonal of S, and c, over the undecided candidates."""
+        ...
+
+    def products(self) -> FloatArray:
+        """S over the undecided candidates."""
+        ...
+
+
+class Node(Scored, Protocol):
+    """What the tree needs of a node."""
+
     @property
     def bound(self) -> float:
         """Residual sum of squares with every undecided candidate in."""
@@ -42,10 +54,6 @@ class Node(Protocol):
 
     def rises(self) -> FloatArray:
         """Rise of the bound on dropping each undecided candidate."""
-        ...
-
-    def normal(self) -> tuple[FloatArray, FloatArray]:
-        """S and c over the undecided candidates."""
         ...
 
     def include(self, label: int) -> Node:
@@ -89,9 +97,13 @@ class SchurNode:
         """Rise of the bound on dropping each undecided candidate."""
         return np.asarray(self.beta[self.at] ** 2 / self.H.diagonal()[self.at])
 
-    def normal(self) -> tuple[FloatArray, FloatArray]:
-        """S and c over the undecided candidates."""
-        return self.S[self.at[:, None], self.at], self.c[self.at]
+    def singles(self) -> tuple[FloatArray, FloatArray]:
+        """The diagonal of S, and c, over the undecided candidates."""
+        return self.S.diagonal()[self.at], self.c[self.at]
+
+    def products(self) -> FloatArray:
+        """S over the undecided candidates."""
+        return self.S[self.at[:, None], self.at]
 
     def include(self, label: int) -> SchurNode:
         """Rank-one step on S."""
@@ -143,9 +155,13 @@ class TriangularNode:
             return np.zeros(self.z.size)
         return np.asarray((inverse @ self.z) ** 2 / np.einsum("ij,ij->i", inverse, inverse))
 
-    def normal(self) -> tuple[FloatArray, FloatArray]:
-        """S and c over the undecided candidates."""
-        return self.R.T @ self.R, self.R.T @ self.z
+    def singles(self) -> tuple[FloatArray, FloatArray]:
+        """The diagonal of S, and c, over the undecided candidates."""
+        return np.einsum("ij,ij->j", self.R, self.R), self.R.T @ self.z
+
+    def products(self) -> FloatArray:
+        """S over the undecided candidates."""
+        return self.R.T @ self.R
 
     def include(self, label: int) -> TriangularNode:
         """Rotate the column to the front and strike its row."""

@@ -1,7 +1,8 @@
 """Pieces of the search tree: what is in, what is undecided, and the factor to start from.
 
 The fast kernels need the undecided columns to be independent. Where they are not, the tree is cut along the
-dependency: a subset of full rank leaves out at least one of the columns that take part in it.
+dependency: a subset of full rank leaves out at least one of the columns that take part in it. Parts with two places
+left or fewer are leaves: pairs are scored without the inverse, whatever depends on what.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ from scipy.linalg.lapack import dtrtrs
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.constraints import Constraints
-from brv_hypo.subset.frame import EPS, Frame, dependency, triangle
+from brv_hypo.subset.frame import EPS, Frame, dependency, project_out, triangle
+
+# Places left that need no inverse to be filled.
+CLOSED_FORM = 2
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,28 @@ class Piece:
 
 
 @dataclass(frozen=True)
+class Leaf:
+    """A subtree with at most two places left, to be scored in closed form; its undecided columns may be dependent.
+
+    ``columns`` (m, u) and ``z`` (m,) are what ``included`` leave of the undecided columns and of the response.
+    """
+
+    included: tuple[int, ...]
+    labels: IntArray
+    columns: FloatArray
+    z: FloatArray
+    rss: float
+
+    def singles(self) -> tuple[FloatArray, FloatArray]:
+        """The diagonal of S, and c."""
+        return np.einsum("ij,ij->j", self.columns, self.columns), self.z @ self.columns
+
+    def products(self) -> FloatArray:
+        """S over the undecided columns."""
+        return self.columns.T @ self.columns
+
+
+@dataclass(frozen=True)
 class OpenSubtree:
     """A subtree that a search has left undone; no subset in it has a residual below ``bound``."""
 
@@ -126,27 +152,44 @@ def make_piece(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ..
     )
 
 
-def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece]:
-    """Cut the whole tree into pieces whose undecided columns are independent.
+def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Leaf | None:
+    """The part of the tree with `room` places left as a leaf; None where the included columns are dependent."""
+    included = list(part.included)
+    basis, factor = np.linalg.qr(frame.R[:, included])
+    if dependency(factor, frame.noise[included]):
+        return None
+    labels = np.array(part.undecided if room else (), dtype=np.int64)
+    columns, _ = project_out(basis, frame.R[:, labels])
+    z = project_out(basis, frame.z[:, None])[0][:, 0]
+    return Leaf(part.included, labels, columns, z, frame.rss_full + float(z @ z))
 
-    A piece with two places left or fewer is passed on as it is: pairs are scored without the inverse.
+
+def independent_pieces(frame: Frame, max_size: int) -> Iterator[Piece | OpenSubtree]:
+    """Cut the whole tree into pieces whose undecided columns are independent, and parts that are leaves.
+
+    Leaves are left to be made, once, by who scores them: of dependent columns nearly all parts are leaves.
     """
-    stack: list[tuple[tuple[int, ...], tuple[int, ...]]] = [((), tuple(range(frame.n_candidates)))]
+    dependent = frame.rank < frame.n_candidates
+    stack = [OpenSubtree((), tuple(range(frame.n_candidates)), frame.rss_full)]
     while stack:
-        allowed = propagate(frame.constraints, *stack.pop())
+        part = stack.pop()
+        allowed = propagate(frame.constraints, part.included, part.undecided)
         if allowed is None or len(allowed[0]) > max_size:
+            continue
+        if dependent and max_size - len(allowed[0]) <= CLOSED_FORM:
+            yield OpenSubtree(*allowed, part.bound)
             continue
         piece = make_piece(frame, *allowed)
         if piece is None:
             continue
-        if not piece.singular or max_size - len(piece.included) <= 2:
+        if piece.singular:
+            stack += _cut(piece, max_size)
+        else:
             yield piece
-            continue
-        stack += _cut(piece, max_size)
 
 
-def _cut(piece: Piece, max_size: int) -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
-    """Included and undecided of each part of a singular piece: the first column of its dependency that is left out.
+def _cut(piece: Piece, max_size: int) -> Iterator[OpenSubtree]:
+    """Each part of a singular piece: by the first column of its dependency that is left out.
 
     What comes before that one is in; parts that would hold more than `max_size` are none.
     """
@@ -155,4 +198,5 @@ def _cut(piece: Piece, max_size: int) -> Iterator[tuple[tuple[int, ...], tuple[i
     place[list(involved)] = np.arange(len(involved))
     places = place[piece.labels]
     for i in range(min(len(involved), max_size - len(piece.included) + 1)):
-        yield piece.included + involved[:i], tuple(piece.labels[places > i].tolist())
+        undecided = tuple(piece.labels[places > i].tolist())
+        yield OpenSubtree(piece.included + involved[:i], undecided, piece.bound)

@@ -14,6 +14,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.subset.board import CLOSED, Board
 from brv_hypo.subset.frame import Frame
+from brv_hypo.subset.kernel_cache import kernel_on_disk
 from brv_hypo.subset.pieces import OpenSubtree, Piece, independent_pieces, make_piece
 from brv_hypo.subset.result import Certificate
 from brv_hypo.subset.tree_numpy import NumpyTree, StopSearchError
@@ -23,8 +24,9 @@ SCHUR_CONDITION = 2e5
 # The same where Schur complements are asked for by name: beyond, their H has no digits left.
 SCHUR_BREAKDOWN = 1e7
 KERNELS = ("auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
-# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs.
-NUMPY_NODES = 8000
+# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs, to the compiler or
+# to the disk alone.
+COMPILING_NODES, LOADING_NODES = 8000, 1000
 # Seconds that a time limit must leave for the compiled kernel to be worth sending for.
 COMPILE_ALLOWANCE_S = 10.0
 
@@ -91,9 +93,14 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
     left: list[OpenSubtree] = []
     triangular, stopped = False, budget <= 0
     for piece in independent_pieces(board.frame, board.max_size):
+        if isinstance(piece, OpenSubtree):
+            if time.perf_counter() > deadline:
+                left.append(piece)
+            else:
+                tree.score(piece)
+            continue
         triangular = triangular or _triangular(board.frame, piece, effort.kernel)
-        if not piece.singular:
-            board.widen(piece.rounding_margin(triangular=triangular))
+        board.widen(piece.rounding_margin(triangular=triangular))
         if stopped:
             left.append(OpenSubtree(piece.included, piece.undecided, piece.bound))
             continue
@@ -111,7 +118,7 @@ def _triangular(frame: Frame, piece: Piece, kernel: str) -> bool:
     limit = SCHUR_CONDITION if kernel == "auto" else SCHUR_BREAKDOWN
     if np.isfinite(frame.condition):
         return frame.condition > limit
-    return not piece.singular and piece.condition > limit
+    return piece.condition > limit
 
 
 def _numpy_budget(effort: Effort, deadline: float) -> float:
@@ -120,7 +127,9 @@ def _numpy_budget(effort: Effort, deadline: float) -> float:
     # A compiled kernel that is in memory already is quicker from the first node.
     if effort.kernel != "auto" or _kernel_in_memory():
         return 0.0
-    return NUMPY_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
+    if kernel_on_disk():
+        return LOADING_NODES
+    return COMPILING_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
 
 
 def _kernel_in_memory() -> bool:

@@ -8,8 +8,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.board import Board
-from brv_hypo.subset.nodes import Node, SchurNode, TriangularNode
-from brv_hypo.subset.pieces import OpenSubtree, Piece, propagate
+from brv_hypo.subset.nodes import Node, SchurNode, Scored, TriangularNode
+from brv_hypo.subset.pieces import CLOSED_FORM, OpenSubtree, Piece, make_leaf, propagate
 
 # Relative allowance for rounding in the 2x2 determinant of a pair.
 DETERMINANT_SLACK = 1e-12
@@ -31,13 +31,20 @@ class NumpyTree:
     def run(self, piece: Piece, *, triangular: bool) -> None:
         """Search the piece to the end, by orthogonal steps if `triangular`; better subsets go to the board."""
         self._board.offer(piece.included)
-        room = self._board.max_size - len(piece.included)
-        if room <= 0 or not piece.undecided:
-            return
-        if piece.singular:
-            self._score(TriangularNode.start(piece), min(room, 2))
-        else:
+        if len(piece.included) < self._board.max_size and piece.undecided:
             self._visit((TriangularNode if triangular else SchurNode).start(piece))
+
+    def score(self, part: OpenSubtree) -> None:
+        """Score a part with at most two places left."""
+        size = len(part.included)
+        room = min(self._board.max_size - size, CLOSED_FORM)
+        leaf = make_leaf(self._board.frame, part, room)
+        if leaf is None:
+            return
+        if leaf.rss <= self._board.limits[size]:
+            self._board.offer(leaf.included)
+        if leaf.labels.size:
+            self._score(leaf, room)
 
     def _visit(self, node: Node | None) -> None:
         limits = self._board.limits
@@ -110,7 +117,7 @@ class NumpyTree:
         allowed = propagate(self._constraints, dropped.included, undecided)
         return None if allowed is None else _drop_all(dropped, set(undecided) - set(allowed[1]))
 
-    def _score(self, node: Node, quota: int) -> None:
+    def _score(self, node: Scored, quota: int) -> None:
         """Score all singles, and all pairs where the quota is two, in closed form without division.
 
         A pair gains what is needed, D, where d_k (c_i^2 - D d_i) + c_k^2 d_i + S_ik (D S_ik - 2 c_i c_k)
@@ -120,8 +127,8 @@ class NumpyTree:
             return
         size = len(node.included)
         limits = self._board.limits
-        S, c = node.normal()
-        d, squares = S.diagonal(), c * c
+        d, c = node.singles()
+        squares = c * c
         single = squares >= (node.rss - limits[size + 1]) * d
         if single.any():
             self._offer(node, np.flatnonzero(single)[:, None])
@@ -129,6 +136,7 @@ class NumpyTree:
             return
         needed = node.rss - limits[size + 2]
         eased = needed - abs(needed) * (self._board.margin + DETERMINANT_SLACK)
+        S = node.products()
         surplus = needed * S
         surplus -= (2.0 * c)[:, None] * c
         surplus *= S
@@ -140,7 +148,7 @@ class NumpyTree:
             pairs = np.argwhere(surplus >= 0.0)
             self._offer(node, pairs[pairs[:, 0] < pairs[:, 1]])
 
-    def _offer(self, node: Node, extra: IntArray) -> None:
+    def _offer(self, node: Scored, extra: IntArray) -> None:
         for labels in node.labels[extra].tolist():
             self._board.offer((*node.included, *labels))
 

@@ -96,7 +96,7 @@ class _Pool:
             return
         if piece.singular:
             with self._change:
-                NumpyTree(self._board, spend=lambda: None).run(piece, triangular=True)
+                NumpyTree(self._board, spend=lambda: None).score(subtree)
             return
         with self._change:
             self._board.offer(piece.included)

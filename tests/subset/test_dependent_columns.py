@@ -8,7 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_subsets
+from brv_hypo.subset import best_columns, best_subsets, frame, tree_numpy
+from brv_hypo.subset.frame import Frame
+from brv_hypo.subset.pieces import Leaf, OpenSubtree, make_leaf
 from tests.subset.brute_force import enumerate_subsets
 
 RNG = np.random.default_rng(11)
@@ -79,3 +81,47 @@ def test_a_tree_of_many_pieces_holds_one_of_them_at_a_time() -> None:
     tracemalloc.stop()
     assert result.certificate.exact
     assert peak < 1e6
+
+
+def sums(others: int) -> tuple[np.ndarray, np.ndarray]:
+    """Six columns, their sums two by two with three more, and `others`; a response that no few of them explain."""
+    rng = np.random.default_rng(others)
+    one, other = rng.standard_normal((2, ROWS, 3))
+    X = np.column_stack([one, other, one + other, rng.standard_normal((ROWS, others))])
+    return X, X.sum(axis=1) + rng.standard_normal(ROWS)
+
+
+@pytest.mark.parametrize("kernel", ["auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens"])
+@pytest.mark.parametrize("most", range(1, 6))
+def test_leaves_of_any_size_hold_what_every_subset_does(most: int, kernel: str) -> None:
+    X, y = sums(3)
+    result = best_subsets(X, y, most, forced=(), n_best=3, kernel=kernel)
+    expected = enumerate_subsets(X, y, (), range(X.shape[1]), most)
+    for size in range(1, most + 1):
+        found = [subset for subset in result.subsets if subset.size == size]
+        assert [s.columns for s in found] == [columns for _, columns in expected[size][:3]]
+
+
+@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+def test_a_leaf_is_made_once(monkeypatch: pytest.MonkeyPatch, kernel: str) -> None:
+    made: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
+
+    def counted(own: Frame, part: OpenSubtree, room: int) -> Leaf | None:
+        made.append((part.included, part.undecided))
+        return make_leaf(own, part, room)
+
+    monkeypatch.setattr(tree_numpy, "make_leaf", counted)
+    best_subsets(*sums(6), 5, forced=(), kernel=kernel)
+    assert len(made) == len(set(made)) > 3
+
+
+def test_a_search_for_columns_alone_names_no_dependency(monkeypatch: pytest.MonkeyPatch) -> None:
+    X, y = sums(3)
+    named = best_subsets(X, y, 3, forced=())
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("names that nobody reads")
+
+    monkeypatch.setattr(frame, "_named", refuse)
+    assert len(named.aliases) == 3
+    assert [columns for _, columns in best_columns(X, y, 3, forced=())] == [s.columns for s in named.subsets]
