@@ -98,6 +98,7 @@ class Reconstruction(Pictured, Histories):
     clock_sigma: float = 0.0
 
     __repr__ = Histories.__repr__
+    __eq__ = Histories.__eq__
 
     @property
     def normal_force_ratio(self) -> FloatArray:
