@@ -37,12 +37,11 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
-    told = []
     if any(_beyond(panel, Line) for panel in panels):
-        told.append("A few values far from all others lie beyond the frame: double-click shows them.")
+        return "A few values far from all others lie beyond the frame: double-click shows them."
     if any(_beyond(panel, Band) for panel in panels):
-        told.append("The noise is far wider than what is drawn: its band goes beyond the frame.")
-    return " ".join(told)
+        return "The band is far wider than what is drawn, and goes beyond the frame."
+    return ""
 
 
 def _of_bulk(values: FloatArray) -> tuple[float, float]:
