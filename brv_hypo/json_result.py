@@ -33,6 +33,16 @@ class NullIsNaN(BaseModel):
                 }
         return read
 
+    def __eq__(self, other: object) -> bool:
+        """The same JSON: what is not a number equals itself, and histories for pictures are no part of it."""
+        return type(self) is type(other) and self._written() == other._written()
+
+    def __hash__(self) -> int:
+        return hash(self._written())
+
+    def _written(self) -> str:
+        return self.model_dump_json(by_alias=True)
+
 
 class Result(Tabular, NullIsNaN):
     """A result that survives JSON: what is not a number is written as null, and null is read as not a number."""
@@ -42,6 +52,8 @@ class Result(Tabular, NullIsNaN):
         return Tabular.__repr__(self)
 
     __str__ = __repr__
+    __eq__ = NullIsNaN.__eq__
+    __hash__ = NullIsNaN.__hash__
 
     def to_json(self) -> str:
         """The JSON of the contract; histories for pictures are no part of it."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from brv_hypo.equality import alike
 from brv_hypo.errors import UsageError
 
 if TYPE_CHECKING:
@@ -54,6 +55,10 @@ class Tabular:
         rows = list(self.rows())
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
         return _dataset(columns, "row", {}, self.headline())
+
+    def __eq__(self, other: object) -> bool:
+        """The same type and the same values, where what is not a number equals itself."""
+        return alike(self, other)
 
     def __repr__(self) -> str:
         """Short, whatever the result holds."""

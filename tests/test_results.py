@@ -6,6 +6,7 @@ import copy
 import json
 import math
 import pickle
+from dataclasses import replace
 from html import escape
 
 import numpy as np
@@ -110,6 +111,7 @@ class TestEveryResult:
         result = request.getfixturevalue(name)
         for again in (pickle.loads(pickle.dumps(result)), copy.deepcopy(result)):
             assert repr(again) == repr(result)
+            assert again == result
             assert again.to_dataframe().equals(result.to_dataframe())
 
 
@@ -119,9 +121,18 @@ class TestJson:
         result = request.getfixturevalue(name)
         text = result.to_json()
         json.loads(text, parse_constant=lambda constant: pytest.fail(constant))
-        assert type(result).from_json(text).to_json() == text
+        again = type(result).from_json(text)
+        assert again == result
+        assert hash(again) == hash(result)
+        assert again.to_json() == text
         (tmp_path / "result.json").write_text(text)
         assert type(result).from_json(tmp_path / "result.json").to_json() == text
+
+    def test_another_result_is_not_equal(self, compared, traced, flown) -> None:
+        assert compared != traced
+        assert compared != compared.model_copy(update={"ranking": compared.ranking[:1]})
+        assert compared.verdict != compared.verdict.model_copy(update={"stability": 0.123})
+        assert flown.flight != replace(flown.flight, q=np.nextafter(flown.flight.q, 1.0))
 
     def test_it_is_the_json_of_the_command_line(self, compared) -> None:
         from brv_hypo.cli.session import as_json

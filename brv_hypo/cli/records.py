@@ -84,7 +84,8 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
     write_whole(output, found.text, overwrite=session.force)
     session.show(bullets(found.unsure, "Missing or unsure", "yellow"))
     session.show(
-        f"Wrote {output}. Read it, fill in the vehicle, then: brv-hypo import {data[0]} --map {output} -o flight.h5"
+        f"Wrote {output}. Read it, fill in the vehicle, then:\n"
+        f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
     )
 
 

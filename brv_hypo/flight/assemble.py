@@ -167,11 +167,10 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
 
 
 def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolArray]) -> str:
-    lacking = [name for name, finite in known.items() if not np.all(finite[start:stop])]
-    return (
-        f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')}) left out: a gap too long to "
-        f"bridge in {', '.join(lacking)}"
-    )
+    lacking = ", ".join(name for name, finite in known.items() if not np.all(finite[start:stop]))
+    inside = start > 0 and stop < len(time)
+    why = f"a gap too long to bridge in {lacking}" if inside else f"at the record's end, without {lacking}"
+    return f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')}) left out: {why}"
 
 
 def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments) -> tuple[Channels, list[str]]:

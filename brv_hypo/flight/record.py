@@ -90,6 +90,7 @@ class Flight(Histories):
             object.__setattr__(self, "segments", ((0, self.time.size),))
 
     __repr__ = Histories.__repr__
+    __eq__ = Histories.__eq__
 
     def headline(self) -> str:
         """Title or path, length and rate."""

@@ -115,6 +115,7 @@ class FitResult(Tabular):
     weights: tuple[FloatArray, ...] = ()
 
     __repr__ = Tabular.__repr__
+    __eq__ = Tabular.__eq__
 
     def headline(self) -> str:
         """Status, likelihood and size."""

@@ -51,8 +51,9 @@ def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
     share = float(np.sqrt(np.mean(sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
     if share < WARNED_ALPHA:
         return None
+    known = f"known to {100.0 * share:.0f} % of its rms only"
     return (
-        f"the angle of attack is known to {100.0 * share:.0f} % of its rms only; a longer window, or one of "
+        f"the angle of attack is {known if share < 10.0 else 'not known'}; a longer window, or one of "
         "higher dynamic pressure, ties the attitude to the wind better"
     )
 

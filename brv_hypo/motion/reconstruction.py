@@ -61,6 +61,12 @@ class EffectEstimate:
     std_error: float
 
 
+def angle_known(sigma: float) -> str:
+    """A standard deviation of an angle (rad) in words; beyond a right angle its size says nothing."""
+    degrees = float(np.degrees(sigma))
+    return f"{degrees:.2g} deg" if degrees < 90.0 else "no better than 90 deg"
+
+
 @dataclass(frozen=True)
 class Reconstruction(Pictured, Histories):
     """Wind-relative motion and moments of one flight.
@@ -98,6 +104,7 @@ class Reconstruction(Pictured, Histories):
     clock_sigma: float = 0.0
 
     __repr__ = Histories.__repr__
+    __eq__ = Histories.__eq__
 
     @property
     def normal_force_ratio(self) -> FloatArray:
@@ -108,7 +115,7 @@ class Reconstruction(Pictured, Histories):
         """The flight, the method, and how well the motion is known."""
         return (
             f"{self.flight.title or self.flight.path or 'flight'}: {self.method} method, {self.status}; alpha known to "
-            f"{np.degrees(self.alpha_rms_sigma):.2g} deg, meridian to {np.degrees(self.phi_w_rms_sigma):.2g} deg (rms)"
+            f"{angle_known(self.alpha_rms_sigma)}, meridian to {angle_known(self.phi_w_rms_sigma)} (rms)"
         )
 
     def columns(self) -> Mapping[str, Any]:

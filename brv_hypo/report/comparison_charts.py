@@ -18,12 +18,14 @@ from brv_hypo.ranking.result import (
 )
 from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.chart import Band, Bars, Chart, Layer, Line, Panel, Role, Values
+from brv_hypo.report.frames import cut_text, framed
 from brv_hypo.report.motion_charts import (
     PLAIN,
     Drawn,
     Moments,
     Scale,
     Setting,
+    caption,
     difference,
     knots_of,
     masked,
@@ -79,7 +81,8 @@ def _probabilities(comparison: Comparison) -> Chart:
     known = sorted(((name, chances[name]) for name in names), key=lambda item: -item[1])
     bars = Bars([name for name, _ in known], [value for _, value in known], [probability(v) for _, v in known])
     panels = [Panel("", [bars])] if known else []
-    return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08))
+    read = "Over the hypotheses compared and other: something that is not on the list."
+    return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08), caption=read)
 
 
 def _limits(comparison: Comparison) -> Chart:
@@ -110,6 +113,7 @@ def _sizes(comparison: Comparison) -> Chart:
         "C_p over size",
         "terms besides the baseline",
         [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
+        caption="Mallows' criterion. Far above the least, terms are missing.",
         range=(-0.5, most + 1.0),  # room for the label of the last
         counted=True,
     )
@@ -215,10 +219,11 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
         shown: Role = "first" if each.chosen else role
         at_zero.append(Line(each.time_s, scale.drawn(each.at_zero), shown, name))
         slopes.append(Line(each.time_s, each.slope, shown, name))
-    panels = [Panel(f"C<sub>N0</sub>{scale.suffix}", at_zero), Panel(COEFFICIENTS["C_N' by alpha"], slopes)]
+    titles = (f"C<sub>N0</sub>{scale.suffix}", COEFFICIENTS["C_N' by alpha"])
+    panels = [framed(Panel(title, layers)) for title, layers in zip(titles, (at_zero, slopes), strict=True)]
     heading = f"In-plane moment of {series[-1].mechanism} by its terms"
-    caption = "Above: at no angle of attack. Where two sizes differ by much, the smaller is not to be believed."
-    return [setting.chart("coefficients-by-size", heading, panels, caption)]
+    read = "Above: at no angle of attack. Where two sizes differ by much, the smaller is not to be believed."
+    return [setting.chart("coefficients-by-size", heading, panels, caption(read, cut_text(panels)))]
 
 
 def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> list[Chart]:
@@ -229,15 +234,19 @@ def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion:
     name, method = shown[0].mechanism, shown[0].method
     scale = scale_of(*(s.value for s in shown if s.name in MOMENTS))
     panels = [
-        Panel(
-            f"{COEFFICIENTS.get(each, each)}{own.suffix}",
-            [layer for s in shown if s.name == each for layer in _estimate(s, s.time_s, own)],
+        framed(
+            Panel(
+                f"{COEFFICIENTS.get(each, each)}{own.suffix}",
+                [layer for s in shown if s.name == each for layer in _estimate(s, s.time_s, own)],
+            )
         )
         for each in dict.fromkeys(s.name for s in shown)
         for own in (scale if each in MOMENTS else PLAIN,)
     ]
     heading = f"Coefficients of {name} by {method}"
-    charts = [setting.chart(f"coefficients-{name}", heading, panels, "Bands: two standard deviations.")]
+    knots = "Dashed lines: its knots." if setting.knots else ""
+    read = caption("Bands: two standard deviations.", knots, cut_text(panels))
+    charts = [setting.chart(f"coefficients-{name}", heading, panels, read)]
     by_mach = [s for s in shown if s.name in BY_MACH]
     if by_mach and len(motion.mach) and np.all(np.isfinite(motion.mach)) and np.ptp(motion.mach) > 0.0:
         charts.append(_by_mach(setting, by_mach, motion))
@@ -253,12 +262,13 @@ def _by_mach(setting: Setting, series: Sequence[CoefficientSeries], motion: Seri
                 mach = np.interp(s.time_s, motion.time_s, motion.mach)
                 order = np.argsort(mach, kind="stable")
                 layers += _estimate(s, mach[order], PLAIN, order)
-        panels.append(Panel(COEFFICIENTS[name], layers))
+        panels.append(framed(Panel(COEFFICIENTS[name], layers)))
     return Chart(
         f"coefficients-by-mach-{series[0].mechanism}{setting.suffix}",
         f"Coefficients of {series[0].mechanism} by Mach number{setting.which}",
         "Mach number",
         panels,
+        caption=caption("Bands: two standard deviations.", cut_text(panels)),
     )
 
 

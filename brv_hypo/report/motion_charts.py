@@ -12,6 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.faults import RecordFault
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.chart import Band, Chart, Layer, Line, Mark, Panel, Role, Span, Values, wrapped_degrees
+from brv_hypo.report.frames import cut_text, framed
 
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
@@ -20,8 +21,6 @@ BESIDE = "Errors of record and vehicle are fitted beside every model."
 _GYROS = "Band: white noise of the gyros; a verdict counts in the noise that the record shows, which may be more."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
-_FAR_WIDER = 5.0
-"""Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
 _WHOLE = 0.99
 """Share of the record from which on a fault is one of the record as such, and no stretch of it is masked."""
 _NARROWEST = 0.003
@@ -102,13 +101,15 @@ def moment_chart(
     """Measured moments within two standard deviations, and the models, the last one on top."""
     scale = scale_of(*measured, *(values for m in models for values in m.moments))
     panels = [
-        _before_noise(
-            f"{title}{scale.suffix}",
-            _band(time, values, sigma, scale),
-            [
-                Line(time, scale.drawn(values), "measured", "measured", dots=True),
-                *(Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models),
-            ],
+        framed(
+            Panel(
+                f"{title}{scale.suffix}",
+                [
+                    _band(time, values, sigma, scale),
+                    Line(time, scale.drawn(values), "measured", "measured", dots=True),
+                    *(Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models),
+                ],
+            )
         )
         for k, (title, values) in enumerate(zip(titles, measured, strict=True))
     ]
@@ -116,7 +117,7 @@ def moment_chart(
     beside = BESIDE if models else ""
     knots = "Dashed lines: knots of the model on top." if setting.knots else ""
     shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, _caption(beside, knots, shaded, _cut(panels)))
+    return setting.chart("moments", heading, panels, caption(beside, knots, shaded, cut_text(panels)))
 
 
 def residual_chart(
@@ -130,34 +131,23 @@ def residual_chart(
     """What models leave of the moments, before a band of two standard deviations; the last one on top."""
     scale = scale_of(*(values for m in models for values in m.moments))
     panels = [
-        _before_noise(
-            f"{title}{scale.suffix}",
-            _band(time, np.zeros(len(time)), sigma, scale),
-            [Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models],
+        framed(
+            Panel(
+                f"{title}{scale.suffix}",
+                [
+                    _band(time, np.zeros(len(time)), sigma, scale),
+                    *(Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models),
+                ],
+            )
         )
         for k, title in enumerate(titles)
     ]
     knots = "Dashed lines: knots." if setting.knots else ""
-    return setting.chart("residuals", heading, panels, _caption(BESIDE, _GYROS, knots, _cut(panels)))
+    return setting.chart("residuals", heading, panels, caption(BESIDE, _GYROS, knots, cut_text(panels)))
 
 
-def _before_noise(title: str, band: Band, lines: Sequence[Line]) -> Panel:
-    """Histories before the band of their noise; where that is far wider than they are, they fill the frame, not it."""
-    shown = np.concatenate([np.asarray(line.y, dtype=float) for line in lines]) if lines else np.zeros(0)
-    known = shown[np.isfinite(shown)]
-    if not known.size:
-        return Panel(title, [band, *lines])
-    low, high = float(np.min(known)), float(np.max(known))
-    width = high - low
-    far = float(np.nanmax(band.high) - np.nanmin(band.low)) > _FAR_WIDER * width > 0.0
-    return Panel(title, [band, *lines], range=(low - width, high + width) if far else None)
-
-
-def _cut(panels: Sequence[Panel]) -> str:
-    return "The noise is far wider than the moments: its band goes beyond the frame." if panels[0].range else ""
-
-
-def _caption(*sentences: str) -> str:
+def caption(*sentences: str) -> str:
+    """The sentences of a caption that are not empty, one after the other."""
     return " ".join(sentence for sentence in sentences if sentence)
 
 
@@ -181,13 +171,16 @@ def motion_chart(
     below: list[Layer] = [Line(time, wrapped, "measured", "estimate")]
     if len(alpha_sigma) and len(meridian_sigma):
         wide, turn = 2.0 * np.degrees(np.asarray(alpha_sigma)), 2.0 * np.degrees(np.asarray(meridian_sigma))
-        above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), degrees + wide))
+        turn = np.minimum(turn, 180.0)  # an angle that nothing tells lies anywhere, and no further
+        above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)))
         below.insert(0, Band(time, wrapped - turn, wrapped + turn))
     panels = [
-        Panel("α, deg", above),
+        framed(Panel("α, deg", above), floor=0.0),
         Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0)),
     ]
-    return setting.chart("motion", "Angle of attack and windward meridian", panels)
+    knots = "Dashed lines: knots." if setting.knots else ""
+    read = caption("The meridian within half a turn: a break is where it goes on.", knots, cut_text(panels[:1]))
+    return setting.chart("motion", "Angle of attack and windward meridian", panels, read)
 
 
 def moment_by_alpha_chart(
@@ -202,17 +195,19 @@ def moment_by_alpha_chart(
     degrees = np.degrees(np.asarray(alpha))
     scale = scale_of(*measured, *(values for m in models for values in m.moments))
     panels = [
-        Panel(
-            f"{title}{scale.suffix}",
-            [
-                Line(degrees, scale.drawn(values), "measured", "measured", dots=True),
-                *(Line(degrees, scale.drawn(m.moments[k]), m.role, m.name, dots=True) for m in models),
-            ],
+        framed(
+            Panel(
+                f"{title}{scale.suffix}",
+                [
+                    Line(degrees, scale.drawn(values), "measured", "measured", dots=True),
+                    *(Line(degrees, scale.drawn(m.moments[k]), m.role, m.name, dots=True) for m in models),
+                ],
+            )
         )
         for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
     ]
     title = f"{heading} against angle of attack{setting.which}"
-    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels)
+    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
 
 
 def spectrum_chart(

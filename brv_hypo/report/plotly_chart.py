@@ -186,6 +186,8 @@ def _plain(panel: Panel) -> bool:
     """True where the greatest value of the vertical axis is written without an exponent."""
     sides = [side for layer in panel.layers for side in _vertical(layer)]
     greatest = max((float(np.nanmax(np.abs(side))) for side in sides if np.any(np.isfinite(side))), default=0.0)
+    if panel.range is not None:
+        greatest = min(greatest, max(map(abs, panel.range)))
     return greatest == 0.0 or _LEAST_PLAIN <= greatest < _MOST_PLAIN
 
 

@@ -26,7 +26,7 @@ def prediction_document(result: Prediction) -> Document:
         (
             interval((region.start_s, region.stop_s)),
             "" if region.mach is None else interval(region.mach),
-            number(region.ratio),
+            share(region.ratio),
         )
         for region in result.regions
     ]
@@ -40,8 +40,8 @@ def prediction_document(result: Prediction) -> Document:
         conclusion=result.reason if sound else f"{CONTRADICTED.format(told='left')} {result.reason}",
         settled=result.ratio < SETTLED and sound,
         blocks=(
-            Table(("moments less", "mean square", "ratio"), errors, "Error of the moments"),
-            Table(("time, s", "Mach", "ratio"), regions, "Frozen over none, by stretch of time"),
+            Table(("moments less", "mean square", "ratio"), errors, "Mean square of the moment coefficients"),
+            Table(("time, s", "Mach", "ratio"), regions, "Frozen model over none, by stretch of time"),
             *(Picture(chart) for chart in prediction_charts(result)),
             term_table("Frozen", result.frozen, "always", most=TOLD),
             term_table("Fitted to this flight", result.refitted, "always", most=TOLD),
@@ -60,7 +60,7 @@ def prediction_charts(result: Prediction) -> list[Chart]:
     title = "mean square over that without a model, %"
     return [
         band_chart(result),
-        Chart("errors", "Errors", title, [Panel("", [_bars([name for name, _ in known], shares)])]),
+        Chart("errors", "Errors of the moments", title, [Panel("", [_bars([name for name, _ in known], shares)])]),
         Chart("regions", "Frozen model, by region", title, [Panel("", [_bars(names, ratios)])]),
     ]
 
@@ -86,7 +86,8 @@ def band_chart(result: Prediction) -> Chart:
         )
     heading = f"Moments in the {100.0 * band.level:.0f} % predictive band ({100.0 * band.inside:.1f} % inside)"
     span = (result.flight.start_s, result.flight.stop_s)
-    return Chart("band", heading, TIME, panels, over_time=True, range=span)
+    read = "The band holds the noise, the errors of the coefficients and what the model left where it was found."
+    return Chart("band", heading, TIME, panels, over_time=True, range=span, caption=read)
 
 
 def _bars(names: list[str], percent: list[float]) -> Bars:

@@ -8,6 +8,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.motion import Reconstruction
+from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.attitude import attitude_chart
 from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Chart
@@ -34,11 +35,9 @@ _QUANTITIES = (
 
 def reconstruction_line(result: Reconstruction) -> str:
     """The outcome in one line."""
-    alpha = number(float(np.degrees(result.alpha_rms_sigma)), 2)
-    return (
-        f"motion by the {result.method} method ({result.status}): known to {alpha} deg in alpha and "
-        f"{number(float(np.degrees(result.phi_w_rms_sigma)), 2)} deg in meridian (rms)"
-    )
+    alpha, meridian = angle_known(result.alpha_rms_sigma), angle_known(result.phi_w_rms_sigma)
+    known = f"known to {alpha} in alpha and {meridian} in meridian (rms)"
+    return f"motion by the {result.method} method ({result.status}): {known}"
 
 
 def reconstruction_document(result: Reconstruction) -> Document:

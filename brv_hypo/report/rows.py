@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.files.printed import counted
 from brv_hypo.model.common_time import decimals
+from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import (
     CoefficientSeries,
     Comparison,
@@ -175,10 +176,8 @@ def flight_texts(comparison: Comparison) -> list[str]:
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
         return lines
-    alpha = number(float(np.degrees(known.alpha_rms_sigma_rad)), 2)
-    meridian = number(float(np.degrees(known.phi_w_rms_sigma_rad)), 2)
-    method = known.method
-    lines.append(f"motion by the {method} method, known to {alpha} deg in alpha and {meridian} deg in meridian (rms)")
+    alpha, meridian = angle_known(known.alpha_rms_sigma_rad), angle_known(known.phi_w_rms_sigma_rad)
+    lines.append(f"motion by the {known.method} method, known to {alpha} in alpha and {meridian} in meridian (rms)")
     return lines
 
 

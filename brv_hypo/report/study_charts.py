@@ -28,7 +28,8 @@ def calibration_chart(calibration: Calibration) -> Chart:
     )
     perfect = Line([0.0, 1.0], [0.0, 1.0], "guide", "perfect", dashed=True)
     panels = [Panel("share right", [perfect, dots], range=(-0.03, 1.08))] if bins else []
-    return Chart("calibration", "Calibration", "probability of the leader", panels, range=(0.0, 1.03))
+    read = "Of verdicts given at 0.9, nine in ten should be right. Bars: 95 % intervals."
+    return Chart("calibration", "Calibration", "probability of the leader", panels, range=(0.0, 1.03), caption=read)
 
 
 def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
@@ -46,7 +47,9 @@ def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
         if some
     ]  # fmt: skip
     panels = [Panel("", layers, categories=lines)] if layers else []
-    return Chart("effects", "Effects", "effect, % of the moment's rms while it lasts", panels, log=True)
+    title = "effect, % of the moment's rms while it lasts"
+    read = "A dot for every flight with a mechanism planted."
+    return Chart("effects", "Effects", title, panels, log=True, caption=read)
 
 
 def _line(outcome: Outcome) -> str:

@@ -85,6 +85,7 @@ class SimulatedFlight(Histories):
     seed: int
 
     __repr__ = Histories.__repr__
+    __eq__ = Histories.__eq__
 
     def headline(self) -> str:
         """What was flown, with which seed, and what is planted."""

@@ -100,6 +100,7 @@ class SubsetResult(Tabular):
     refused: tuple[Refusal, ...] = ()
 
     __repr__ = Tabular.__repr__
+    __eq__ = Tabular.__eq__
 
     def headline(self) -> str:
         """How many subsets, and whether they are certainly the best."""

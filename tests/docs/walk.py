@@ -138,11 +138,11 @@ def _copied(walk: Walk, folder: str, pattern: str) -> None:
 def main() -> None:
     """Walk the tasks, and print the minutes of each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("tasks", nargs="*", choices=[*TASKS, []], default=list(TASKS))
+    parser.add_argument("tasks", nargs="*", choices=[*TASKS, []], default=[])
     parser.add_argument("--python", default=sys.executable)
     asked = parser.parse_args()
     os.environ["COLUMNS"] = "80"
-    for name in asked.tasks:
+    for name in asked.tasks or TASKS:
         with tempfile.TemporaryDirectory() as folder:
             begun, used = time.monotonic(), _processor_seconds()
             TASKS[name](Walk(asked.python, Path(folder)))
