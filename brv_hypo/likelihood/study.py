@@ -198,10 +198,10 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
     return FilterStudy(*map(np.array, (theta, process, measurement, iterations, seconds, converged)))
 
 
-def with_outliers(problem: ModelProblem, samples: int, seed: int) -> Segment:
+def with_outliers(problem: ModelProblem, samples: int, seed: int | np.random.SeedSequence) -> Segment:
     """A record in which one sample in 20 of an output has ten times the noise."""
-    clean = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed)
-    rng = np.random.default_rng([seed, samples])
+    clean = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
+    rng = np.random.default_rng(seed)
     times = np.where(rng.random(clean.y.shape) < _OUTLIERS, _LARGER, 1.0)
     return replace(clean, y=clean.y + problem.noise[:, None] * times * rng.standard_normal(clean.y.shape))
 
@@ -213,8 +213,8 @@ def tails(trials: int, seed: int, noise: Kind, samples: int = 300) -> tuple[Floa
     problem = short_period()
     start = {name: 0.8 * value for name, value in problem.truth.items()}
     score, error, converged = [], [], []
-    for trial in range(trials):
-        segment = with_outliers(problem, samples, seed + trial)
+    for child in np.random.SeedSequence(seed).spawn(trials):
+        segment = with_outliers(problem, samples, child)
         result = fit(problem.dynamics, problem.outputs, [segment], start, noise=noise)
         converged.append(result.converged)
         score.append([(result.theta[k] - v) / result.std_error[k] for k, v in problem.truth.items()])
