@@ -6,7 +6,7 @@ delay: a delay started a tenth of a second off. filter: coverage of parameters a
 tails: coverage beside outliers, noise taken as Student's t and as Gaussian.
 trapped: a model without the stall that was flown. records: gaps, missing samples, held inputs, coarse grids. hold: the
 bias of a held input. stiff, kinetics: standard errors of motion that is fast for its samples. See `hard_study` for
-these five.
+these five. robertson: a reaction that is too stiff, and the remedy of its status.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from brv_hypo.likelihood.problems import (
     spinning_body,
 )
 from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.robertson import print_robertson
 from brv_hypo.likelihood.segment import Segment
 from brv_hypo.likelihood.shooting import fit_single_shooting
 
@@ -313,6 +314,7 @@ _STUDIES: dict[str, Callable[[int, int, Callable[[str], None]], None]] = {
     "hold": print_hold,
     "stiff": print_stiff,
     "kinetics": print_kinetics,
+    "robertson": print_robertson,
 }
 
 
