@@ -81,5 +81,6 @@ def print_robertson(trials: int, seed: int, echo: Callable[[str], None]) -> None
     echo(f"Robertson's reaction, {trials} trials: {np.mean(stiff):.1%} too stiff")
     echo(
         f"  its fastest state following at once: {good.mean():.1%} converged, "
-        f"within 2 sigma {np.mean(np.abs(kept) <= 2):.1%}, scatter {np.sqrt(np.mean(kept**2)):.2f} sigma, mean error {np.max(np.abs(kept.mean(axis=0))):.2f} at most"
+        f"within 2 sigma {np.mean(np.abs(kept) <= 2):.1%}, "
+        f"scatter {np.sqrt(np.mean(kept**2)):.2f} sigma, mean error {np.max(np.abs(kept.mean(axis=0))):.2f} at most"
     )
