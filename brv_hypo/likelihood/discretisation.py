@@ -1,9 +1,10 @@
 """What the mesh does to the estimate: the dynamics' own errors between samples, in standard errors of theta.
 
 An interval's error is the difference of two quadratures of the slope, Simpson's with the midpoint of the cubic
-(`collocation`) and Boole's on a quartic, whose points are had by one Picard step from that cubic. A change dc of the
-defects moves the estimate by -H^-1 L' dc, with L the derivatives of the multipliers by theta (see `band`) and H the
-information: the elimination of the last step knows both, and no second fit is needed.
+(`collocation`) and Boole's on a quartic, whose points are had by one Picard step from that cubic. What process noise
+adds over the interval is no error of the mesh: the quartic is driven evenly by it, so that both end at the same state.
+A change dc of the defects moves the estimate by -H^-1 L' dc, with L the derivatives of the multipliers by theta (see
+`band`) and H the information: the elimination of the last step knows both, and no second fit is needed.
 """
 
 from __future__ import annotations
@@ -66,11 +67,12 @@ def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[
     cubic = {s: _hermite(s, h, x, corner[0.0], corner[1.0]) for s in _NODES[1:-1].tolist()}
     first = corner | _slopes(problem, grid, cubic, theta)
     slopes = np.stack([first[s] for s in _NODES.tolist()])
-    better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes)
+    simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
+    driven = x[:, 1:] - x[:, :-1] - h * simpson
+    better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
     second = corner | _slopes(
         problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta
     )
-    simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
     boole = sum(weight * second[s] for weight, s in zip(_BOOLE, _NODES.tolist(), strict=True))
     return np.asarray(h * (boole - simpson))
 

@@ -46,7 +46,7 @@ class Comparison:
         return self.peer / self.ours
 
 
-def compare(samples: int, seed: int) -> Comparison:
+def compare(samples: int, seed: int | np.random.SeedSequence) -> Comparison:
     """Both programs on one simulated record."""
     problem = replace(short_period(), process_noise=_DRIVE, hold="linear")
     segment = problem.simulate(samples, seed)
@@ -128,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args(arguments)
     compare(50, chosen.seed)  # loads what both need
-    found = [compare(chosen.samples, chosen.seed + i) for i in range(chosen.records)]
+    found = [compare(chosen.samples, each) for each in np.random.SeedSequence(chosen.seed).spawn(chosen.records)]
     for each in found:
         print(
             f"here {each.ours:.3f} s, statsmodels {each.peer:.2f} s, ratio {each.ratio:.1f}; "

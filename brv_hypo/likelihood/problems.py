@@ -47,7 +47,7 @@ class ModelProblem:
     guess: FloatArray | None = None
     substeps: int = _SUBSTEPS
 
-    def simulate(self, n: int, seed: int, correlation: float = 0.0) -> Segment:
+    def simulate(self, n: int, seed: int | np.random.SeedSequence, correlation: float = 0.0) -> Segment:
         """A record of n samples; `correlation` is that of the noise from one sample to the next.
 
         The segment's x0 is what the instruments give: zeros, or the guess.

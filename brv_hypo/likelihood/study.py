@@ -6,7 +6,7 @@ delay: a delay started a tenth of a second off. filter: coverage of parameters a
 tails: coverage beside outliers, noise taken as Student's t and as Gaussian.
 trapped: a model without the stall that was flown. records: gaps, missing samples, held inputs, coarse grids. hold: the
 bias of a held input. stiff, kinetics: standard errors of motion that is fast for its samples. See `hard_study` for
-these five.
+these five. robertson: a reaction that is too stiff, and the remedy of its status.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from brv_hypo.likelihood.problems import (
     spinning_body,
 )
 from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.robertson import print_robertson
 from brv_hypo.likelihood.segment import Segment
 from brv_hypo.likelihood.shooting import fit_single_shooting
 
@@ -198,10 +199,10 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
     return FilterStudy(*map(np.array, (theta, process, measurement, iterations, seconds, converged)))
 
 
-def with_outliers(problem: ModelProblem, samples: int, seed: int) -> Segment:
+def with_outliers(problem: ModelProblem, samples: int, seed: int | np.random.SeedSequence) -> Segment:
     """A record in which one sample in 20 of an output has ten times the noise."""
-    clean = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed)
-    rng = np.random.default_rng([seed, samples])
+    clean = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
+    rng = np.random.default_rng(seed)
     times = np.where(rng.random(clean.y.shape) < _OUTLIERS, _LARGER, 1.0)
     return replace(clean, y=clean.y + problem.noise[:, None] * times * rng.standard_normal(clean.y.shape))
 
@@ -213,8 +214,8 @@ def tails(trials: int, seed: int, noise: Kind, samples: int = 300) -> tuple[Floa
     problem = short_period()
     start = {name: 0.8 * value for name, value in problem.truth.items()}
     score, error, converged = [], [], []
-    for trial in range(trials):
-        segment = with_outliers(problem, samples, seed + trial)
+    for child in np.random.SeedSequence(seed).spawn(trials):
+        segment = with_outliers(problem, samples, child)
         result = fit(problem.dynamics, problem.outputs, [segment], start, noise=noise)
         converged.append(result.converged)
         score.append([(result.theta[k] - v) / result.std_error[k] for k, v in problem.truth.items()])
@@ -313,6 +314,7 @@ _STUDIES: dict[str, Callable[[int, int, Callable[[str], None]], None]] = {
     "hold": print_hold,
     "stiff": print_stiff,
     "kinetics": print_kinetics,
+    "robertson": print_robertson,
 }
 
 

@@ -112,3 +112,25 @@ def test_single_shooting_refuses_a_hold_that_it_does_not_know() -> None:
     held = Segment(segment.t, segment.u, segment.y, segment.x0, hold="zero")
     with pytest.raises(UsageError, match="Use `fit`"):
         fit_single_shooting(dynamics, outputs, [held], TRUTH)
+
+
+def test_an_event_between_samples_is_a_held_input_that_jumps_at_a_sample_where_nothing_was_measured() -> None:
+    event, rate, truth = 5.037, 10.0, {"a": 1.5, "b": 2.0}
+    t = np.arange(150) / rate
+    late = np.maximum(t - event, 0.0)
+    x = np.exp(-truth["a"] * t) - truth["b"] / truth["a"] * np.expm1(-truth["a"] * late)
+    y = x + SIGMA * np.random.default_rng(4).standard_normal(t.size)
+
+    def decay(x: Any, u: Any, theta: Any, t: Any) -> Any:
+        return -theta["a"] * x + theta["b"] * u[:1]
+
+    def fitted(times: FloatArray, measured: FloatArray) -> FloatArray:
+        happened = np.asarray(times >= event, dtype=float)[None]
+        segment = Segment(times, happened, measured[None], np.ones(1), hold="zero")
+        found = fit(decay, outputs, [segment], dict.fromkeys(truth, 1.0))
+        assert found.converged, found.message
+        return np.array([(found.theta[k] - v) / found.std_error[k] for k, v in truth.items()])
+
+    where = int(np.searchsorted(t, event))
+    assert np.abs(fitted(np.insert(t, where, event), np.insert(y, where, np.nan))).max() < 3.0
+    assert np.abs(fitted(t, y)).max() > 3.0

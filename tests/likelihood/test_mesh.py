@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -14,6 +14,8 @@ from brv_hypo.likelihood import FitResult, Segment, Status, fit, mesh
 from brv_hypo.likelihood.changing_errors import MARK
 from brv_hypo.likelihood.hard_problems import kinetics
 from brv_hypo.likelihood.mesh import finer
+from brv_hypo.likelihood.problems import short_period
+from brv_hypo.likelihood.robertson import TRUTH, followed, measured, motion, reaction, slow_reaction
 
 SIGMA = 0.01
 INTERVAL = 0.05
@@ -47,6 +49,23 @@ def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency
     moved = max(abs(fine.theta[k] - coarse.theta[k]) / coarse.std_error[k] for k in coarse.names)
     assert coarse.mesh_shift == pytest.approx(moved, rel=0.4)
     assert fine.mesh_shift < 0.01 * coarse.mesh_shift
+
+
+def test_process_noise_between_samples_is_no_error_of_the_mesh() -> None:
+    problem = replace(short_period(), process_noise=np.array([0.005, 0.03]), hold="linear")
+    segment = problem.simulate(1000, seed=1)
+
+    def fitted(steps: int | None) -> FitResult:
+        return fit(
+            problem.dynamics, problem.outputs, [segment], problem.truth, problem.process_noise,
+            noise_covariance=np.diag(problem.noise**2), mesh_steps=steps,
+        )  # fmt: skip
+
+    coarse, fine = fitted(None), fitted(2)
+    moved = max(abs(fine.theta[k] - coarse.theta[k]) / coarse.std_error[k] for k in coarse.names)
+    assert coarse.mesh_steps == 1
+    assert moved < 2e-3
+    assert coarse.mesh_shift < 2e-3
 
 
 @pytest.mark.parametrize("frequency", [40.0, *(pytest.param(f, marks=pytest.mark.thorough) for f in (4.0, 20.0))])
@@ -115,42 +134,36 @@ def test_errors_that_change_with_their_estimate_are_told(speed: float, told: boo
     assert all("'k1', 'k3'" in remark and "profile_interval" in remark for remark in marked)
 
 
-def robertson(times: FloatArray) -> tuple[Segment, dict[str, float]]:
-    """Robertson's reaction, rate constants nine decades apart, all three states measured."""
-    truth = {"k1": 0.04, "k2": 3e7, "k3": 1e4}
-    noise = np.array([[3e-3], [3e-7], [3e-3]])
-    x = solve_ivp(
-        lambda t, x: reaction(x, None, truth, t),
-        (0.0, times[-1]),
-        [1.0, 0.0, 0.0],
-        "Radau",
-        times,
-        rtol=1e-9,
-        atol=1e-13,
-    ).y
-    y = x + noise * np.random.default_rng(0).standard_normal(x.shape)
-    return Segment(times, np.zeros((0, times.size)), y, np.array([1.0, 0.0, 0.0])), truth
-
-
-def reaction(x: Any, u: Any, theta: Any, t: Any) -> Any:
-    decay, pairs, back = theta["k1"] * x[0], theta["k2"] * x[1] ** 2, theta["k3"] * x[1] * x[2]
-    return np.stack([back - decay, decay - pairs - back, pairs])
+def robertson(times: FloatArray) -> Segment:
+    segment = measured(times, motion(times), np.random.default_rng(0))
+    return replace(segment, x0_std=np.inf)
 
 
 def test_dynamics_far_too_stiff_for_the_samples_are_called_so() -> None:
-    segment, truth = robertson(np.append(0.0, np.geomspace(1e-5, 1e4, 80)))
-    result = fit(reaction, lambda x, u, theta, t: x, [segment], truth)
+    segment = robertson(np.append(0.0, np.geomspace(1e-5, 1e4, 80)))
+    result = fit(reaction, lambda x, u, theta, t: x, [segment], TRUTH)
     assert result.status == Status.STIFF
     assert "not determined by its outputs" not in result.message
     assert Status.STIFF.remedy in result.message
     assert all(np.isnan(error) for error in result.std_error.values())
 
 
+def test_what_that_status_advises_solves_them() -> None:
+    """The fastest state follows at once: one state, and all three outputs."""
+    segment = robertson(np.append(0.0, np.geomspace(0.4, 4e6, 60)))
+    seen = np.where(np.asarray(segment.t) > 0.0, segment.y, np.nan)
+    slow = replace(segment, y=seen, x0=np.array([1.0]), x0_std=0.0)
+    result = fit(slow_reaction, followed, [slow], {name: 0.5 * value for name, value in TRUTH.items()})
+    assert result.converged, result.message
+    for name, value in TRUTH.items():
+        assert abs(result.theta[name] - value) < 4.0 * result.std_error[name]
+        assert result.std_error[name] < 0.03 * value
+
+
 @pytest.mark.thorough
 def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh, "MOST_STEPS", 2)
-    segment, truth = robertson(np.linspace(0.0, 40.0, 41))
-    result = fit(reaction, lambda x, u, theta, t: x, [segment], truth)
+    result = fit(reaction, lambda x, u, theta, t: x, [robertson(np.linspace(0.0, 40.0, 41))], TRUTH)
     assert not result.converged
     assert "The mesh is a likely cause" in result.message
 
