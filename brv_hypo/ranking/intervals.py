@@ -106,7 +106,10 @@ def _derived(
     """What mechanisms whose terms are one vector derive from its net components."""
     found = []
     for mechanism in fit.mechanisms:
-        names = [t.name for t in mechanism.terms(fit.frame.motions[0], _some_theta(fit, mechanism.name))]
+        theta = next((column.theta for column in fit.selected if column.mechanism == mechanism.name), None)
+        if theta is None:  # of a joined hypothesis that needs none of its terms
+            continue
+        names = [term.name for term in mechanism.terms(fit.frame.motions[0], dict(theta))]
         for theta in dict.fromkeys(key[1] for key in keys if key[0] == mechanism.name):
             place = [i for i, key in enumerate(keys) if key[:2] == (mechanism.name, theta)]
             if [keys[i][2] for i in place] != names or not mechanism.terms_enter_together:
@@ -114,10 +117,6 @@ def _derived(
             net = {keys[i][2]: float(values[i]) for i in place}
             found += [(mechanism.name, d) for d in mechanism.derived(net, covariance[np.ix_(place, place)])]
     return tuple(found)
-
-
-def _some_theta(fit: HypothesisFit, mechanism: str) -> dict[str, float]:
-    return dict(next(column.theta for column in fit.selected if column.mechanism == mechanism))
 
 
 @dataclass(frozen=True)

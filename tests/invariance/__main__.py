@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import HealthCheck, Phase, assume, given, seed, settings
 from hypothesis import strategies as st
 
 from tests.invariance.chain import Case, Distance
@@ -61,6 +61,7 @@ class _Account:
 
 def ask(laws: Mapping[str, Law], flights: int, number: int) -> Iterable[_Account]:
     """Every law on so many drawn flights, which share what they compare with."""
+    drawn: set[Case] = set()
     accounts, asking = [_Account(name, law) for name, law in laws.items()], itertools.count(1)
 
     @seed(number)
@@ -73,6 +74,8 @@ def ask(laws: Mapping[str, Law], flights: int, number: int) -> Iterable[_Account
     )
     @given(case=cases(), data=st.data())
     def draw(case: Case, data: st.DataObject) -> None:
+        assume(case not in drawn)  # it likes to try what it has tried
+        drawn.add(case)
         for account in accounts:
             account.ask(data, case)
         if (asked := next(asking)) % EVERY == 0:

@@ -12,6 +12,7 @@ import pytest
 from brv_hypo_mechanisms.bodyfixed import BodyFixed
 
 from brv_hypo.constants import SECOND_ORDER_VALUES
+from brv_hypo.mechanisms import find
 from brv_hypo.ranking.intervals import Interval, intervals, out_of_bounds, within_bounds
 from tests.ranking.pulse import fitted, pulse
 
@@ -66,6 +67,13 @@ def test_magnitude_and_direction_of_a_pulse_are_the_planted_ones() -> None:
 def test_nothing_is_left_where_the_pulse_has_ended() -> None:
     after = at(float(fitted("bodyfixed").frame.time.max()) - 0.5)
     assert all(abs(net.value) < 4.0 * net.std_error for net in after.values)
+
+
+def test_a_half_of_a_joined_hypothesis_that_needs_no_term_derives_nothing() -> None:
+    """The other half's intervals are as they are without it."""
+    fit = fitted("bodyfixed")
+    joined = replace(fit, mechanisms=(*fit.mechanisms, find("sticking")))
+    assert intervals(joined) == intervals(fit)
 
 
 def test_the_null_has_no_intervals() -> None:
