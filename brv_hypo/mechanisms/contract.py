@@ -47,13 +47,15 @@ class Parameter:
 class Term:
     """One column: C_N' and C_Z' per unit of its coefficient, on the motion's shape.
 
-    `units` are those of the coefficient; the columns times the coefficient are dimensionless.
+    `units` are those of the coefficient; the columns times the coefficient are dimensionless. `vector`: terms with the
+    same name here are components of one vector and enter together.
     """
 
     name: str
     in_plane: FloatArray
     out_of_plane: FloatArray
     units: str = "1"
+    vector: str | None = None
 
 
 @dataclass(frozen=True)

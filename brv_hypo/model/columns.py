@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.contract import Mechanism, Parameter
+from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 
 BASELINE = "baseline"
 Theta = tuple[tuple[str, float], ...]
+Vector = tuple[str, str | None, Theta, TimeFunction]
 
 
 @dataclass(frozen=True)
 class Column:
     """One candidate: a term of a mechanism at theta, with a course in time.
 
-    `tied`: the terms of this course are components of one vector and enter together. `late_by`: those parameters of
-    theta that the mechanism declares to be delays. `flight`: the one flight of several that it acts on; None for all.
+    `tied`: the terms of this course are components of one vector and enter together, those of the vector `part_of`
+    where the mechanism has several. `late_by`: those parameters of theta that the mechanism declares to be delays.
+    `flight`: the one flight of several that it acts on; None for all.
     """
 
     mechanism: str
@@ -32,16 +34,17 @@ class Column:
     tied: bool = False
     late_by: tuple[Parameter, ...] = field(default=(), compare=False)
     flight: int | None = None
+    part_of: str | None = None
 
     @property
-    def vector(self) -> tuple[str, Theta, TimeFunction]:
+    def vector(self) -> Vector:
         """What the components of one vector share, on one flight."""
-        return (self.mechanism, self.theta, self.course)
+        return (self.mechanism, self.part_of, self.theta, self.course)
 
     @property
     def choice(self) -> tuple[str, str | None, Theta, TimeFunction, int | None]:
         """What is chosen with the column: a vector's components are one choice, on each flight."""
-        return (self.mechanism, None if self.tied else self.term, self.theta, self.course, self.flight)
+        return (self.mechanism, self.part_of if self.tied else self.term, self.theta, self.course, self.flight)
 
     def acts_on(self, flight: int) -> bool:
         """Whether it is part of the moments of that flight."""
@@ -49,9 +52,7 @@ class Column:
 
     def at(self, theta: Theta, course: TimeFunction) -> Column:
         """The column at another theta, or with another course."""
-        return Column(
-            self.mechanism, self.term, theta, course, self.units, self.tied, self.late_by, self.flight
-        )
+        return replace(self, theta=theta, course=course)
 
     @property
     def delays(self) -> tuple[float, ...]:
@@ -109,13 +110,27 @@ def candidates(
     mechanism: Mechanism, motion: Motion, knots: FloatArray, thetas: Sequence[Theta]
 ) -> tuple[Column, ...]:
     """All columns of a mechanism: theta x course x term; the motion tells only which terms there are."""
-    terms = [(term.name, term.units) for term in mechanism.terms(motion, dict(thetas[0]))]
-    late_by = delays_among(mechanism.parameters())
+    terms = mechanism.terms(motion, dict(thetas[0]))
     return tuple(
-        Column(
-            mechanism.name, name, theta, course, course.units(units), mechanism.terms_enter_together, late_by
-        )
+        term_column(mechanism, term, theta, course)
         for theta in thetas
         for course in courses(mechanism, knots)
-        for name, units in terms
+        for term in terms
+    )
+
+
+def term_column(
+    mechanism: Mechanism, term: Term, theta: Theta, course: TimeFunction, flight: int | None = None
+) -> Column:
+    """The column of one of a mechanism's terms at a theta, with a course in time."""
+    return Column(
+        mechanism.name,
+        term.name,
+        theta,
+        course,
+        course.units(term.units),
+        mechanism.terms_enter_together or term.vector is not None,
+        delays_among(mechanism.parameters()),
+        flight,
+        term.vector,
     )

@@ -11,8 +11,7 @@ from brv_hypo.arrays import ComplexArray
 from brv_hypo.flight.faults import RecordTrial
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification
-from brv_hypo.model.columns import BASELINE, Column, Theta
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.columns import BASELINE, Column, Vector
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
 from brv_hypo.ranking.drawn import drawn
@@ -322,11 +321,11 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
                 units=parameter.units,
             )
         )
-    vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
+    vectors: dict[Vector, list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.tied:
             vectors.setdefault(column.vector, []).append(j)
-    for (name, _, course), members in vectors.items():
+    for (name, _, _, course), members in vectors.items():
         values = {fit.columns[j].term: float(fit.values[j]) for j in members}
         covariance = fit.covariance[np.ix_(members, members)]
         region = None if course.kind == "constant" else (course.start, end)

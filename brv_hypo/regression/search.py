@@ -11,8 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import SEARCH_BEST, SEARCH_FINER_KNOTS, SEARCH_SAME_KNOT, SEARCH_SAME_THETA
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column, Theta, candidates, theta_grid
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.columns import Column, Theta, Vector, candidates, theta_grid
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
@@ -88,7 +87,7 @@ class Factor:
 
     def subsets(self, max_terms: int, n_best: int = 1, search: Search = best_columns) -> list[Subset]:
         """(RSS, columns) of the best subsets of each size beside the forced columns."""
-        vectors: dict[tuple[str, Theta, TimeFunction], list[int]] = {}
+        vectors: dict[Vector, list[int]] = {}
         for place, column in enumerate(self.columns):
             if place >= self.forced and column.tied:
                 vectors.setdefault(column.vector, []).append(place)

@@ -26,13 +26,18 @@ class UnlistedMoment(Mechanism):
     shapes: tuple[str, ...]
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """Every component of every shape."""
-        return tuple(
-            Term(name if len(components) == 1 else f"{name} {'sine' if part else 'cosine'}", c.real, c.imag)
-            for name in self.shapes
-            for components in [shape_of(name, motion)]
-            for part, c in enumerate(components)
-        )
+        """Every component of every shape; those of one shape are one vector, whatever the body axes are."""
+        return tuple(term for name in self.shapes for term in _terms_of(name, motion))
+
+
+def _terms_of(name: str, motion: Motion) -> tuple[Term, ...]:
+    components = shape_of(name, motion)
+    if len(components) == 1:
+        return (Term(name, components[0].real, components[0].imag),)
+    return tuple(
+        Term(f"{name} {part}", each.real, each.imag, vector=name)
+        for part, each in zip(("cosine", "sine"), components, strict=True)
+    )
 
 
 def unlisted_moment(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> UnlistedMoment | None:

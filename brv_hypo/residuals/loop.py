@@ -20,7 +20,7 @@ from brv_hypo.flight.averaging import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
-from brv_hypo.model.columns import Column
+from brv_hypo.model.columns import Column, term_column
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion import try_record
@@ -124,7 +124,7 @@ def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Column, ...]
     """Every term of mechanisms whose courses leave nothing to choose."""
     motion, always = seen.reconstructions[0].motion, TimeFunction("constant")
     return tuple(
-        Column(m.name, term.name, (), always, term.units, m.terms_enter_together, flight=flight)
+        term_column(m, term, (), always, flight)
         for m in mechanisms
         for flight in _flights_with_own(m, seen)
         for term in m.terms(motion, {})

@@ -161,6 +161,7 @@ def _saved_column(column: Column) -> SavedColumn:
         start=ends[0],
         stop=ends[1],
         tied=column.tied,
+        part_of=column.part_of,
         flight=column.flight,
     )
 
@@ -178,6 +179,7 @@ def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
         column.tied,
         delays_among(mechanism.parameters()),
         column.flight,
+        column.part_of,
     )
 
 

@@ -36,6 +36,7 @@ class SavedColumn(_Saved):
     start: float | None = None
     stop: float | None = None
     tied: bool = False
+    part_of: str | None = None
     value: float | None = None
     std_error: float | None = None
     elsewhere: float | None = None
