@@ -7,6 +7,7 @@ import pytest
 
 from brv_hypo.constants import OUTSIDE
 from brv_hypo.mechanisms import find
+from brv_hypo.model.columns import candidates, theta_grid
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.unlisted import UnlistedMoment, unlisted_moment
@@ -50,6 +51,17 @@ def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
     expected = [part for name in SHAPES for part in shape_of(name, motion)]
     for term, values in zip(terms, expected, strict=True):
         assert np.array_equal(term.in_plane + 1j * term.out_of_plane, values)
+
+
+def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
+    """Which body axes they stand along tells nothing; shapes are chosen one by one."""
+    moment, motion = UnlistedMoment(shapes=SHAPES), problem().frame.motions[0]
+    choices: dict[object, list[str]] = {}
+    for column in candidates(moment, motion, problem().knots, theta_grid(moment)):
+        if column.course.kind == "constant":
+            choices.setdefault(column.choice, []).append(column.term)
+    assert sorted(map(len, choices.values())) == sorted(len(shape_of(name, motion)) for name in SHAPES)
+    assert ["body-fixed cosine", "body-fixed sine"] in choices.values()
 
 
 def test_it_is_fitted_beside_a_baseline_that_holds_some_of_its_shapes() -> None:
