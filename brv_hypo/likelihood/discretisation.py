@@ -68,7 +68,9 @@ def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[
     first = corner | _slopes(problem, grid, cubic, theta)
     slopes = np.stack([first[s] for s in _NODES.tolist()])
     simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
-    driven = x[:, 1:] - x[:, :-1] - h * simpson
+    # Of a state that nothing drives, what is left is how far the search is from its end.
+    noisy = (problem.process_noise > 0.0)[:, np.newaxis]
+    driven = np.where(noisy, x[:, 1:] - x[:, :-1] - h * simpson, 0.0)
     better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
     second = corner | _slopes(
         problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta
