@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -10,11 +11,13 @@ from pathlib import Path
 HEAD = 64
 
 
+@cache
 def kernel_on_disk(folder: Path | None = None) -> bool:
     """Whether an index of this Python and numba, no older than the kernel's source, lies in `folder`.
 
     A kernel that was compiled on another processor passes: then it is compiled anew, once, a few nodes too early.
-    Indices that numba keeps elsewhere, by its own settings, are not looked for.
+    Indices that numba keeps elsewhere, by its own settings, are not looked for. Looked for once in a process, which may
+    search hundreds of times.
     """
     source = Path(__file__).with_name("kernel.py")
     python = f"py{sys.version_info.major}{sys.version_info.minor}"
