@@ -8,7 +8,7 @@ from functools import partial
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import installed
-from brv_hypo.motion.perturbation import Perturbation
+from brv_hypo.motion.perturbation import Perturbation, superposed
 
 # Effects of other distributions are hypotheses, tried where asked for: what is installed changes no result.
 _OWN_PACKAGE = "brv-hypo"
@@ -43,11 +43,13 @@ def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
 
 def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
     """The record with what is known of carried effects' components (SI) taken out; other names are passed over."""
-    for effect in carried_effects():
-        for component in effect.components(flight):
-            if (effect.name, component.name) in errors:
-                flight = effect.perturb(flight, component.name, -errors[effect.name, component.name])
-    return flight
+    changed = (
+        effect.perturb(flight, component.name, -errors[effect.name, component.name])
+        for effect in carried_effects()
+        for component in effect.components(flight)
+        if (effect.name, component.name) in errors
+    )
+    return superposed(flight, changed)
 
 
 def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:

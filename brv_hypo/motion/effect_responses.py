@@ -23,7 +23,7 @@ from brv_hypo.motion.frames import windward_meridian
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 from brv_hypo.motion.kept_rows import KeptRows, all_rows, blocks, kept_rows, spacing
 from brv_hypo.motion.noise import white_noise_level
-from brv_hypo.motion.perturbation import Perturbation, perturbed
+from brv_hypo.motion.perturbation import Perturbation, perturbed, superposed
 from brv_hypo.motion.splines import running_integral
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
@@ -116,8 +116,8 @@ def corrected(flight: Flight, fit: EffectFit) -> Flight:
 
     Raises UnanswerableError where they are so large that no speed or dynamic pressure is left.
     """
-    for effect, value in zip(fit.responses.effects, fit.value, strict=True):
-        flight = effect.apply(flight, -effect.size * float(value))
+    errors = zip(fit.responses.effects, fit.value, strict=True)
+    flight = superposed(flight, (effect.apply(flight, -effect.size * float(value)) for effect, value in errors))
     if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
         return flight
     largest = sorted(zip(fit.value, fit.responses.effects, strict=True), key=lambda pair: -abs(pair[0]))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.attitude import body_attitude
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration
 
@@ -29,6 +29,39 @@ class Perturbation:
     units: str
     size: float
     apply: Callable[[Flight, float], Flight]
+
+
+def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
+    """The flight with what each of some variants of it has otherwise: changes of channels, wind and vehicle are added.
+
+    One after the other they would act on each other too: by which axis comes first, and so by how the axes are rolled.
+    """
+    out = flight
+    for variant in variants:
+        changed = {}
+        for name in (*CHANNELS, *OPTIONAL_CHANNELS, "wind"):
+            before, other = getattr(flight, name), getattr(variant, name)
+            if other is not before:
+                known = getattr(out, name)
+                changed[name] = other if known is before else known + _change(before, other)
+        out = replace(out, vehicle=_with_change(out.vehicle, flight.vehicle, variant.vehicle), **changed)
+    return out
+
+
+def _change(before: FloatArray | None, other: FloatArray) -> FloatArray:
+    """What a channel has otherwise than before; a wind that was not known was none."""
+    return other if before is None else other - before
+
+
+def _with_change(vehicle: Vehicle, before: Vehicle, other: Vehicle) -> Vehicle:
+    """The vehicle with what one vehicle has otherwise than the other."""
+    if other is before:
+        return vehicle
+    each = zip(astuple(vehicle), astuple(before), astuple(other), strict=True)
+    mass, ixx, iyy, length, area, place = (
+        (np.asarray(known) + np.subtract(new, old)).tolist() for known, old, new in each
+    )
+    return Vehicle(mass, ixx, iyy, length, area, tuple(place))
 
 
 def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[InertialRecord]:

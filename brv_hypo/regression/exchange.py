@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 from brv_hypo.constants import SEARCH_EXCHANGES
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.fit import HypothesisFit, likeliest, plainer, renewed, scanned_finely, settled
+from brv_hypo.regression.fit import HypothesisFit, gains, likeliest, plainer, renewed, scanned_finely, settled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import in_place_of
 
@@ -27,7 +27,7 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
             for kept, taken in _without_each(fit.selected)
             for columns in in_place_of(problem, fit.frame, fit.mechanisms, kept, len(taken))
         ]
-        if not tried or likeliest(tried).information >= fit.information:
+        if not tried or not gains(likeliest(tried), fit):
             break
         fit = scanned_finely(problem, plainer(problem, likeliest(tried)))
     return fit

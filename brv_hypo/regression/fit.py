@@ -13,11 +13,13 @@ from brv_hypo.constants import (
     SCANNED,
     SCANNED_FINELY,
     SEARCH_FINE_SCANS,
+    SEARCH_GAIN,
     SEARCH_NARROWINGS,
     SEARCH_OUT_OF_REACH,
     SEARCH_PATIENCE,
     SEARCH_SIZES_TRIED,
     SEARCH_STARTS,
+    SEARCH_TIED,
 )
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta
@@ -181,8 +183,10 @@ def fit_hypothesis(
         if not starts:
             continue
         challenger = likeliest(starts)
-        worse = 0 if best is None or challenger.information < best.information else worse + 1
-        best = challenger if best is None else likeliest([best, challenger])
+        if best is None or gains(challenger, best):
+            best, worse = challenger, 0
+        else:
+            worse += 1
         behind = size >= SEARCH_SIZES_TRIED and best.information > best_rival + SEARCH_OUT_OF_REACH
         if worse == SEARCH_PATIENCE or behind:
             break
@@ -199,13 +203,17 @@ def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
-    columns = (*problem.baseline, *sorted(fit.selected, key=_place))
-    return settled(problem, fit, columns, fit.selected, steps)
+    return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
 def converged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same with knots and delays where their steps end: rounding moves them no more than the data let it."""
     return renewed(problem, fit, SETTLED)
+
+
+def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Column, ...]:
+    """The baseline's columns and then the fit's in time order: what is scanned first, not what was found first."""
+    return (*problem.baseline, *sorted(fit.selected, key=_place))
 
 
 def _place(column: Column) -> tuple[bool, float, str, Theta]:
@@ -270,7 +278,7 @@ def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit searched once more on its own knots and delays, while it gains."""
     for _ in range(SEARCH_NARROWINGS if problem.refine else 0):
         tried = narrower(problem, fit)
-        if not tried or likeliest(tried).information >= fit.information:
+        if not tried or not gains(likeliest(tried), fit):
             break
         fit = likeliest(tried)
     return fit
@@ -286,20 +294,26 @@ def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
             Reduced(problem, fit.frame),
             fit.name,
             fit.mechanisms,
-            fit.columns,
+            _in_order(problem, fit),
             fit.searched,
             frozenset(),
             SCANNED_FINELY,
         )
-        if scanned.information >= fit.information:
+        if not gains(scanned, fit):
             break
         fit = scanned
     return fit
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
-    """The fit of the least criterion."""
-    return min(fits, key=lambda fit: fit.information)
+    """The fit of the least criterion; of those that are tied the first."""
+    least = min(fit.information for fit in fits)
+    return next(fit for fit in fits if not fit.information > least + SEARCH_TIED)
+
+
+def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
+    """Whether a fit is the likelier by more than what steps leave of a criterion."""
+    return fit.information < present.information - SEARCH_GAIN
 
 
 def _settled(

@@ -16,6 +16,7 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.perturbation import superposed
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, part, split, whole
@@ -116,9 +117,8 @@ def see(
     points = []
     for number, flight in enumerate(flights):
         read = without(flight, taken[number])
-        for applied in model.applied:
-            if applied.flight == number:
-                read = applied.effect.perturb(read, applied.component, -applied.value)
+        own = [applied for applied in model.applied if applied.flight == number]
+        read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
         points.append(linearisation_point(reconstruct(read, settings), settings))
     records = tuple(record for record, _ in points)
     frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
