@@ -48,6 +48,8 @@ COMPONENTS = {
     "accel_position": _AXES,
     "time_skew": ("gyros",),
 }
+SECOND = 500_000  # of a pair the second moment is drawn under a seed of its own, so many further
+ROUNDS = 2  # of sizing a pair: either moment changes the motion that tells the other's limit
 EFFECTS = (*LISTED, "magnus", *THROUGHOUT, *VEHICLE, *COMPONENTS, WIND_STEP)
 _SIZE = 13  # the stream of what is drawn here
 
@@ -87,6 +89,38 @@ def sized(seed: int, effect: str) -> Sized:
     if found.times < TIMES[0] - ROUGH:
         raise ValueError(f"at most {found.times:.1f} detection limits on this record")
     return found
+
+
+@dataclass(frozen=True)
+class SizedPair:
+    """A flight with two moments, each in a region of its own; `times` their detection limits beside one another."""
+
+    made: Made
+    times: tuple[float, float]
+
+
+def sized_pair(seed: int, first: str, second: str) -> SizedPair:
+    """The flight of a seed with two moments, each at 3 to 10 times its limit in the record beside the other.
+
+    Raises RuntimeError or ValueError where none can be flown, or one of them cannot be so large.
+    """
+    plain, rng = draw_flight(seed, truth="none"), np.random.default_rng([seed, _SIZE])
+    wanted = np.exp(rng.uniform(*np.log(TIMES), size=2))
+    craft, start = plain.true.craft, plain.true.start
+
+    def flown(amplitudes: np.ndarray) -> tuple[Made, np.ndarray]:
+        other = make_flight(craft, second, float(amplitudes[1]), seed + SECOND, start=start).true.planted
+        made = make_flight(craft, first, float(amplitudes[0]), seed, start=start, beside=other)
+        return made, np.sqrt(np.array(f_ratios_in_record(made)) / DETECTED)
+
+    amplitudes = np.full(2, FIRST)
+    made, times = flown(amplitudes)
+    for _ in range(ROUNDS):
+        amplitudes = np.minimum(wanted * amplitudes / times, 1.0)
+        made, times = flown(amplitudes)
+    if min(times) < TIMES[0] - ROUGH:
+        raise ValueError(f"at most {min(times):.1f} detection limits on this record")
+    return SizedPair(made, (float(times[0]), float(times[1])))
 
 
 def deviations(found: Trace, sized: Sized, effect: str) -> tuple[float, ...]:

@@ -1,11 +1,11 @@
 """How often `trace` names what is there, and what is not: findings and hints on independent flights.
 
-By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--pairs] [--drawn] [--effects all]
+By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--drawn] [--pairs | --effects all]
 
 Flight k has seed SEED + k; with nothing planted and with one effect in turn, which the planted flights take one after
-another; with --pairs, two listed effects at once on every flight, each in a region of its own. What is planted is 3 to
-10 times as large as its detection limit, or of its nominal amplitude where that is less. With --effects any effect that
-`trace` tries is planted, instruments' errors among them, and limits are those in the record (`effects`).
+another. What is planted is 3 to 10 times as large as its detection limit, or of its nominal amplitude where that is
+less. With --effects any effect that `trace` tries is planted, instruments' errors among them, and limits are those in
+the record (`effects`); so are those of --pairs, two listed effects at once, each in a region of its own.
 """
 
 from __future__ import annotations
@@ -21,15 +21,13 @@ from joblib import Parallel, delayed
 
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from tests.independent.drawn_vehicles import draw_craft
-from tests.independent.effects import EFFECTS, TIMES, baseline_for, deviations, sized
-from tests.independent.flights import Made, draw_flight, make_flight
+from tests.independent.effects import EFFECTS, TIMES, baseline_for, deviations, sized, sized_pair
+from tests.independent.flights import Made, draw_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import DETECTED, judge
 from tests.independent.record_oracle import f_ratios_in_record
 
 STEPS = 4
-# Of a pair the second is drawn under a seed of its own, so many further.
-SECOND = 500_000
 # Streams of the size that is planted, and of a vehicle that is drawn.
 _SIZE, _VEHICLE = 11, 12
 JOINED = "+"
@@ -69,10 +67,7 @@ def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
     """Draw, trace and note one flight, its vehicle `drawn` or one of four; in words why none came of it."""
     vehicle = {"vehicle": draw_craft(np.random.default_rng([seed, _VEHICLE]))} if drawn else {}
     try:
-        if JOINED in truth:
-            made, times = planted_pair(seed, *truth.split(JOINED), **vehicle)
-        else:
-            made, times = planted(seed, truth, **vehicle)
+        made, times = planted(seed, truth, **vehicle)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
@@ -94,21 +89,22 @@ def fly_effect(seed: int, effect: str) -> Outcome | str:
     return Outcome(seed, own.made.vehicle, effect, times, times, added_by(found), found.seconds, off)
 
 
+def fly_pair(seed: int, truth: str) -> Outcome | str:
+    """The same with two effects, each at 3 to 10 times its limit in the record beside the other."""
+    try:
+        own = sized_pair(seed, *truth.split(JOINED))
+    except (RuntimeError, ValueError) as error:
+        return f"seed {seed}: {truth} not flown ({error})"
+    found = trace(own.made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
+    return Outcome(seed, own.made.vehicle, truth, own.times, own.times, added_by(found), found.seconds)
+
+
 def planted(seed: int, truth: str, **vehicle: Any) -> tuple[Made, tuple[float, ...]]:
     """The flight with its effect at 3 to 10 times the detection limit, and how many times it is."""
     if truth == "none":
         return draw_flight(seed, truth="none", **vehicle), ()
     amplitude, times = _sized(draw_flight(seed, truth=truth, amplitude=1.0, **vehicle))
     return draw_flight(seed, truth=truth, amplitude=amplitude, **vehicle), (times,)
-
-
-def planted_pair(seed: int, truth: str, other: str, **vehicle: Any) -> tuple[Made, tuple[float, float]]:
-    """The same with two effects, each at 3 to 10 times the limit that it has alone."""
-    amplitude, times = _sized(first := draw_flight(seed, truth=truth, amplitude=1.0, **vehicle))
-    craft, start, further = first.true.craft, first.true.start, seed + SECOND
-    second_amplitude, second_times = _sized(make_flight(craft, other, seed=further, start=start))
-    second = make_flight(craft, other, second_amplitude, further, start=start).true.planted
-    return draw_flight(seed, truth=truth, amplitude=amplitude, beside=second, **vehicle), (times, second_times)
 
 
 def _sized(nominal: Made) -> tuple[float, float]:
@@ -138,10 +134,6 @@ def added_by(found: Trace) -> tuple[Added, ...]:
 
 def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     """Lines of counts with their denominators."""
-    pairs = [o for o in outcomes if len(o.times) == 2]
-    if pairs:
-        yield from _report_pairs([o for o in pairs if min(o.times) >= 1.0])
-        return
     yield from _report_empty([o for o in outcomes if o.truth == "none"])
     # The oracle counts the errors of the record by their priors; what it cannot part from them is not asked for.
     seen = [o for o in outcomes if o.truth != "none" and min(o.times) >= 1.0]
@@ -182,13 +174,10 @@ def _report_empty(empty: Sequence[Outcome]) -> Iterable[str]:
     yield _count("nothing planted: a hint at most", [bool(o.added) and not _findings(o.added) for o in empty])
 
 
-def _report_pairs(outcomes: Sequence[Outcome]) -> Iterable[str]:
+def report_pairs(outcomes: Sequence[Outcome]) -> Iterable[str]:
+    """Lines of counts of flights with two effects."""
     yield _count("both are found, by name", [_both_found(o, near=False) for o in outcomes])
     yield _count("both are found, by name or a near-equal", [_both_found(o, near=True) for o in outcomes])
-    for times in (1.0, 2.0, TIMES[0]):
-        known = [o for o in outcomes if min(o.in_record) >= times]
-        what = f"the same, each at {times:g} limits or more once the motion has to be found too"
-        yield _count(what, [_both_found(o, near=True) for o in known])
     yield _count("one at least is found, by name or a near-equal", [bool(_found(o)) for o in outcomes])
     more = [_beyond(o) for o in outcomes]
     yield _count("something else is added beside them", [bool(names) for names in more])
@@ -264,15 +253,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.effects:
         truths = ["none", *EFFECTS] if given.effects == "all" else given.effects.split(",")
         runs = (delayed(fly_effect)(given.seed + k, truths[k % len(truths)]) for k in range(given.flights))
+    elif given.pairs:
+        truths = given.truths.split(",") if given.truths else _pairs_in_turn()
+        runs = (delayed(fly_pair)(given.seed + k, truths[k % len(truths)]) for k in range(given.flights))
     else:
-        truths = given.truths.split(",") if given.truths else _pairs_in_turn() if given.pairs else _in_turn()
+        truths = given.truths.split(",") if given.truths else _in_turn()
         runs = (delayed(fly)(given.seed + k, truths[k % len(truths)], given.drawn) for k in range(given.flights))
     outcomes: list[Outcome] = []
     for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
         print(found if isinstance(found, str) else line(found), flush=True)
         if not isinstance(found, str):
             outcomes.append(found)
-    print("\n".join((report_effects if given.effects else report)(outcomes)))
+    told = report_effects if given.effects else report_pairs if given.pairs else report
+    print("\n".join(told(outcomes)))
 
 
 def _in_turn() -> list[str]:
