@@ -33,6 +33,7 @@ def test_a_knot_outside_the_record_is_refused_by_name(outside: float) -> None:
         compare(flown("research_cone", "bodyfixed").flight, config)
 
 
+@pytest.mark.thorough
 def test_knots_are_taken_in_any_order_and_once() -> None:
     flight = flown("research_cone", "inplane").flight
     ordered, shuffled = (
