@@ -104,13 +104,10 @@ def sized_pair(seed: int, first: str, second: str) -> SizedPair:
 
     Raises RuntimeError or ValueError where none can be flown, or one of them cannot be so large.
     """
-    plain, rng = draw_flight(seed, truth="none"), np.random.default_rng([seed, _SIZE])
-    wanted = np.exp(rng.uniform(*np.log(TIMES), size=2))
-    craft, start = plain.true.craft, plain.true.start
+    wanted = np.exp(np.random.default_rng([seed, _SIZE]).uniform(*np.log(TIMES), size=2))
 
     def flown(amplitudes: np.ndarray) -> tuple[Made, np.ndarray]:
-        other = make_flight(craft, second, float(amplitudes[1]), seed + SECOND, start=start).true.planted
-        made = make_flight(craft, first, float(amplitudes[0]), seed, start=start, beside=other)
+        made = with_pair(seed, first, second, (float(amplitudes[0]), float(amplitudes[1])))
         return made, np.sqrt(np.array(f_ratios_in_record(made)) / DETECTED)
 
     amplitudes = np.full(2, FIRST)
@@ -121,6 +118,14 @@ def sized_pair(seed: int, first: str, second: str) -> SizedPair:
     if min(times) < TIMES[0] - ROUGH:
         raise ValueError(f"at most {min(times):.1f} detection limits on this record")
     return SizedPair(made, (float(times[0]), float(times[1])))
+
+
+def with_pair(seed: int, first: str, second: str, amplitudes: tuple[float, float]) -> Made:
+    """The flight of a seed with two moments of these shares of their nominal amplitudes."""
+    plain = draw_flight(seed, truth="none")
+    craft, start = plain.true.craft, plain.true.start
+    other = make_flight(craft, second, amplitudes[1], seed + SECOND, start=start).true.planted
+    return make_flight(craft, first, amplitudes[0], seed, start=start, beside=other)
 
 
 def deviations(found: Trace, sized: Sized, effect: str) -> tuple[float, ...]:

@@ -46,7 +46,7 @@ def test_the_order_of_blocks_is_nothing(seed: int, order: list[int]) -> None:
     assert np.array_equal(confidence_p_values(losses), confidence_p_values(losses[order]))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 6])
 def test_equals_are_kept_together_about_as_often_as_said(count: int) -> None:
     """0.95 asked; a bootstrap of 24 blocks makes a little too little of their spread: 0.91 to 0.93 in 300 draws, of
