@@ -357,11 +357,6 @@ ERRORS_REACH = 1e-3  # probability of errors under their tolerances, down to whi
 COMPARED_KNOTS = 11  # where coefficients may change, if a user sets none
 COMPARED_TERMS = 6  # columns that a hypothesis may add, if a user says nothing else
 COMPARED_EXACT_TERMS = 4  # up to which the search is exact, the same
-# Fall of 2 ln L by which one model has to beat another to take its place: steps end within it (REFINED_GAIN). The same
-# model found again, by way of another, differs by what steps left, or by rounding alone, which must decide nothing:
-# of three flights in another order (seed 4941 of `tests.invariance`) another model was chosen, 17 of 2 ln L apart.
-SEARCH_GAIN = 0.2
-SEARCH_TIED = 1e-3  # of 2 ln L, within which the first that was found is taken
 SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
 SEARCH_BEST = 2  # subsets of each size that a search keeps
 SEARCH_STARTS = 2  # of those on the grid that are refined
@@ -382,6 +377,11 @@ SCANNED_FACTOR = 1.6  # of a theta either way
 REFINED_WIDTH = 2e-3
 REFINED_STEPS = 6
 REFINED_GAIN = 0.2
+# Fall of 2 ln L by which one model has to beat another to take its place. The same model found again, by way of
+# another, differs by what steps left, or by rounding alone, which must decide nothing: of three flights in another
+# order (seed 4941 of `tests.invariance`) another model was chosen, 17 of 2 ln L apart.
+SEARCH_GAIN = REFINED_GAIN
+SEARCH_TIED = 1e-3  # of 2 ln L, within which the first that was found is taken
 REFINED_HALVINGS = 4  # lengths of a step that are tried
 # Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
 # began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow

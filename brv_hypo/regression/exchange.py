@@ -27,9 +27,10 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
             for kept, taken in _without_each(fit.selected)
             for columns in in_place_of(problem, fit.frame, fit.mechanisms, kept, len(taken))
         ]
-        if not tried or not gains(likeliest(tried), fit):
+        best = likeliest([fit, *tried])
+        if not gains(best, fit):
             break
-        fit = scanned_finely(problem, plainer(problem, likeliest(tried)))
+        fit = scanned_finely(problem, plainer(problem, best))
     return fit
 
 

@@ -278,9 +278,10 @@ def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit searched once more on its own knots and delays, while it gains."""
     for _ in range(SEARCH_NARROWINGS if problem.refine else 0):
         tried = narrower(problem, fit)
-        if not tried or not gains(likeliest(tried), fit):
+        best = likeliest([fit, *tried])
+        if not gains(best, fit):
             break
-        fit = likeliest(tried)
+        fit = best
     return fit
 
 
@@ -307,8 +308,9 @@ def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
     """The fit of the least criterion; of those that are tied the first."""
-    least = min(fit.information for fit in fits)
-    return next(fit for fit in fits if not fit.information > least + SEARCH_TIED)
+    found = [fit.information for fit in fits]
+    least = min(found)
+    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_TIED)
 
 
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:

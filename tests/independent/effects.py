@@ -91,16 +91,10 @@ def sized(seed: int, effect: str) -> Sized:
     return found
 
 
-@dataclass(frozen=True)
-class SizedPair:
-    """A flight with two moments, each in a region of its own; `times` their detection limits beside one another."""
-
-    made: Made
-    times: tuple[float, float]
-
-
-def sized_pair(seed: int, first: str, second: str) -> SizedPair:
+def sized_pair(seed: int, first: str, second: str) -> tuple[Made, tuple[float, float]]:
     """The flight of a seed with two moments, each at 3 to 10 times its limit in the record beside the other.
+
+    And how many times it is of either.
 
     Raises RuntimeError or ValueError where none can be flown, or one of them cannot be so large.
     """
@@ -117,7 +111,7 @@ def sized_pair(seed: int, first: str, second: str) -> SizedPair:
         made, times = flown(amplitudes)
     if min(times) < TIMES[0] - ROUGH:
         raise ValueError(f"at most {min(times):.1f} detection limits on this record")
-    return SizedPair(made, (float(times[0]), float(times[1])))
+    return made, (float(times[0]), float(times[1]))
 
 
 def with_pair(seed: int, first: str, second: str, amplitudes: tuple[float, float]) -> Made:

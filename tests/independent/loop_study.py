@@ -1,6 +1,6 @@
 """How often `trace` names what is there, and what is not: findings and hints on independent flights.
 
-By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--drawn] [--pairs | --effects all]
+By hand: python -m tests.independent.loop_study --seed 1000 --flights 24 --jobs 1 [--drawn | --pairs | --effects all]
 
 Flight k has seed SEED + k; with nothing planted and with one effect in turn, which the planted flights take one after
 another. What is planted is 3 to 10 times as large as its detection limit, or of its nominal amplitude where that is
@@ -27,7 +27,7 @@ from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import DETECTED, judge
 from tests.independent.record_oracle import f_ratios_in_record
 
-STEPS = 4
+SETTINGS = TraceConfig(max_steps=4, maximum_likelihood=False)
 # Streams of the size that is planted, and of a vehicle that is drawn.
 _SIZE, _VEHICLE = 11, 12
 JOINED = "+"
@@ -70,7 +70,7 @@ def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
         made, times = planted(seed, truth, **vehicle)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
+    found = trace(made.flight, SETTINGS)
     in_record = tuple(float(np.sqrt(f_ratio / DETECTED)) for f_ratio in f_ratios_in_record(made)) if times else ()
     return Outcome(seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
 
@@ -83,7 +83,7 @@ def fly_effect(seed: int, effect: str) -> Outcome | str:
         own = sized(seed, effect)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: {effect} not flown ({error})"
-    settings = TraceConfig(max_steps=STEPS, maximum_likelihood=False, baseline=baseline_for(effect))
+    settings = SETTINGS.model_copy(update={"baseline": baseline_for(effect)})
     found, times = trace(own.made.flight, settings), (own.times,)
     off = deviations(found, own, effect)
     return Outcome(seed, own.made.vehicle, effect, times, times, added_by(found), found.seconds, off)
@@ -92,11 +92,11 @@ def fly_effect(seed: int, effect: str) -> Outcome | str:
 def fly_pair(seed: int, truth: str) -> Outcome | str:
     """The same with two effects, each at 3 to 10 times its limit in the record beside the other."""
     try:
-        own = sized_pair(seed, *truth.split(JOINED))
+        made, times = sized_pair(seed, *truth.split(JOINED))
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: {truth} not flown ({error})"
-    found = trace(own.made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
-    return Outcome(seed, own.made.vehicle, truth, own.times, own.times, added_by(found), found.seconds)
+    found = trace(made.flight, SETTINGS)
+    return Outcome(seed, made.vehicle, truth, times, times, added_by(found), found.seconds)
 
 
 def planted(seed: int, truth: str, **vehicle: Any) -> tuple[Made, tuple[float, ...]]:
@@ -246,9 +246,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--truths", default=None, metavar="NAME,...", help="what to plant in turn; none for nothing")
-    parser.add_argument("--pairs", action="store_true", help="plant two listed effects at once")
-    parser.add_argument("--drawn", action="store_true", help="a vehicle drawn for every flight")
-    parser.add_argument("--effects", default=None, metavar="NAME,...", help="at limits of the record; or all")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--pairs", action="store_true", help="plant two listed effects at once")
+    how.add_argument("--drawn", action="store_true", help="a vehicle drawn for every flight")
+    how.add_argument("--effects", default=None, metavar="NAME,...", help="at limits of the record; or all")
     given = parser.parse_args(arguments)
     if given.effects:
         truths = ["none", *EFFECTS] if given.effects == "all" else given.effects.split(",")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.residuals import TraceConfig, trace
+from brv_hypo.residuals import trace
 from tests.independent.effects import ROUGH, TIMES, sized_pair, with_pair
-from tests.independent.loop_study import STEPS, Outcome, fly
+from tests.independent.loop_study import SETTINGS, Outcome, fly
 from tests.independent.oracle import DETECTED
 from tests.independent.record_oracle import f_ratios_in_record
 
@@ -40,15 +40,15 @@ def test_what_begins_and_ends_is_found_though_neither_alone_is_worth_much(seed: 
 def test_of_two_effects_at_once_neither_gives_way_to_a_third() -> None:
     """A lag explains more than either alone; with the best effect beside it, less."""
     made = with_pair(44206, "inplane", "sticking", (9.12e-3, 1.776e-2))  # 4.6 and 7.0 limits of one alone
-    found = trace(made.flight, TraceConfig(max_steps=STEPS, maximum_likelihood=False))
+    found = trace(made.flight, SETTINGS)
     assert {step.added for step in found.steps if step.added is not None} == {"inplane", "sticking"}
 
 
 @pytest.mark.thorough
 def test_a_pair_is_sized_by_what_its_record_tells_of_either_beside_the_other() -> None:
-    pair = sized_pair(210000, "damping", "inplane")
-    assert min(pair.times) >= TIMES[0] - ROUGH
-    assert pair.times == tuple(np.sqrt(np.array(f_ratios_in_record(pair.made)) / DETECTED).tolist())
+    made, times = sized_pair(210000, "damping", "inplane")
+    assert min(times) >= TIMES[0] - ROUGH
+    assert times == tuple(np.sqrt(np.array(f_ratios_in_record(made)) / DETECTED).tolist())
 
 
 @pytest.mark.thorough

@@ -15,12 +15,10 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, assume, given, seed, settings
 from hypothesis import strategies as st
 
-from tests.invariance.chain import PLANTS, Case, Distance
+from tests.invariance.chain import Case, Distance
 from tests.invariance.laws import LAWS, Found, Law
-from tests.invariance.test_laws import cases
+from tests.invariance.test_laws import SIMPLEST, cases
 
-# With which every run of `cases` begins.
-SIMPLEST = Case(1, 0.03, 0.0, 4.0, PLANTS[1], PLANTS[1])
 EVERY = 10  # flights between accounts of how it stands
 
 

@@ -15,6 +15,10 @@ FLIGHTS = 200
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
 
 
+# With which every run that draws of these begins.
+SIMPLEST = Case(1, 0.03, 0.0, 4.0, PLANTS[1], PLANTS[1])
+
+
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
     """Every other flight holds what is fitted to it: where none stands there are a verdict and chances to compare."""
