@@ -70,9 +70,8 @@ def fly(seed: int, truth: str, drawn: bool = False) -> Outcome | str:
         made, times = planted(seed, truth, **vehicle)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    found = trace(made.flight, SETTINGS)
     in_record = tuple(float(np.sqrt(f_ratio / DETECTED)) for f_ratio in f_ratios_in_record(made)) if times else ()
-    return Outcome(seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
+    return traced(made, truth, times, in_record)
 
 
 def fly_effect(seed: int, effect: str) -> Outcome | str:
@@ -95,8 +94,13 @@ def fly_pair(seed: int, truth: str) -> Outcome | str:
         made, times = sized_pair(seed, *truth.split(JOINED))
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: {truth} not flown ({error})"
+    return traced(made, truth, times, times)
+
+
+def traced(made: Made, truth: str, times: tuple[float, ...], in_record: tuple[float, ...]) -> Outcome:
+    """What the loop adds on a flight, noted beside what was planted."""
     found = trace(made.flight, SETTINGS)
-    return Outcome(seed, made.vehicle, truth, times, times, added_by(found), found.seconds)
+    return Outcome(made.seed, made.vehicle, truth, times, in_record, added_by(found), found.seconds)
 
 
 def planted(seed: int, truth: str, **vehicle: Any) -> tuple[Made, tuple[float, ...]]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.residuals import trace
 from tests.independent.effects import ROUGH, TIMES, sized_pair, with_pair
-from tests.independent.loop_study import SETTINGS, Outcome, fly
+from tests.independent.loop_study import Outcome, fly, traced
 from tests.independent.oracle import DETECTED
 from tests.independent.record_oracle import f_ratios_in_record
 
@@ -39,9 +38,9 @@ def test_what_begins_and_ends_is_found_though_neither_alone_is_worth_much(seed: 
 @pytest.mark.thorough
 def test_of_two_effects_at_once_neither_gives_way_to_a_third() -> None:
     """A lag explains more than either alone; with the best effect beside it, less."""
-    made = with_pair(44206, "inplane", "sticking", (9.12e-3, 1.776e-2))  # 4.6 and 7.0 limits of one alone
-    found = trace(made.flight, SETTINGS)
-    assert {step.added for step in found.steps if step.added is not None} == {"inplane", "sticking"}
+    made = with_pair(44206, "inplane", "sticking", (9.12e-3, 1.776e-2))
+    found = traced(made, "inplane+sticking", (4.6, 7.0), ())  # limits of one alone
+    assert {each.name for each in found.added} == {"inplane", "sticking"}
 
 
 @pytest.mark.thorough
