@@ -32,11 +32,10 @@ from brv_hypo.regression.fit import (
     plainer,
     renewed,
     scanned_finely,
-    with_covariance,
-    with_design,
 )
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
+from brv_hypo.regression.uncertainty import with_covariance, with_design
 
 Progress = Callable[[str], None]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]

@@ -10,6 +10,10 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
+    FOLLOWED_APART,
+    FOLLOWED_FALL,
+    FOLLOWED_ROUNDS,
+    FOLLOWED_STALLS,
     SCANNED,
     SCANNED_FINELY,
     SEARCH_FINE_SCANS,
@@ -23,9 +27,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column, Theta
-from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import (
@@ -34,7 +36,6 @@ from brv_hypo.regression.refinement import (
     Nonlinear,
     Steps,
     nonlinear_parameters,
-    prediction_slopes,
     refine,
 )
 from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
@@ -196,19 +197,37 @@ def fit_hypothesis(
     return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
 
 
-def refit(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns fitted under the problem's noise model, with their uncertainty."""
-    return with_errors(problem, renewed(problem, fit))
-
-
 def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
 def converged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same with knots and delays where their steps end: rounding moves them no more than the data let it."""
-    return renewed(problem, fit, SETTLED)
+    """The same with knots and delays where their steps end: rounding moves them no more than the data let it.
+
+    What lags or sticks follows the static moment C_mw of the fit before; that is brought up to date until both stand,
+    or until what moves is no longer that but a delay that the data hardly tell, whose steps come to no rest.
+    """
+    found = renewed(problem, fit, SETTLED)
+    least, stalled = math.inf, 0
+    for _ in range(FOLLOWED_ROUNDS if problem.refine and _follows_static_moment(found.mechanisms) else 0):
+        before, found = found, renewed(problem, found, SETTLED[1:])
+        moved = _moved_apart(problem, before, found)
+        stalled += moved > FOLLOWED_FALL * least
+        least = min(least, moved)
+        if moved < FOLLOWED_APART or stalled == FOLLOWED_STALLS:
+            break
+    return found
+
+
+def _follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
+    """Whether a mechanism may be made of C_mw: those with parameters of their own."""
+    return any(mechanism.parameters() for mechanism in mechanisms)
+
+
+def _moved_apart(problem: Problem, one: HypothesisFit, other: HypothesisFit) -> float:
+    """How far what two fits predict is apart, in standard deviations: no estimate moved by more standard errors."""
+    return math.sqrt(problem.samples / other.rss) * float(np.linalg.norm(other.residual - one.residual))
 
 
 def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Column, ...]:
@@ -219,40 +238,6 @@ def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Column, ...]:
 def _place(column: Column) -> tuple[bool, float, str, Theta]:
     """What always acts comes first; then what begins first."""
     return column.course.kind != "constant", column.course.start, column.mechanism, column.theta
-
-
-def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the uncertainty of all that it says, at the problem's effective sample size."""
-    return with_design(problem, with_covariance(problem, fit))
-
-
-def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the uncertainty of its coefficients, delays and knots, at the problem's effective sample size."""
-    design = problem.design(fit.frame, fit.columns)
-    if fit.nonlinear:
-        slopes = prediction_slopes(fit.nonlinear, fit.columns, fit.values, fit.frame)
-        design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
-    covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
-
-
-def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the tolerated moments that all flights share; as it is where there are none."""
-    items = problem.rows.nuisances.items
-    shared = [k for k, item in enumerate(items) if item.flight is None]
-    if not shared:
-        return fit
-    always = TimeFunction("constant")
-    columns = tuple(Column(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
-    sizes = np.array([items[k].size for k in shared])
-    count = len(fit.columns)
-    design = problem.whole_design(fit.frame, fit.columns)
-    others = solve_scaled(design, problem.raw_response)[-len(items) :]
-    which = [*range(count), *(design.shape[1] - len(items) + k for k in shared)]
-    whole = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    scale = np.append(np.ones(count), sizes)
-    covariance = scale[:, None] * whole[np.ix_(which, which)] * scale
-    return replace(fit, design=DesignMoment(columns, sizes * others[shared], covariance))
 
 
 def settled(
@@ -330,7 +315,7 @@ def _settled(
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem
-    if any(mechanism.parameters() for mechanism in mechanisms):
+    if _follows_static_moment(mechanisms):
         values = solved(reduced, name, mechanisms, columns, searched).values
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:

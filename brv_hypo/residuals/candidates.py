@@ -22,12 +22,13 @@ from brv_hypo.constants import (
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.columns import Column, Theta, candidates, default_knots, theta_grid
 from brv_hypo.ranking.intervals import intervals, within_bounds
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, with_errors
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
+from brv_hypo.regression.uncertainty import with_errors
 from brv_hypo.residuals.left_out import LeftOut
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]

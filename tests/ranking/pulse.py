@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 from brv_hypo.mechanisms import find
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, renewed
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.uncertainty import with_errors
 from brv_hypo.simulation import SimulatedFlight
 from tests.chains import prepared
 from tests.flights import flown
@@ -26,4 +27,4 @@ def problem() -> Problem:
 def fitted(name: str) -> HypothesisFit:
     """The fit of one mechanism, or of `none`."""
     mechanisms = () if name == "none" else (find(name),)
-    return refit(problem(), fit_hypothesis(problem(), name, mechanisms))
+    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), name, mechanisms)))

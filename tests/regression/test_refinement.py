@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
@@ -12,11 +13,11 @@ from brv_hypo.regression.fit import (
     HypothesisFit,
     converged,
     fit_hypothesis,
-    refit,
+    renewed,
     scanned_finely,
-    with_errors,
 )
 from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.regression.uncertainty import with_errors
 from tests.ranking.pulse import fitted, problem
 
 
@@ -34,7 +35,7 @@ def moved(fit: HypothesisFit, shift: float) -> HypothesisFit:
 
 def astray(fit: HypothesisFit, shift: float) -> HypothesisFit:
     """The fit with its first knot moved (s) and settled there again, which may be in a neighbouring minimum."""
-    return refit(problem(), moved(fit, shift))
+    return renewed(problem(), moved(fit, shift))
 
 
 @pytest.mark.parametrize("shift", [-0.35, 0.3])
@@ -69,3 +70,10 @@ def test_knots_of_a_model_that_is_told_are_where_the_steps_lead_wherever_they_be
     found = converged(problem(), moved(best, shift))
     for one, other, error in zip(found.nonlinear, best.nonlinear, best.nonlinear_errors, strict=True):
         assert one.value == pytest.approx(other.value, abs=1e-6 * error)
+
+
+def test_what_lags_is_told_with_the_static_moment_that_goes_with_it() -> None:
+    best = with_errors(problem(), converged(problem(), fitted("lag")))
+    again = converged(problem(), best)
+    errors = np.sqrt(np.diag(best.covariance))
+    assert np.max(np.abs(again.values - best.values) / errors) < 1e-6
