@@ -10,7 +10,7 @@ from brv_hypo.mechanisms import find
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.exchange import exchanged
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, refit, settled
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, renewed, settled
 from brv_hypo.regression.problem import Problem
 from tests.chains import prepared
 from tests.ranking.pulse import fitted, problem
@@ -33,7 +33,7 @@ def moved(given: Problem, fit: HypothesisFit, kind: str, shift: float) -> Hypoth
 @pytest.mark.parametrize("name", ["bodyfixed", "damping", pytest.param("inplane", marks=pytest.mark.thorough)])
 def test_a_knot_that_is_off_is_found_again(name: str, shift: float) -> None:
     given = prepared(name, max_terms=4, exact_terms=4)
-    best = refit(given, fit_hypothesis(given, name, (find(name),)))
+    best = renewed(given, fit_hypothesis(given, name, (find(name),)))
     off = moved(given, best, "jump", shift)
     assert off.information > best.information + 10.0
     assert exchanged(given, off).information <= best.information + 1.0

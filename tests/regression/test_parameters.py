@@ -16,8 +16,9 @@ from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS, Alias, renamed
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.verdict import OTHER, probabilities
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, refit
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, renewed
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.uncertainty import with_errors
 from tests.chains import prepared
 from tests.texts import CHARACTERS
 
@@ -96,11 +97,11 @@ def problem() -> Problem:
 
 @cache
 def null() -> HypothesisFit:
-    return refit(problem(), fit_hypothesis(problem(), "none", ()))
+    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), "none", ())))
 
 
 def fitted(mechanism: Mechanism) -> HypothesisFit:
-    return refit(problem(), fit_hypothesis(problem(), mechanism.name, (mechanism,)))
+    return with_errors(problem(), renewed(problem(), fit_hypothesis(problem(), mechanism.name, (mechanism,))))
 
 
 @cache
