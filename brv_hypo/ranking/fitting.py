@@ -158,11 +158,16 @@ def _bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
     Two knots that nearly meet may hold a value of any size between them, for next to nothing.
     """
-    own = within_bounds(with_covariance(problem, fit))
+    own = _priced(problem, fit)
     if own.bound_cost == 0.0 or not problem.refine:
         return own
-    plain = (converged(problem, each) for each in narrower(problem, fit))
-    return likeliest([own, *(within_bounds(with_covariance(problem, each)) for each in plain)])
+    plain = likeliest([own, *(_priced(problem, each) for each in narrower(problem, fit))])
+    return own if plain is own else likeliest([own, _priced(problem, converged(problem, plain))])
+
+
+def _priced(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with covariance and the price of its bounds."""
+    return within_bounds(with_covariance(problem, fit))
 
 
 def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:
