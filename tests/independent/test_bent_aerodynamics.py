@@ -39,6 +39,7 @@ def test_a_bent_vehicle_is_judged_as_a_straight_one(truth: str, named: str | Non
         assert verdict.winner == named
 
 
+@pytest.mark.thorough
 def test_a_bend_drifts_with_the_speed_where_the_slope_does() -> None:
     """At 30 deg a drift in time left 4e-4 of the moment: it was named `inplane`."""
     made = drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)

@@ -15,12 +15,13 @@ from tests.independent.mechanisms import LISTED
 from tests.ranking.pulse import problem
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("vehicle", "truth", "seed"),
     [
         ("cone", "bodyfixed", 1),
-        pytest.param("slender", "inplane", 2, marks=pytest.mark.thorough),
-        pytest.param("capsule", "damping", 3, marks=pytest.mark.thorough),
+        ("slender", "inplane", 2),
+        ("capsule", "damping", 3),
     ],
 )
 def test_a_mechanism_at_mach_numbers_is_named_and_placed(vehicle: str, truth: str, seed: int) -> None:

@@ -134,6 +134,7 @@ def test_the_compiled_band_is_that_of_dense_algebra(variance: float, held: bool)
     assert log_det == pytest.approx(np.linalg.slogdet(matrix)[1], rel=1e-10)
 
 
+@pytest.mark.thorough  # compiled in 8 s
 @pytest.mark.parametrize("held", [True, False])
 def test_determinants_of_many_variances_at_once_are_those_of_each(held: bool) -> None:
     """More than are factored side by side, with a gap in the record."""
