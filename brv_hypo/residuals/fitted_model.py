@@ -8,7 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import MODEL_CORRECTIONS, MODEL_LINEARISATIONS, MODEL_PLAUSIBLE, MODEL_TRIFLE
+from brv_hypo.constants import (
+    MODEL_CORRECTIONS,
+    MODEL_LINEARISATIONS,
+    MODEL_OWN_POINTS,
+    MODEL_PLAUSIBLE,
+    MODEL_TRIFLE,
+)
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.regression.fit import fit_hypothesis
@@ -68,12 +74,20 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
     """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
     What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays
-    of the model are refined there. Last it is linearised about its own coefficients, unless it fits worse so: where
-    much is left, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
+    of the model are refined there. Last it is linearised about its own coefficients, while it fits better so: the first
+    are of the rates' differences, and those of columns that are nearly one are anything. Where it fits worse, much is
+    left, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
     """
     state = _settled(flights, model, config)
-    nearer = _state_about(state.seen, state.model, state.values, config)
-    return state if nearer.errors.mean_square > state.errors.mean_square * MODEL_TRIFLE else nearer
+    for _ in range(MODEL_OWN_POINTS):
+        nearer = _state_about(state.seen, state.model, state.values, config)
+        fall = state.errors.mean_square / nearer.errors.mean_square
+        if fall < 1.0 / MODEL_TRIFLE:
+            break
+        state = nearer
+        if fall < MODEL_TRIFLE:
+            break
+    return state
 
 
 def _settled(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
