@@ -25,7 +25,6 @@ from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_
 from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import (
     HypothesisFit,
-    converged,
     fit_hypothesis,
     likeliest,
     narrower,
@@ -33,6 +32,7 @@ from brv_hypo.regression.fit import (
     renewed,
     scanned_finely,
 )
+from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
 from brv_hypo.regression.uncertainty import with_covariance, with_design

@@ -10,10 +10,6 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
-    FOLLOWED_APART,
-    FOLLOWED_FALL,
-    FOLLOWED_ROUNDS,
-    FOLLOWED_STALLS,
     SCANNED,
     SCANNED_FINELY,
     SEARCH_FINE_SCANS,
@@ -32,7 +28,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import (
     ROUGH,
-    SETTLED,
     Nonlinear,
     Steps,
     nonlinear_parameters,
@@ -202,32 +197,17 @@ def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROU
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
-def converged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same with knots and delays where their steps end: rounding moves them no more than the data let it.
-
-    What lags or sticks follows the static moment C_mw of the fit before; that is brought up to date until both stand,
-    or until what moves is no longer that but a delay that the data hardly tell, whose steps come to no rest.
-    """
-    found = renewed(problem, fit, SETTLED)
-    least, stalled = math.inf, 0
-    for _ in range(FOLLOWED_ROUNDS if problem.refine and _follows_static_moment(found.mechanisms) else 0):
-        before, found = found, renewed(problem, found, SETTLED[1:])
-        moved = _moved_apart(problem, before, found)
-        stalled += moved > FOLLOWED_FALL * least
-        least = min(least, moved)
-        if moved < FOLLOWED_APART or stalled == FOLLOWED_STALLS:
-            break
-    return found
+def held(problem: Problem, fit: HypothesisFit, frame: RateFrame, steps: tuple[Steps, ...]) -> HypothesisFit:
+    """The same columns refined in a frame whose C_mw stays as it is."""
+    known = frozenset(fit.selected)
+    reduced = Reduced(problem, frame)
+    found = _refined(reduced, fit.name, fit.mechanisms, fit.columns, fit.searched, known, SCANNED, steps)
+    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
 
 
-def _follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
+def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
     """Whether a mechanism may be made of C_mw: those with parameters of their own."""
     return any(mechanism.parameters() for mechanism in mechanisms)
-
-
-def _moved_apart(problem: Problem, one: HypothesisFit, other: HypothesisFit) -> float:
-    """How far what two fits predict is apart, in standard deviations: no estimate moved by more standard errors."""
-    return math.sqrt(problem.samples / other.rss) * float(np.linalg.norm(other.residual - one.residual))
 
 
 def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Column, ...]:
@@ -315,11 +295,26 @@ def _settled(
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem
-    if _follows_static_moment(mechanisms):
+    if follows_static_moment(mechanisms):
         values = solved(reduced, name, mechanisms, columns, searched).values
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
         return solved(reduced, name, mechanisms, columns, searched)
+    return _refined(reduced, name, mechanisms, columns, searched, known, points, steps)
+
+
+def _refined(
+    reduced: Reduced,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
+    columns: tuple[Column, ...],
+    searched: int,
+    known: frozenset[Column],
+    points: int,
+    steps: tuple[Steps, ...],
+) -> HypothesisFit:
+    """Fitted and refined; `known` are not scanned."""
+    problem = reduced.problem
     size, frame = len(problem.baseline), reduced.frame
     parameters = nonlinear_parameters(columns, size, frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)

@@ -183,8 +183,15 @@ class RateFrame:
 
         Other shapes than these, of which it is made, are evaluated anew.
         """
+        return self.following(self.static_moments(columns, values))
+
+    def static_moments(self, columns: Sequence[Column], values: FloatArray) -> list[FloatArray]:
+        """C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`, one (k,) a flight at its nodes."""
         made = self._in_plane_moments(columns, values)
-        moments = [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
+        return [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
+
+    def following(self, moments: Sequence[FloatArray]) -> RateFrame:
+        """The frame with these C_mw, one (k,) a flight at its nodes."""
         finer = tuple(with_in_plane_moment(*each) for each in zip(self.finer, moments, strict=True))
         out = replace(self, finer=finer)
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])

@@ -1,6 +1,7 @@
 """`python -m tests.invariance`: every law on the same drawn flights; exits with 1 where one does not hold.
 
-`--law` takes one of them; a flight on which a law does not hold is printed with how far apart its comparisons are.
+`--law` takes one of them, `--mechanism` the flights to which one is fitted. A flight on which a law does not hold is
+printed with how far apart its comparisons are.
 """
 
 from __future__ import annotations
@@ -9,14 +10,14 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, assume, given, seed, settings
 from hypothesis import strategies as st
 
-from tests.invariance.chain import Case, Distance
-from tests.invariance.laws import LAWS, Found, Law
+from tests.invariance.chain import PLANTS, Case, Distance
+from tests.invariance.laws import LAWS, NOTHING, Found, Law
 from tests.invariance.test_laws import SIMPLEST, cases
 
 EVERY = 10  # flights between accounts of how it stands
@@ -50,16 +51,22 @@ class _Account:
             return Distance(math.inf, math.inf), Distance(0.0, 0.0)
 
     def __str__(self) -> str:
-        estimates = [each.estimates for each in self._apart]
+        apart = self._apart or [NOTHING]
+        estimates = [each.estimates for each in apart]
         return (
             f"{self._name}: {self.broken} of {len(self._apart)} flights broken, estimates apart by "
             f"{np.median(estimates):.0e} standard errors in the median, {np.max(estimates):.0e} at most, criteria "
-            f"by {max(each.criteria for each in self._apart):.0e} at most; {self._seconds:.0f} s of CPU"
+            f"by {max(each.criteria for each in apart):.0e} at most; {self._seconds:.0f} s of CPU"
         )
 
 
-def ask(laws: Mapping[str, Law], flights: int, number: int) -> Iterable[_Account]:
-    """Every law on so many drawn flights, which share what they compare with."""
+def ask(
+    laws: Mapping[str, Law], flights: int, number: int, mechanisms: Collection[str] = PLANTS
+) -> Iterable[_Account]:
+    """Every law on those of so many drawn flights to which one of these mechanisms is fitted.
+
+    The laws share what they compare with.
+    """
     accounts = [_Account(name, law) for name, law in laws.items()]
 
     # One run for each flight: a run of many would try again, with small changes, what it has tried.
@@ -73,7 +80,7 @@ def ask(laws: Mapping[str, Law], flights: int, number: int) -> Iterable[_Account
     @given(case=cases(), data=st.data())
     def draw(case: Case, data: st.DataObject) -> None:
         assume(case != SIMPLEST)
-        for account in accounts:
+        for account in accounts if case.mechanism in mechanisms else ():
             account.ask(data, case)
 
     for asked in range(1, flights + 1):
@@ -89,8 +96,10 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--law", choices=sorted(LAWS), action="append", help="this one only")
+    parser.add_argument("--mechanism", choices=PLANTS[1:], action="append", help="flights to which it is fitted only")
     options = parser.parse_args()
-    accounts = ask({name: LAWS[name] for name in options.law or sorted(LAWS)}, options.flights, options.seed)
+    laws = {name: LAWS[name] for name in options.law or sorted(LAWS)}
+    accounts = ask(laws, options.flights, options.seed, options.mechanism or PLANTS)
     print(*accounts, sep="\n")
     return 1 if any(account.broken for account in accounts) else 0
 

@@ -93,9 +93,16 @@ def test_rolled_axes_tell_the_same(case):
 
 
 @pytest.mark.thorough
-def test_what_sticks_follows_a_static_moment_that_stands():
-    """It was brought up to date once: the fraction was 6e-6 standard errors off by the units of the record."""
-    case = Case(983, 0.05878016098593794, 2.654069041363325e-307, 9.60851528930917, "sticking", "sticking")
+@pytest.mark.parametrize(
+    "case",
+    [
+        # It was brought up to date once: the fraction was 6e-6 standard errors off by the units of the record.
+        Case(983, 0.05878016098593794, 2.654069041363325e-307, 9.60851528930917, "sticking", "sticking"),
+        # Rounds of several steps, as many as rounding let, each of which left half: 2e-6.
+        Case(670, 0.058017527707378336, -0.23252908411561002, 5.0, "sticking", "sticking"),
+    ],
+)
+def test_what_sticks_follows_a_static_moment_that_stands(case):
     after = compared([flight_last_digit_off(flight(case), 0)], case)
     assert distance(original(case), after).within(ROUNDING)
 

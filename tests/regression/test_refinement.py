@@ -11,11 +11,11 @@ from brv_hypo.mechanisms import find
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import (
     HypothesisFit,
-    converged,
     fit_hypothesis,
     renewed,
     scanned_finely,
 )
+from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_errors
 from tests.ranking.pulse import fitted, problem
