@@ -103,8 +103,9 @@ class Mechanism(BaseModel, ABC):
     wind_fixed: ClassVar[bool] = False
     """True where the terms belong to the wind-fixed in-plane moment C_mw of Eq. 5.1."""
 
-    follows: ClassVar[Literal["mach"] | None] = None
-    """The quantity whose schedule the terms are: a model that takes them in has that schedule, smooth, from then on."""
+    follows: ClassVar[Literal["mach", "reynolds"] | None] = None
+    """The quantity whose schedule the terms are, which comes before jumps in time. A model that takes in one by Mach
+    number has that schedule, smooth, from then on."""
 
     def parameters(self) -> tuple[Parameter, ...]:
         """The nonlinear parameters with their grids; none by default."""

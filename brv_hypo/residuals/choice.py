@@ -133,7 +133,7 @@ def choose(
         idle = (
             candidate.explains is not None
             and candidate.explains <= 0.0
-            and (scheduled or not follows(candidate))
+            and (scheduled or not follows_mach(candidate))
         )
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
         if ((residual_is_white and not certain) or idle) and not is_carried(here.problem, candidate.name):
@@ -151,7 +151,7 @@ def choose(
 def _schedules_first(ranked: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
     """The candidates with schedules before all else, where they explain not much less."""
     most = max((candidate.gain for candidate in ranked), default=0.0)
-    first = [c for c in ranked if follows(c) and comes_first(c.gain, most)]
+    first = [c for c in ranked if is_schedule(c) and comes_first(c.gain, most)]
     return (*first, *(c for c in ranked if c not in first))
 
 
@@ -160,9 +160,14 @@ def comes_first(gain: float, most: float) -> bool:
     return gain >= LOOP_SCHEDULE * most
 
 
-def follows(candidate: Candidate) -> bool:
+def is_schedule(candidate: Candidate) -> bool:
     """Whether a candidate's terms are a schedule of the flight's."""
     return any(mechanism.follows is not None for mechanism in candidate.fit.mechanisms)
+
+
+def follows_mach(candidate: Candidate) -> bool:
+    """Whether they are one by Mach number, which a model may have smooth."""
+    return any(mechanism.follows == "mach" for mechanism in candidate.fit.mechanisms)
 
 
 def _try(

@@ -37,7 +37,7 @@ from brv_hypo.residuals.baseline import (
 )
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
-from brv_hypo.residuals.choice import Choice, Tried, choose, follows
+from brv_hypo.residuals.choice import Choice, Tried, choose, follows_mach
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
@@ -250,7 +250,7 @@ class _Course:
     ) -> Choice:
         def add(candidate: Candidate) -> State:
             found = with_candidate(self.flights, self.config, here, state, candidate)
-            if not follows(candidate) or has_schedule(state.model):
+            if not follows_mach(candidate) or has_schedule(state.model):
                 return found
             return settled_state(self.flights, scheduled(found.model, found.seen), self.config)
 

@@ -53,7 +53,7 @@ def _at_the_times_of(candidate: Candidate, other: Candidate) -> tuple[Column, ..
 def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
     """Whether it was tried as constant alone, but is no part of the vehicle and no schedule."""
     flight = candidate.fit.frame.reconstructions[0].flight
-    constant = mechanism.time_variation == ("constant",) and mechanism.follows is None
+    constant = mechanism.time_variation == ("constant",) and mechanism.follows != "mach"
     return constant and not mechanism.of_each_flight(flight)
 
 

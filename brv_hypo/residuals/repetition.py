@@ -18,7 +18,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, fitted_again, try_mechanism
 from brv_hypo.residuals.candidates_at_step import Look
-from brv_hypo.residuals.choice import comes_first, follows
+from brv_hypo.residuals.choice import comes_first, is_schedule
 from brv_hypo.residuals.config import TraceConfig
 
 
@@ -60,7 +60,7 @@ def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: boo
         each.name: null.information - _criterion(problem, null, each) + (each.ahead or 0.0) for each in candidates
     }
     most = max(gains.values())
-    schedules = [each.name for each in candidates if follows(each) and comes_first(gains[each.name], most)]
+    schedules = [each.name for each in candidates if is_schedule(each) and comes_first(gains[each.name], most)]
     offered = gains if scheduled or not schedules else schedules
     best = max(offered, key=lambda name: gains[name])
     return best if gains[best] > 0.0 else "none"

@@ -64,6 +64,7 @@ class ReynoldsStiffness(Mechanism):
     kind = "aerodynamic"
     time_variation = ("constant",)
     wind_fixed = True
+    follows = "reynolds"
 
     degree: int = 2
 

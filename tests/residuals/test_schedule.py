@@ -24,7 +24,7 @@ from brv_hypo.residuals.baseline import (
     static_moment,
     tolerated,
 )
-from brv_hypo.residuals.choice import comes_first, follows
+from brv_hypo.residuals.choice import comes_first, follows_mach, is_schedule
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.linearisation import see
 from tests.flights import nominal
@@ -124,7 +124,11 @@ def test_a_schedule_that_explains_not_much_less_comes_first(gain: float, expecte
     assert comes_first(gain, 100.0) is expected
 
 
-@pytest.mark.parametrize(("name", "expected"), [("mach_stiffness", True), ("inplane", False)])
-def test_the_mechanism_says_whether_it_is_a_schedule(name: str, expected: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "schedule", "by_mach"),
+    [("mach_stiffness", True, True), ("reynolds_stiffness", True, False), ("inplane", False, False)],
+)
+def test_the_mechanism_says_whether_it_is_a_schedule(name: str, schedule: bool, by_mach: bool) -> None:
     candidate: Any = SimpleNamespace(fit=SimpleNamespace(mechanisms=(find(name),)))
-    assert follows(candidate) is expected
+    assert is_schedule(candidate) is schedule
+    assert follows_mach(candidate) is by_mach
