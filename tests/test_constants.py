@@ -12,7 +12,7 @@ from brv_hypo import constants
 PACKAGE = Path(brv_hypo.__file__).parent
 FILE = Path(constants.__file__)
 DECIDING = ("flight", "motion", "model", "regression", "ranking", "identification", "residuals")
-STUDIES = {"benchmark", "configs_benchmark", "study", "record_study", "planting", "planting_on_record", "variants"}
+STUDIES = {"benchmark", "study", "record_study", "planting", "planting_on_record", "variants"}
 # What may stand in its module: no change of it changes what is concluded of a flight.
 ARITHMETIC = {
     "CROSSFLOW_FLOOR",
