@@ -151,7 +151,11 @@ def _refined(state: State) -> State:
 def with_candidate(
     flights: Sequence[Flight], config: TraceConfig, here: Look, state: State, candidate: Candidate
 ) -> State:
-    """The model with the candidate added, fitted to the fitted part of the flights."""
+    """The model with the candidate added, fitted to the fitted part of the flights.
+
+    Without an error of the record that it lacked, other errors had taken up some of it: with it they are settled anew,
+    where that fits better.
+    """
     model = state.model
     if candidate.effect is None:
         known = {**model.mechanisms, **{m.name: m for m in candidate.fit.mechanisms}}
@@ -174,7 +178,9 @@ def with_candidate(
     ]
     seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
     linear = linearised_at(seen, model, state.values)
-    return state_of(model, seen, problem_of(seen, model, linear, config, noise=here.problem.rows.noise), linear)
+    problem = problem_of(seen, model, linear, config, noise=here.problem.rows.noise)
+    found, anew = state_of(model, seen, problem, linear), settled_state(flights, model, config)
+    return anew if anew.errors.mean_square * MODEL_TRIFLE < found.errors.mean_square else found
 
 
 def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> State:

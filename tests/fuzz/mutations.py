@@ -141,7 +141,7 @@ def _attribute(group: Any, name: str, draw: random.Random) -> None:
 
 
 def _values(group: Any, name: str, draw: random.Random) -> None:
-    values = np.array(group[name][()], dtype=float)
+    values = np.array(np.real(group[name][()]), dtype=float)
     flat = values.reshape(-1)
     a, b = sorted(draw.randrange(flat.size + 1) for _ in range(2))
     b = draw.choice((a + 1, b))
