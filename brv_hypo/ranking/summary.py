@@ -367,7 +367,7 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
                 alpha_rad=tuple(motion.alpha[kept].tolist()),
                 windward_meridian_rad=tuple(phi_w.tolist()),
                 measured=plane(measured),
-                sigma=tuple(frame.reconstructions[index].moments.noise_sigma[kept].tolist()),
+                sigma=tuple(known.noise[rows].tolist()),
                 fitted={name: plane(body) for name, body in fitted.items()},
                 alpha_sigma_rad=tuple(frame.reconstructions[index].alpha_sigma[kept].tolist()),
                 windward_meridian_sigma_rad=tuple(frame.reconstructions[index].phi_w_sigma[kept].tolist()),

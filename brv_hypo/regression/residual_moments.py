@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, ComplexArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.differentiation import derivatives
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.regression.frame import RateFrame
@@ -15,10 +15,14 @@ from brv_hypo.regression.frame import RateFrame
 
 @dataclass(frozen=True)
 class ResidualMoments:
-    """C_m + i C_n measured less modelled (rows, ...) of a frame, and on which rows it is usable."""
+    """C_m + i C_n measured less modelled (rows, ...) of a frame, and on which rows it is usable.
+
+    `noise` (rows,) is the standard deviation of C_m and of C_n that the gyros' noise makes of them, by their filter.
+    """
 
     body: ComplexArray
     usable: BoolArray
+    noise: FloatArray
 
 
 def residual_moments(
@@ -31,6 +35,7 @@ def residual_moments(
     """
     body = np.zeros(rates.shape, dtype=complex)
     usable = np.zeros(rates.shape[0], dtype=bool)
+    noise = np.full(rates.shape[0], np.inf)
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         record, rows = records[segment.flight], segment.rows
         spin = record.spin_rate
@@ -40,4 +45,5 @@ def residual_moments(
         rate = derivatives(both, spin.order, spin.half_width, record.flight.step)
         body[a:b] = ((rate[0] + 1j * rate[1]) * (np.exp(-1j * record.spin_angle[rows]) / record.moment_scale[rows])).T
         usable[a:b] = (record.measured & spin.interior)[rows]
-    return ResidualMoments(body, usable)
+        noise[a:b] = (record.gyro_sigma * spin.rate_gain / np.abs(record.moment_scale))[rows]
+    return ResidualMoments(body, usable, noise)

@@ -50,7 +50,7 @@ def predictive_sigma(
     solved = np.linalg.pinv(design[:, free] / scale, rcond=_CUTOFF) / scale[:, np.newaxis]
     unknowns = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
     histories = np.column_stack([frame.columns(columns), *unknowns])
-    moments = np.column_stack([residual_moments(frame, problem.records, column).body for column in histories.T])
+    moments = residual_moments(frame, problem.records, histories).body
     of_fitted = np.zeros((moments.shape[0], int(free.sum())), dtype=complex)
     of_fitted[:, ~_constants(free, count, constants)] = moments[:, fitted]
     slopes = moments[:, ~fitted] - of_fitted @ (solved @ design[:, ~free])

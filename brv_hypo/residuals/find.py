@@ -40,7 +40,7 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     motion = reconstruction.motion
     usable = left.usable[rows]
     time = motion.time[samples]
-    sigma = reconstruction.moments.noise_sigma[samples]
+    sigma = left.noise[rows]
     body = np.where(usable, left.body[rows], 0.0)
     p_value = _whiteness(look)
     channels = _channels(body, motion.windward_meridian[samples])
@@ -67,9 +67,9 @@ def find(look: Look, left: ResidualMoments) -> Residual:
 
 def _noise_ratio(seen: Seen, left: ResidualMoments, number: int) -> float:
     """Mean square of what is left on one flight over that of its noise."""
-    rows, samples = seen.rows_of(number), seen.samples_of(number)
+    rows = seen.rows_of(number)
     usable = left.usable[rows]
-    body, sigma = left.body[rows][usable], seen.reconstructions[number].moments.noise_sigma[samples][usable]
+    body, sigma = left.body[rows][usable], left.noise[rows][usable]
     return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
 
 

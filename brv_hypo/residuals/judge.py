@@ -10,7 +10,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import HELD_OUT_CLUSTER
 from brv_hypo.regression.channels import Noise, Part, Rows
-from brv_hypo.regression.frame import Piece, RateFrame
+from brv_hypo.regression.frame import Piece
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments
@@ -168,11 +168,7 @@ def ratio(before: Prediction, after: Prediction) -> tuple[float, float]:
     return whole, float(np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2)))
 
 
-def noise_floor(part: Part, frame: RateFrame) -> float:
+def noise_floor(part: Part, moments: ResidualMoments) -> float:
     """Mean square of the moment coefficients' noise on a part."""
-    flights, squares = frame.flight_of_row[part.rows], []
-    for number, reconstruction in enumerate(frame.reconstructions):
-        samples = part.samples[flights == number]
-        usable = reconstruction.moments.usable[samples]
-        squares.append(reconstruction.moments.noise_sigma[samples][usable] ** 2)
-    return float(np.mean(np.concatenate(squares)))
+    rows = part.rows[moments.usable[part.rows]]
+    return float(np.mean(moments.noise[rows] ** 2))

@@ -38,29 +38,24 @@ def model_error(seen: Seen, own: ResidualMoments, elsewhere: ResidualMoments) ->
     """
     pieces = [rows for a, b in seen.held_out.pieces if np.any(own.usable[rows := seen.held_out.rows[a:b]])]
     mach = np.concatenate([rec.motion.mach[seen.samples_of(k)] for k, rec in enumerate(seen.reconstructions)])
-    noise = np.concatenate(
-        [rec.moments.noise_sigma[seen.samples_of(k)] for k, rec in enumerate(seen.reconstructions)]
-    )
     places = np.array([float(np.mean(mach[rows])) for rows in pieces])
     apart = bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size
     order = np.argsort(places) if apart else np.arange(places.size)
     pieces = [pieces[k] for k in order]
     weights = _near(len(pieces)) if apart else np.ones((1, len(pieces)))
-    found = (_beyond(left, pieces, noise, weights) for left in (own, elsewhere))
+    found = (_beyond(left, pieces, weights) for left in (own, elsewhere))
     told = dict(zip(("own", "elsewhere"), (tuple(np.sqrt(each).tolist()) for each in found), strict=True))
     return ModelError(mach=tuple(places[order].tolist()) if apart else (), **told)
 
 
-def _beyond(
-    left: ResidualMoments, pieces: Sequence[IntArray], noise: FloatArray, weights: FloatArray
-) -> FloatArray:
+def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArray) -> FloatArray:
     """Mean square of either coefficient beyond that of the noise, by weighted means (means, pieces) of pieces."""
     kept = [rows[left.usable[rows]] for rows in pieces]
     weights = weights * [rows.size for rows in kept]
     weights = weights / weights.sum(axis=1, keepdims=True)
     squares = np.array([np.mean(np.abs(left.body[rows]) ** 2) / 2.0 for rows in kept])
-    noises = np.array([np.mean(noise[rows] ** 2) for rows in kept])
-    parts = [part(left.body[rows] / noise[rows]) for part in (np.real, np.imag) for rows in kept]
+    noises = np.array([np.mean(left.noise[rows] ** 2) for rows in kept])
+    parts = [part(left.body[rows] / left.noise[rows]) for part in (np.real, np.imag) for rows in kept]
     share = effective_samples(parts) / sum(part.size for part in parts)
     # Of a mean square with so many degrees of freedom, were it noise alone.
     errors = noises * np.sqrt(2.0 / np.maximum([2.0 * share * rows.size for rows in kept], 1.0))

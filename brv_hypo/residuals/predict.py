@@ -106,13 +106,12 @@ class _Task:
     def moments(self, solved: Constrained) -> ResidualMoments:
         return residual_moments(self.seen.frame, self.problem.records, solved.left.rates)
 
-    def sigma(self, covariance: FloatArray, beyond: FloatArray) -> ComplexArray:
+    def sigma(self, covariance: FloatArray, noise: FloatArray, beyond: FloatArray) -> ComplexArray:
         """Standard deviation of the residual moments (rows,), the held coefficients known to their covariance.
 
-        `beyond` (rows,) is that of what the model leaves besides.
+        `noise` (rows,) is that of the moments' noise, `beyond` (rows,) of what the model leaves besides.
         """
         fitted = np.isnan(np.concatenate([self.held, self.others]))
-        noise = self.seen.reconstructions[0].moments.noise_sigma[self.seen.samples_of(0)]
         return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise, beyond)
 
     def left_before(self, error: ModelError | None) -> FloatArray:
@@ -133,14 +132,14 @@ def _predict(
         without=_mean_square(measured),
         frozen=_mean_square(left),
         own=_mean_square(own),
-        noise=noise_floor(task.seen.whole, task.seen.frame),
+        noise=noise_floor(task.seen.whole, measured),
     )
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
     flown = _flown(content.flown, task.seen)
     beyond = task.left_before(content.error)
-    sigma = task.sigma(covariance[np.ix_(known, known)], beyond)
+    sigma = task.sigma(covariance[np.ix_(known, known)], measured.noise, beyond)
     band = band_of(task.seen.frame.time, measured, left, sigma, beyond, flown)
     carried = _carried(flight)
     eased = task.eased(carried)

@@ -93,7 +93,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flights, last),
-        noise_floor=noise_floor(last.held_out, last.frame),
+        noise_floor=noise_floor(last.held_out, state.left),
         final_residual=final,
         discovered=_described(end, moments),
         picture=_picture(before, end, final.flight or 0),
@@ -318,7 +318,7 @@ def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
     """Of several flights, that of the one with this number."""
     after, seen = end.state.left, end.state.seen
     reconstruction = seen.reconstructions[number]
-    moments, motion = reconstruction.moments, reconstruction.motion
+    motion = reconstruction.motion
     measured = residual_moments(seen.frame, seen.records, seen.frame.observed)
     rows = seen.rows_of(number)
     kept = (before.usable & after.usable)[rows]
@@ -328,7 +328,7 @@ def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
         measured=_pair(measured.body[rows][kept]),
         before=_pair(before.body[rows][kept]),
         after=_pair(after.body[rows][kept]),
-        sigma=tuple(moments.noise_sigma[samples].tolist()),
+        sigma=tuple(after.noise[rows][kept].tolist()),
         alpha_rad=tuple(motion.alpha[samples].tolist()),
         alpha_sigma_rad=tuple(reconstruction.alpha_sigma[samples].tolist()),
         windward_meridian_rad=tuple(motion.windward_meridian[samples].tolist()),

@@ -15,7 +15,7 @@ from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, mechanism_of
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.baseline import start_model
 from brv_hypo.residuals.config import TraceConfig
@@ -50,15 +50,19 @@ def seen() -> Seen:
 def left_at(seen: Seen, sigma: Any, seed: int = 1) -> ResidualMoments:
     """Residual moments of that standard deviation, number or (rows,), beside the noise."""
     rng = np.random.default_rng(seed)
-    moments, samples = seen.reconstructions[0].moments, seen.samples_of(0)
-    size = np.hypot(moments.noise_sigma[samples], sigma)
-    body = size * (rng.standard_normal(samples.size) + 1j * rng.standard_normal(samples.size))
-    return ResidualMoments(body, moments.usable[samples])
+    known = residual_moments(seen.frame, seen.records, seen.frame.observed)
+    size = np.hypot(known.noise, sigma)
+    body = size * (rng.standard_normal(size.size) + 1j * rng.standard_normal(size.size))
+    return replace(known, body=body)
+
+
+def noise_of(seen: Seen) -> float:
+    return float(np.median(residual_moments(seen.frame, seen.records, seen.frame.observed).noise))
 
 
 @pytest.mark.parametrize("times", [2.0, 10.0])
 def test_what_is_left_beyond_the_noise_comes_back(seen: Seen, times: float) -> None:
-    noise = float(np.median(seen.reconstructions[0].moments.noise_sigma))
+    noise = noise_of(seen)
     found = model_error(seen, left_at(seen, times * noise), left_at(seen, 2.0 * times * noise))
     assert np.all(np.diff(found.mach) > 0.0)
     assert np.sqrt(np.mean(np.square(found.own))) == pytest.approx(times * noise, rel=0.15)
@@ -67,7 +71,7 @@ def test_what_is_left_beyond_the_noise_comes_back(seen: Seen, times: float) -> N
 
 def test_a_model_that_leaves_noise_alone_adds_little_to_it(seen: Seen) -> None:
     found = model_error(seen, left_at(seen, 0.0), left_at(seen, 0.0))
-    noise = float(np.median(seen.reconstructions[0].moments.noise_sigma))
+    noise = noise_of(seen)
     assert np.sqrt(np.mean(np.square(found.own))) < 0.4 * noise
 
 
