@@ -66,6 +66,11 @@ class InertialRecord:
         return np.asarray(self.flight.dynamic_pressure * self.flight.vehicle.moment_scale)
 
     @property
+    def rate_noise(self) -> FloatArray:
+        """Standard deviation (n,) of either part of the derolled rates' derivative by the gyros' noise, rad/s^2."""
+        return np.asarray(self.gyro_sigma * self.spin_rate.rate_gain)
+
+    @property
     def moment(self) -> ComplexArray:
         """C_m + i C_n (n,) by Euler's equations from the smoothed rates (Eq. 2.3)."""
         spin = 1.0 - self.flight.vehicle.inertia_ratio

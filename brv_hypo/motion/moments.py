@@ -36,8 +36,7 @@ def error_of_differentiation(record: InertialRecord) -> FloatArray:
 
     Positive too where errors that were taken out of an accepted record turned the sign of its dynamic pressure.
     """
-    spin = record.spin_rate
-    return np.asarray(np.hypot(record.gyro_sigma * spin.rate_gain, spin.rate_bias) / np.abs(record.moment_scale))
+    return np.asarray(np.hypot(record.rate_noise, record.spin_rate.rate_bias) / np.abs(record.moment_scale))
 
 
 def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray) -> FloatArray:

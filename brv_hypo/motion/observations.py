@@ -164,7 +164,7 @@ def moment_tie(record: InertialRecord, responses: EffectResponses) -> TieModel:
     flight = record.flight
     rate = record.transverse_rate * flight.vehicle.reference_length / (2.0 * flight.velocity)
     ones = np.ones(record.time.size, dtype=complex)
-    noise = record.gyro_sigma * record.spin_rate.rate_gain / record.moment_scale
+    noise = record.rate_noise / record.moment_scale
     return TieModel(
         name="moment",
         observed=record.moment,

@@ -45,5 +45,5 @@ def residual_moments(
         rate = derivatives(both, spin.order, spin.half_width, record.flight.step)
         body[a:b] = ((rate[0] + 1j * rate[1]) * (np.exp(-1j * record.spin_angle[rows]) / record.moment_scale[rows])).T
         usable[a:b] = (record.measured & spin.interior)[rows]
-        noise[a:b] = (record.gyro_sigma * spin.rate_gain / np.abs(record.moment_scale))[rows]
+        noise[a:b] = (record.rate_noise / np.abs(record.moment_scale))[rows]
     return ResidualMoments(body, usable, noise)
