@@ -629,3 +629,8 @@ PREDICTED_GREATLY = 0.5
 PREDICTED_SMALL = 0.01
 PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
 PREDICTED_TELLING = 0.25  # of the noise's mean square, from which what a model left where it was found is told
+# Where slope or damping differ from a frozen model's: a study of its own, `tests.independent.sisters --changed`.
+CHANGE_EDGES = 25  # times, evenly over the record, between any two of which they may: 300 regions
+CHANGE_FINER = 4  # times by which each turn narrows the spacing about the best two, as many to either side
+CHANGE_ROUNDS = 2  # turns: 1/16 of the spacing, which is less than what the data tell of an edge
+CHANGE_CHANCE = 0.01  # p-value, paid for all that is tried, below which a change is told; convention

@@ -30,6 +30,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
+from brv_hypo.residuals.local_change import find_local_change
 from brv_hypo.residuals.model_error import error_at, lasting
 from brv_hypo.residuals.model_file import read_model
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
@@ -139,7 +140,9 @@ def _predict(
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
     flown = _flown(content.flown, task.seen)
     beyond = task.left_before(content.error)
-    sigma = task.sigma(covariance[np.ix_(known, known)], measured.noise, beyond)
+    known_by = covariance[np.ix_(known, known)]
+    sigma = task.sigma(known_by, measured.noise, beyond)
+    change = find_local_change(task.problem, task.seen.frame, task.columns, task.held, task.others, known_by)
     band = band_of(task.seen.frame.time, measured, left, sigma, beyond, flown)
     carried = _carried(flight)
     eased = task.eased(carried)
@@ -163,8 +166,9 @@ def _predict(
         flown=shares.flown,
         band=band,
         regions=_regions(task.seen, measured, left),
+        local_change=change,
         left_out=task.left_out,
-        reason=reason(shares, band, errors.noise, remedy, task.left_out),
+        reason=reason(shares, band, errors.noise, remedy, task.left_out, change),
     )
 
 

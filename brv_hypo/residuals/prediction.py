@@ -39,6 +39,24 @@ class Region(NullIsNaN):
     ratio: float
 
 
+class LocalChange(NullIsNaN):
+    """Where this flight differs from the frozen model: a term's coefficient is more by `value` from start to stop.
+
+    `mach` are the Mach numbers there, None where they are unknown; `f_ratio` is of one coefficient, at the effective
+    number of samples, `p_value` is paid for all terms and regions that were tried.
+    """
+
+    term: str
+    units: str
+    start_s: float
+    stop_s: float
+    mach: tuple[float, float] | None
+    value: float
+    std_error: float
+    f_ratio: float
+    p_value: float
+
+
 Series = tuple[float, ...]
 
 
@@ -63,6 +81,7 @@ class Prediction(Pictured, Result):
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
+    `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
     `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
     the flight's record found.
     """
@@ -78,6 +97,7 @@ class Prediction(Pictured, Result):
     flown: float
     band: Band
     regions: tuple[Region, ...]
+    local_change: LocalChange | None = None
     left_out: tuple[str, ...] = ()
     reason: str
     record: RecordSummary = RecordSummary()

@@ -14,7 +14,7 @@ from brv_hypo.constants import (
     PREDICTED_SMALL,
     PREDICTED_TELLING,
 )
-from brv_hypo.residuals.prediction import Band
+from brv_hypo.residuals.prediction import Band, LocalChange
 
 _NARROW = " Here it errs by more than where it was found: do not take the band for its error."
 
@@ -34,11 +34,13 @@ class Shares:
     flown: float
 
 
-def reason(shares: Shares, band: Band, noise: float, remedy: str, left_out: Sequence[str]) -> str:
+def reason(
+    shares: Shares, band: Band, noise: float, remedy: str, left_out: Sequence[str], change: LocalChange | None
+) -> str:
     """The outcome in a few sentences.
 
     `noise` is its mean square, `remedy` what `--refit` would name as well; `left_out` are mechanisms of the model that
-    belong to its own flights.
+    belong to its own flights; `change` is where this flight differs.
     """
     if shares.flown == 0.0:
         nowhere = "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
@@ -54,6 +56,7 @@ def reason(shares: Shares, band: Band, noise: float, remedy: str, left_out: Sequ
         + (_NARROW if band.inside < PREDICTED_HOLDS else "")
         + _of_the_model(band, noise)
         + (beyond if shares.flown < PREDICTED_NEARLY_ALL else "")
+        + _of_a_change(change)
         + _held_too_much(shares, remedy)
         + _of_other_times(left_out)
     )
@@ -66,6 +69,20 @@ def _explains(share: float) -> str:
     if share >= 0.0:
         return f"explains {100.0 * share:.1f} % of"
     return f"does not hold here, and leaves {1.0 - share:.3g} times"
+
+
+def _of_a_change(change: LocalChange | None) -> str:
+    """Where slope or damping differ from the model's, and by how much."""
+    if change is None:
+        return ""
+    where = f"{change.start_s:.2f} and {change.stop_s:.2f} s"
+    if change.mach is not None:
+        where += f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
+    units = "" if change.units == "1" else f" {change.units}"
+    return (
+        f" It differs most between {where}: {change.term} is {'more' if change.value > 0.0 else 'less'} there by "
+        f"{abs(change.value):.3g} +- {change.std_error:.2g}{units} (F {change.f_ratio:.0f})."
+    )
 
 
 def _held_too_much(shares: Shares, remedy: str) -> str:

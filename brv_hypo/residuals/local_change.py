@@ -1,0 +1,172 @@
+"""Where a flight's static moment or damping differs from a frozen model's: a change between two times of it.
+
+Moments show little of a change of a few percent, sample by sample. Fitted to the rates as a jump that ends, beside all
+that is fitted along and the frozen coefficients within their covariance, it stands out where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.baseline import pitch_damping_term, static_terms
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.problem import Problem
+from brv_hypo.residuals.prediction import LocalChange
+
+# A change that is no longer told from what is fitted along, of its own length.
+_SPENT = 1e-6
+
+
+class ChangedSchedule(Mechanism):
+    """The slope of the static moment and pitch damping, from a time on."""
+
+    name = "changed schedule"
+    title = "slope or damping from a time on"
+    claims = "a slope or a damping that differs from a schedule"
+    source = "the regression"
+    time_variation = ("constant", "jump")
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """C_Nalpha and C_mq."""
+        return (static_terms(motion)[1], pitch_damping_term(motion))
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """The rows once all else is fitted: an orthonormal `basis` (rows, rank) of that, and what it leaves (rows,)."""
+
+    problem: Problem
+    frame: RateFrame
+    basis: FloatArray
+    left: FloatArray
+
+    def columns(self, term: Term, edges: FloatArray) -> FloatArray:
+        """A change of the term's coefficient from each edge (s) on, less what the rest takes up (rows, edges)."""
+        names = [
+            Column(ChangedSchedule.name, term.name, (), TimeFunction("jump", float(edge)), term.units) for edge in edges
+        ]
+        design = _with_priors(self.problem.raw_design(self.frame, names), self.basis.shape[0])
+        return np.asarray(design - self.basis @ (self.basis.T @ design), dtype=float)
+
+    def best(self, term: Term, edges: FloatArray, first: slice, last: slice) -> _Change:
+        """The change from an edge of `first` to one of `last` that explains most."""
+        columns = self.columns(term, edges)
+        square, shared = columns.T @ columns, columns.T @ self.left
+        own = np.diag(square)
+        length = (own[:, np.newaxis] + own - 2.0 * square)[first, last]
+        told = (np.subtract.outer(edges[first], edges[last]) < 0.0) & (length > _SPENT * np.max(own))
+        along = (shared[:, np.newaxis] - shared)[first, last]
+        gains = np.where(told, along**2 / np.where(told, length, 1.0), -1.0)
+        start, stop = np.unravel_index(int(np.argmax(gains)), gains.shape)
+        pair = slice(int(start), int(start) + 1), slice(int(stop), int(stop) + 1)
+        column = columns[:, first][:, pair[0]] - columns[:, last][:, pair[1]]
+        region = float(edges[first][start]), float(edges[last][stop])
+        return _Change(term, region, float(gains[start, stop]), column[:, 0])
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A term's coefficient changed between two times; `gain` is the fall of the sum of squares."""
+
+    term: Term
+    region: tuple[float, float]
+    gain: float
+    column: FloatArray
+
+
+def find_local_change(
+    problem: Problem,
+    frame: RateFrame,
+    columns: Sequence[Column],
+    held: FloatArray,
+    others: FloatArray,
+    covariance: FloatArray,
+) -> LocalChange | None:
+    """The change of slope or damping that explains most of what the model leaves; None where it may be chance.
+
+    `held` (columns,) and `others` (unknowns,) are frozen values, NaN where they are fitted here; `covariance` (held
+    columns, held columns) is that of the former. One flight.
+    """
+    frame = frame.with_mechanisms([ChangedSchedule()])
+    rest = _rest(problem, frame, columns, held, others, covariance)
+    times = frame.time[problem.rows.part.rows]
+    edges, anywhere = np.linspace(float(times.min()), float(times.max()), CHANGE_EDGES), slice(None)
+    terms = ChangedSchedule().terms(frame.motions[0], {})
+    change = max((rest.best(term, edges, anywhere, anywhere) for term in terms), key=lambda each: each.gain)
+    spacing = float(edges[1] - edges[0])
+    for _ in range(CHANGE_ROUNDS):
+        near = spacing * np.linspace(-1.0, 1.0, 2 * CHANGE_FINER + 1)
+        around = np.clip(np.concatenate([at + near for at in change.region]), edges[0], edges[-1])
+        change = rest.best(change.term, around, slice(near.size), slice(near.size, None))
+        spacing /= CHANGE_FINER
+    return _told(rest, change, len(terms) * math.comb(CHANGE_EDGES, 2))
+
+
+def _rest(
+    problem: Problem,
+    frame: RateFrame,
+    columns: Sequence[Column],
+    held: FloatArray,
+    others: FloatArray,
+    covariance: FloatArray,
+) -> _Rest:
+    """What is fitted here, and the frozen coefficients by as much as they may err, which has a row each for that."""
+    constants = np.full(2 * len(problem.rows.part.levels), np.nan)
+    fixed = np.concatenate([held, constants, others])
+    free = np.isnan(fixed)
+    design = problem.whole_design(frame, columns)
+    response = problem.raw_response - design @ np.nan_to_num(fixed)
+    variances, directions = np.linalg.eigh(covariance)
+    known = np.flatnonzero(~np.isnan(held))
+    erring = design[:, known] @ (directions * np.sqrt(np.maximum(variances, 0.0)))
+    rows = design.shape[0] + known.size
+    whole = np.column_stack([_with_priors(design[:, free], rows), _with_priors(erring, rows)])
+    whole[design.shape[0] :, whole.shape[1] - known.size :] = np.eye(known.size)
+    basis = np.asarray(np.linalg.qr(whole / lengths(whole))[0], dtype=float)
+    response = _with_priors(response[:, np.newaxis], rows)[:, 0]
+    return _Rest(problem, frame, basis, response - basis @ (basis.T @ response))
+
+
+def _with_priors(rows: FloatArray, count: int) -> FloatArray:
+    """Rows (rows, columns), and below them zeros to make so many."""
+    return np.concatenate([rows, np.zeros((count - rows.shape[0], rows.shape[1]))])
+
+
+def _told(rest: _Rest, change: _Change, searched: int) -> LocalChange | None:
+    """The change with its errors; None where chance gives as much among so many."""
+    if change.gain <= 0.0:
+        return None
+    value = float(change.column @ rest.left) / float(change.column @ change.column)
+    residual = rest.left - value * change.column
+    problem = rest.problem
+    efficiency, freedom = problem.efficiency_of(residual), problem.samples - rest.basis.shape[1] - 1
+    variance = float(residual @ residual) / freedom / efficiency
+    f_ratio = change.gain / variance
+    chance = float(stats.f.sf(f_ratio, 1, max(efficiency * freedom, 1.0)))
+    if chance * searched > CHANGE_CHANCE:
+        return None
+    motion = rest.frame.reconstructions[0].motion
+    mach = np.interp(change.region, motion.time, motion.mach)
+    return LocalChange(
+        term=change.term.name,
+        units=change.term.units,
+        start_s=change.region[0],
+        stop_s=change.region[1],
+        mach=(float(mach.min()), float(mach.max())) if np.all(np.isfinite(mach)) else None,
+        value=value,
+        std_error=math.sqrt(variance / float(change.column @ change.column)),
+        f_ratio=f_ratio,
+        p_value=min(chance * searched, 1.0),
+    )
