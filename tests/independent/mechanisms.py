@@ -141,6 +141,13 @@ def _mach_step(planted: Planted, now: Running) -> complex:
     return complex(planted.amplitude * step * now.alpha)
 
 
+def _mach_band(planted: Planted, now: Running) -> complex:
+    """The slope between two Mach numbers, and nothing beyond either."""
+    low, high, width = (planted.values[name] for name in ("low", "high", "width"))
+    inside = 0.5 * (math.tanh((now.mach - low) / width) - math.tanh((now.mach - high) / width))
+    return complex(planted.amplitude * inside * now.alpha)
+
+
 def _magnus(planted: Planted, now: Running) -> complex:
     return 1j * planted.amplitude * now.spin * now.alpha
 
@@ -195,6 +202,7 @@ _FORMS: dict[str, Callable[[Planted, Running], complex]] = {
     "rotating": _rotating,
     "third_harmonic": _third_harmonic,
     "mach_step": _mach_step,
+    "mach_band": _mach_band,
     "magnus": _magnus,
     "vortex": _vortex,
     "cubic_stiffness": _cubic_stiffness,

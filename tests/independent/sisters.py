@@ -1,9 +1,10 @@
 """Pairs of sister vehicles: the model found on one, frozen, against the moments and samples of the other.
 
-By hand: python -m tests.independent.sisters --seed 1000 --pairs 6
+By hand: python -m tests.independent.sisters --seed 1000 --pairs 6 [--changed]
 
 Pair k has seed SEED + k, and is of the vehicles in turn. Sisters share their aerodynamics; mass, inertia, trim,
 instruments, speed at entry and start differ. Trim and instruments of the second are fitted to it (`--refit`).
+`--changed`: the second's slope is another between two Mach numbers, 3 to 10 times what shows in its record (F of 25).
 """
 
 from __future__ import annotations
@@ -16,15 +17,26 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from brv_hypo.residuals import TraceConfig, predict, trace
-from tests.independent.flights import make_flight
+from brv_hypo.residuals.prediction import LocalChange
+from tests.independent.dynamics import PAD
+from tests.independent.flights import Made, make_flight
+from tests.independent.mechanisms import Planted
+from tests.independent.oracle import DETECTED
+from tests.independent.record_oracle import f_ratios_in_record
 from tests.independent.vehicles import CRAFTS, Craft
 
 REFIT = ("trim", "instruments")
+SECOND = 500_000  # added to a seed for that of the second flight
 # Relative changes of the sister, 1-sigma: of mass and inertia (stated in its record), and of speed at entry.
 MASS, SPEED = 0.03, 0.003
 EXPLAINED, BAND = 0.95, (0.90, 0.98)
 # Share of the samples where both flew, below which a pair is not counted.
 SMALLEST = 0.1
+# A planted local change: how much of the record it takes, and its edges' width, of that; detection limits between which
+# its size is drawn, and the relative change of the slope at which the limit is asked for.
+WIDE, EDGE, TIMES, FIRST = (0.15, 0.35), 0.05, (3.0, 10.0), 0.02
+NAMED = 0.5  # share that planted and named Mach numbers have in common of both together
+_CHANGE = 22  # the stream that draws it
 
 
 @dataclass(frozen=True)
@@ -33,6 +45,8 @@ class Outcome:
 
     `inside` is the share of samples in the band; `frozen` and `own` are errors over that of the noise. `flown` is the
     share of the samples at Mach numbers and angles of attack that both flew, which the first two are told of.
+    `change` is what is said to differ; `planted` are the Mach numbers between which the slope does, and `times` how
+    many limits that is.
     """
 
     seed: int
@@ -43,18 +57,32 @@ class Outcome:
     flown: float
     frozen: float
     own: float
+    change: LocalChange | None = None
+    planted: tuple[float, float] | None = None
+    times: float = 0.0
+
+    @property
+    def common(self) -> float:
+        """Share that the planted and the named Mach numbers have in common of both together; 0 where none is named."""
+        if self.change is None or self.change.mach is None or self.planted is None:
+            return 0.0
+        (low, high), (lowest, highest) = self.change.mach, self.planted
+        return max(min(high, highest) - max(low, lowest), 0.0) / (max(high, highest) - min(low, lowest))
 
 
-def fly(seed: int, vehicle: str) -> Outcome | str:
+def fly(seed: int, vehicle: str, *, changed: bool = False) -> Outcome | str:
     """Trace one vehicle, predict its sister; the reason in words where none came of it."""
     craft = CRAFTS[vehicle]
+    times = 0.0
     try:
         first = make_flight(craft, seed=seed).flight
-        second = make_flight(sister(craft, seed), seed=seed + 500_000).flight
+        made = make_flight(sister(craft, seed), seed=seed + SECOND)
+        if changed:
+            made, times = with_change(made)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     found = trace(first, TraceConfig(max_steps=2, maximum_likelihood=False))
-    predicted = predict(second, found.model.definition, REFIT)
+    predicted = predict(made.flight, found.model.definition, REFIT)
     error = predicted.error
     return Outcome(
         seed,
@@ -65,7 +93,30 @@ def fly(seed: int, vehicle: str) -> Outcome | str:
         predicted.flown,
         error.frozen / error.noise,
         error.own / error.noise,
+        predicted.local_change,
+        (made.true.planted.values["low"], made.true.planted.values["high"]) if changed else None,
+        times,
     )
+
+
+def with_change(plain: Made) -> tuple[Made, float]:
+    """The flight with its slope changed between two Mach numbers, and at how many detection limits."""
+    rng, true = np.random.default_rng([plain.seed, _CHANGE]), plain.true
+    wide, wanted = rng.uniform(*WIDE), float(np.exp(rng.uniform(*np.log(TIMES))))
+    begin = rng.uniform(0.1, 0.9 - wide)
+    high, low = np.interp([begin, begin + wide], true.time / true.time[-1], true.mach)
+    band = {"low": float(low), "high": float(high), "width": float(EDGE * (high - low))}
+    ends = -2.0 * PAD, true.craft.duration + 2.0 * PAD
+
+    def flown(amplitude: float) -> tuple[Made, float]:
+        made = make_flight(
+            true.craft, seed=plain.seed, start=true.start, planted=Planted("mach_band", amplitude, *ends, band)
+        )
+        return made, float(np.sqrt(f_ratios_in_record(made)[0] / DETECTED))
+
+    size = FIRST * true.craft.static_slope * rng.choice([-1.0, 1.0])
+    _, limits = flown(size)
+    return flown(wanted * size / limits)
 
 
 def sister(craft: Craft, seed: int) -> Craft:
@@ -94,6 +145,10 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         yield f"explained: least {min(o.explained for o in outcomes):.4f}"
         inside = [o.inside for o in outcomes]
         yield f"share in the band: median {np.median(inside):.3f}, from {min(inside):.3f} to {max(inside):.3f}"
+    changed = [o for o in outcomes if o.planted is not None]
+    alike = [o for o in outcomes if o.planted is None]
+    yield _count("the slope is another between two Mach numbers: they are named", [o.common > NAMED for o in changed])
+    yield _count("the schedule is the same: a change is named", [o.change is not None for o in alike])
 
 
 def line(outcome: Outcome) -> str:
@@ -101,8 +156,22 @@ def line(outcome: Outcome) -> str:
     return (
         f"{outcome.seed} {outcome.vehicle}: explained {outcome.explained:.4f}, in the band {outcome.inside:.3f}, "
         f"where both flew {outcome.flown:.2f}, error over noise {outcome.frozen:.2f} frozen, {outcome.own:.2f} fitted "
-        f"there; added {', '.join(outcome.added) or 'nothing'}"
+        f"there; added {', '.join(outcome.added) or 'nothing'}; {_difference(outcome)}"
     )
+
+
+def _difference(outcome: Outcome) -> str:
+    """What was planted of a local change, and what was named."""
+    planted = "nothing" if outcome.planted is None else f"{_numbers(outcome.planted)} at {outcome.times:.1f} limits"
+    change = outcome.change
+    if change is None:
+        return f"differs nowhere ({planted} planted)"
+    size = f"{change.term} {change.value:.3g} +- {change.std_error:.2g}, F {change.f_ratio:.0f}"
+    return f"differs at {_numbers(change.mach or (np.nan, np.nan))}: {size} ({planted} planted)"
+
+
+def _numbers(mach: tuple[float, float]) -> str:
+    return f"Mach {mach[1]:.4g} to {mach[0]:.4g}"
 
 
 def _count(what: str, hits: Sequence[bool]) -> str:
@@ -116,9 +185,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--pairs", type=int, default=6)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--changed", action="store_true", help="the second's slope is another between two Mach numbers")
     given = parser.parse_args(arguments)
     names = sorted(CRAFTS)
-    runs = (delayed(fly)(given.seed + k, names[k % len(names)]) for k in range(given.pairs))
+    each = ((given.seed + k, names[k % len(names)]) for k in range(given.pairs))
+    runs = (delayed(fly)(*pair, changed=given.changed) for pair in each)
     outcomes: list[Outcome] = []
     for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
         if isinstance(found, str):

@@ -21,12 +21,11 @@ from tests.independent.dynamics import PAD
 from tests.independent.effects import sized
 from tests.independent.flights import Made, make_flight
 from tests.independent.mechanisms import Planted
-from tests.independent.sisters import at_speed
+from tests.independent.sisters import SECOND, at_speed
 
 KINDS = ("mach_step", "inplane")
 # Of the record, where the second flight passes the Mach number; and how far from where the first does at least.
 PLACES, APART = (0.2, 0.8), 0.2
-SECOND = 500_000  # added to a seed for that of the second flight
 STEPS = 2
 _STREAM = 31
 
