@@ -14,6 +14,7 @@ TOLD = 16
 """Coefficients that the terminal shows; all of them with -v and on the page."""
 SETTLED = 0.5
 """Ratio of mean squares below which the frozen model is said to hold on the flight."""
+WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 
 def prediction_document(result: Prediction) -> Document:
@@ -42,6 +43,7 @@ def prediction_document(result: Prediction) -> Document:
         blocks=(
             Table(("moments less", "mean square", "ratio"), errors, "Mean square of the moment coefficients"),
             Table(("time, s", "Mach", "ratio"), regions, "Frozen model over none, by stretch of time"),
+            *_differences(result),
             *(Picture(chart) for chart in prediction_charts(result)),
             term_table("Frozen", result.frozen, "always", most=TOLD),
             term_table("Fitted to this flight", result.refitted, "always", most=TOLD),
@@ -49,6 +51,24 @@ def prediction_document(result: Prediction) -> Document:
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )
+
+
+def _differences(result: Prediction) -> list[Table]:
+    """The change of slope or damping that the flight shows, if any."""
+    change = result.local_change
+    if change is None:
+        return []
+    units = "" if change.units == "1" else change.units
+    row = (
+        change.term,
+        interval((change.start_s, change.stop_s)),
+        "" if change.mach is None else interval(change.mach),
+        number(change.value),
+        number(change.std_error, 2),
+        units,
+        number(change.f_ratio),
+    )
+    return [Table(("term", "time, s", "Mach", "more by", "+-", "units", "F"), [row], WHERE_IT_DIFFERS)]
 
 
 def prediction_charts(result: Prediction) -> list[Chart]:

@@ -9,24 +9,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brv_hypo.constants import CHANGE_CHANCE
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.report.blocks import Texts
+from brv_hypo.report.blocks import Table, Texts
 from brv_hypo.report.chart_names import PREDICTION
 from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
 from brv_hypo.report.pages import page
-from brv_hypo.report.prediction import band_chart, prediction_charts, prediction_document
+from brv_hypo.report.prediction import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
 from brv_hypo.report.provenance import provenance
 from brv_hypo.report.rows import CONTRADICTED
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.simulation import simulate
+from brv_hypo.simulation import SimulationConfig, simulate
 from tests.chains import TRIM, traced_trim, trimmed_cone
 from tests.shared_data import shared_file
 
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
+# A change of the sister's slope of 1/rad, and when.
+CHANGE, CHANGED_S = 0.002, (2.0, 3.5)
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +66,39 @@ def test_the_frozen_model_explains_a_sister_flight(predicted: Prediction) -> Non
     assert error.own <= error.frozen * 1.01
     assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
     assert predicted.ratio == pytest.approx(error.frozen / error.without)
+
+
+def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) -> None:
+    assert predicted.local_change is None
+    assert "differs" not in predicted.reason
+
+
+@pytest.fixture(scope="module")
+def changed(traced: Trace) -> Prediction:
+    """A sister whose slope is another for a while."""
+    data = another_flight(trimmed_cone(SISTERS_TRIM), 4).model_dump()
+    inplane = {"mechanism": "inplane", "terms": {"C_Nalpha": CHANGE}, "start": CHANGED_S[0], "stop": CHANGED_S[1]}
+    config = SimulationConfig.model_validate({**data, "mechanisms": (*data["mechanisms"], inplane)})
+    return predict(simulate(config, seed=5).flight, traced.model.definition, ("trim",))
+
+
+def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) -> None:
+    change = changed.local_change
+    assert change is not None
+    assert change.term == "C_Nalpha"
+    assert (change.start_s, change.stop_s) == pytest.approx(CHANGED_S, abs=0.05)
+    assert change.value == pytest.approx(CHANGE, abs=4.0 * change.std_error)
+    assert change.p_value < CHANGE_CHANCE
+    assert change.mach is not None
+    assert f"Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}" in changed.reason
+
+
+def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction) -> None:
+    document = prediction_document(changed)
+    tables = [block for block in document.blocks if isinstance(block, Table)]
+    rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
+    assert [row[0] for row in rows] == ["C_Nalpha"]
+    assert Prediction.model_validate_json(changed.model_dump_json(by_alias=True)) == changed
 
 
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
