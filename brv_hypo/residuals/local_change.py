@@ -1,7 +1,8 @@
 """Where a flight's static moment or damping differs from a frozen model's: a change between two times of it.
 
 Moments show little of a change of a few percent, sample by sample. Fitted to the rates as a jump that ends, beside all
-that is fitted along and the frozen coefficients within their covariance, it stands out where it is.
+that is fitted along and the frozen coefficients within their covariance, it stands out where it is. Slope and damping
+as such are free beside it: one that is off throughout is no change between two times.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def find_local_change(
     others: FloatArray,
     covariance: FloatArray,
 ) -> LocalChange | None:
-    """The change of slope or damping that explains most of what the model leaves; None where it may be chance.
+    """The change of slope or damping, against before and after, that explains most; None where it may be chance.
 
     `held` (columns,) and `others` (unknowns,) are frozen values, NaN where they are fitted here; `covariance` (held
     columns, held columns) is that of the former. One flight.
@@ -122,7 +123,10 @@ def _rest(
     others: FloatArray,
     covariance: FloatArray,
 ) -> _Rest:
-    """What is fitted here, and the frozen coefficients by as much as they may err, which has a row each for that."""
+    """What is fitted here with slope and damping, and the frozen coefficients by as much as they may err.
+
+    These have a row each for that.
+    """
     constants = np.full(2 * len(problem.rows.part.levels), np.nan)
     fixed = np.concatenate([held, constants, others])
     free = np.isnan(fixed)
@@ -132,7 +136,10 @@ def _rest(
     known = np.flatnonzero(~np.isnan(held))
     erring = design[:, known] @ (directions * np.sqrt(np.maximum(variances, 0.0)))
     rows = design.shape[0] + known.size
-    whole = np.column_stack([_with_priors(design[:, free], rows), _with_priors(erring, rows)])
+    terms = ChangedSchedule().terms(frame.motions[0], {})
+    throughout = [Column(ChangedSchedule.name, term.name, (), TimeFunction("constant"), term.units) for term in terms]
+    fitted = np.column_stack([problem.raw_design(frame, throughout), design[:, free], erring])
+    whole = _with_priors(fitted, rows)
     whole[design.shape[0] :, whole.shape[1] - known.size :] = np.eye(known.size)
     basis = np.asarray(np.linalg.qr(whole / lengths(whole))[0], dtype=float)
     response = _with_priors(response[:, np.newaxis], rows)[:, 0]
