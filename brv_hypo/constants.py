@@ -621,6 +621,7 @@ BAND_LEVEL = 0.95  # share of a normal distribution between them
 BAND_LEAST_NOISE = 0.1  # share of the noise that a fit leaves at least
 MODEL_ERROR_WEIGHTS = (0.25, 0.5, 0.25)  # of a held-out stretch and its neighbours in Mach: one holds few cycles
 MODEL_ERROR_SIGMAS = 1.645  # standard errors by which what is left has to exceed the noise: 5 %, one-sided
+PREDICTED_BLOCKS = 8  # at least, of the record's: the fewest that a trace may be told to cut it into
 PREDICTED_LINEARISATIONS = 2  # where errors of the record are fitted
 PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights flew, from which nothing is said of it
 # Share of the frozen model's mean square, noise aside, below which letting record and vehicle err is worth a word; and

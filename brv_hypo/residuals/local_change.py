@@ -18,7 +18,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
-from brv_hypo.model.columns import Column
+from brv_hypo.model.columns import Column, term_column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
@@ -55,10 +55,8 @@ class _Rest:
 
     def columns(self, term: Term, edges: FloatArray) -> FloatArray:
         """A change of the term's coefficient from each edge (s) on, less what the rest takes up (rows, edges)."""
-        names = [
-            Column(ChangedSchedule.name, term.name, (), TimeFunction("jump", float(edge)), term.units) for edge in edges
-        ]
-        design = _with_priors(self.problem.raw_design(self.frame, names), self.basis.shape[0])
+        changes = [_column(term, TimeFunction("jump", float(edge))) for edge in edges]
+        design = _with_priors(self.problem.raw_design(self.frame, changes), self.basis.shape[0])
         return np.asarray(design - self.basis @ (self.basis.T @ design), dtype=float)
 
     def best(self, term: Term, edges: FloatArray, first: slice, last: slice) -> _Change:
@@ -137,13 +135,17 @@ def _rest(
     erring = design[:, known] @ (directions * np.sqrt(np.maximum(variances, 0.0)))
     rows = design.shape[0] + known.size
     terms = ChangedSchedule().terms(frame.motions[0], {})
-    throughout = [Column(ChangedSchedule.name, term.name, (), TimeFunction("constant"), term.units) for term in terms]
+    throughout = [_column(term, TimeFunction("constant")) for term in terms]
     fitted = np.column_stack([problem.raw_design(frame, throughout), design[:, free], erring])
     whole = _with_priors(fitted, rows)
     whole[design.shape[0] :, whole.shape[1] - known.size :] = np.eye(known.size)
     basis = np.asarray(np.linalg.qr(whole / lengths(whole))[0], dtype=float)
     response = _with_priors(response[:, np.newaxis], rows)[:, 0]
     return _Rest(problem, frame, basis, response - basis @ (basis.T @ response))
+
+
+def _column(term: Term, course: TimeFunction) -> Column:
+    return term_column(ChangedSchedule(), term, (), course)
 
 
 def _with_priors(rows: FloatArray, count: int) -> FloatArray:

@@ -12,7 +12,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import PREDICTED_LINEARISATIONS, TRACED_SMALLEST
+from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LINEARISATIONS, TRACED_SMALLEST
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
@@ -66,15 +67,27 @@ def predict(
     (its file, at its times); so is what belongs to its times, unless `refit` names it.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
-    Raises UsageError where the model holds no coefficients or `refit` names what is not there.
+    Raises UsageError where the model holds no coefficients or `refit` names what is not there, UnanswerableError where
+    the record is too short.
     """
     saved = model.model.definition if isinstance(model, Trace) else model
     path, settings = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config)
     content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, tuple(refit), settings)
+        found = _predict(record, content, path, tuple(refit), _in_blocks(record, settings))
     return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
+
+
+def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
+    """The settings with no more blocks than the record has samples for: nothing is chosen by them here."""
+    most = flight.samples // HELD_OUT_SHORTEST
+    if most < PREDICTED_BLOCKS:
+        raise UnanswerableError(
+            f"the record holds {flight.samples} samples in the window, expected at least "
+            f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to tell its motion and noise. Widen --start and --stop."
+        )
+    return config.model_copy(update={"blocks": min(config.blocks, most)})
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def _of_a_change(change: LocalChange | None) -> str:
     units = "" if change.units == "1" else f" {change.units}"
     return (
         f" It differs most between {where}: {change.term} is {'more' if change.value > 0.0 else 'less'} there by "
-        f"{abs(change.value):.3g} +- {change.std_error:.2g}{units} than before and after (F {change.f_ratio:.0f})."
+        f"{abs(change.value):.3g} +- {change.std_error:.2g}{units} than elsewhere (F {change.f_ratio:.0f})."
     )
 
 

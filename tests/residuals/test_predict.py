@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brv_hypo.constants import CHANGE_CHANCE
-from brv_hypo.errors import UsageError
+from brv_hypo.constants import CHANGE_CHANCE, HELD_OUT_SHORTEST
+from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.report.blocks import Table, Texts
@@ -109,6 +109,17 @@ def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Predicti
             (values[term.name].value, values[term.name].std_error)
         )
     assert held.error.frozen > predicted.error.frozen
+
+
+def test_a_window_too_short_to_be_traced_is_predicted(traced: Trace, sister: Flight) -> None:
+    predicted = predict(sister.window(1.0, 2.2), traced.model.definition, ("trim",))
+    assert predicted.flight.samples < TraceConfig().blocks * HELD_OUT_SHORTEST
+    assert predicted.explained > 0.95
+
+
+def test_a_window_of_a_few_samples_is_refused_with_the_remedy(traced: Trace, sister: Flight) -> None:
+    with pytest.raises(UnanswerableError, match=r"expected at least 64.*Widen --start and --stop"):
+        predict(sister.window(1.0, 1.2), traced.model.definition)
 
 
 def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> None:
