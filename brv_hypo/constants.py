@@ -596,6 +596,9 @@ LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what expl
 # Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
 # all a function of Mach number, and jumps in time describe any smooth change.
 LOOP_SCHEDULE = 0.5
+# Share of what changes in time of each of several flights explain, from which one description that all share comes
+# before them: a step in Mach number explained 0.95 and more, jumps in time 0.51 (tests.independent.two_flights).
+LOOP_SHARED = 0.8
 LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything

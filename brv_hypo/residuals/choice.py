@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from brv_hypo.constants import (
     HELD_OUT_SIGMAS,
     HELD_OUT_WORSE,
@@ -13,6 +15,7 @@ from brv_hypo.constants import (
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
     LOOP_SCHEDULE,
+    LOOP_SHARED,
     LOOP_TRIES,
 )
 from brv_hypo.ranking.alternative import is_particular
@@ -31,6 +34,7 @@ from brv_hypo.residuals.judge import (
     ratio,
     residuals_of,
 )
+from brv_hypo.residuals.model_error import lasting
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
 
 
@@ -216,8 +220,22 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
 
 
 def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
-    """Whether a description in generic terms comes before the candidate."""
+    """Whether a description in generic terms comes before the candidate.
+
+    Of several flights, one that all of them share comes before changes in time that are told of each anew, where it
+    explains nearly as much.
+    """
+    if told_once(described, candidate):
+        return described.gain >= LOOP_SHARED * candidate.gain
     more = described.leads(candidate)
     if abs(more) >= LOOK_ALIKE_NEAR:
         return more > 0.0
     return not is_particular(here.problem, here.null, candidate.fit)
+
+
+def told_once(described: Candidate, candidate: Candidate) -> bool:
+    """Whether all flights share what is described, where the candidate changes in time on each of several anew."""
+    fit = described.fit
+    shared = lasting(fit.selected, {mechanism.name: mechanism for mechanism in fit.mechanisms})
+    anew = any(column.flight is not None and column.course.kind != "constant" for column in candidate.fit.selected)
+    return described.kind == "discovered" and anew and bool(np.all(shared))

@@ -11,14 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.constants import LOOP_REPEATED_BLOCKS, LOOP_REPEATED_KNOTS, LOOP_RIVALS, REPEATED_ERRORS
+from brv_hypo.constants import LOOP_REPEATED_BLOCKS, LOOP_REPEATED_KNOTS, LOOP_RIVALS, LOOP_SHARED, REPEATED_ERRORS
 from brv_hypo.model.columns import default_knots
 from brv_hypo.regression.channels import split
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, fitted_again, try_mechanism
 from brv_hypo.residuals.candidates_at_step import Look
-from brv_hypo.residuals.choice import comes_first, is_schedule
+from brv_hypo.residuals.choice import comes_first, is_schedule, told_once
 from brv_hypo.residuals.config import TraceConfig
 
 
@@ -62,8 +62,10 @@ def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: boo
     most = max(gains.values())
     schedules = [each.name for each in candidates if is_schedule(each) and comes_first(gains[each.name], most)]
     offered = gains if scheduled or not schedules else schedules
-    best = max(offered, key=lambda name: gains[name])
-    return best if gains[best] > 0.0 else "none"
+    best = max((each for each in candidates if each.name in offered), key=lambda each: gains[each.name])
+    once = [each for each in candidates if told_once(each, best) and gains[each.name] >= LOOP_SHARED * gains[best.name]]
+    best = max(once, key=lambda each: gains[each.name], default=best)
+    return best.name if gains[best.name] > 0.0 else "none"
 
 
 def _criterion(problem: Problem, null: HypothesisFit, candidate: Candidate) -> float:

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from brv_hypo.constants import LOOK_ALIKE_NEAR
+from brv_hypo.constants import LOOK_ALIKE_NEAR, LOOP_SHARED
 from brv_hypo.mechanisms import find
+from brv_hypo.model.columns import Column
+from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking import alternative
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
@@ -26,8 +28,9 @@ def candidate(
     gain: float,
     contribution: np.ndarray = ALONG,
     mechanisms: tuple[Any, ...] = (),
+    selected: tuple[Column, ...] = (),
 ) -> Candidate:
-    fit: Any = SimpleNamespace(mechanisms=mechanisms)
+    fit: Any = SimpleNamespace(mechanisms=mechanisms, selected=selected)
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
     return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0)
 
@@ -122,6 +125,23 @@ def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
     monkeypatch.setattr(alternative, "particular_share", lambda problem, null, fit: particular)
     named = candidate("inplane", 100.0)
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
+    assert result.ranked[0].name == first
+
+
+@pytest.mark.parametrize(
+    ("share", "flight", "first"),
+    [
+        (1.01 * LOOP_SHARED, 1, "discovered_1"),
+        (0.99 * LOOP_SHARED, 1, "inplane"),
+        (1.01 * LOOP_SHARED, None, "inplane"),
+    ],
+)
+def test_what_several_flights_share_comes_before_jumps_in_time_of_each(
+    share: float, flight: int | None, first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jump = Column("inplane", "C_Nalpha", (), TimeFunction("jump", 2.0), "1/rad", flight=flight)
+    named = candidate("inplane", 1000.0, selected=(jump,))
+    result = chosen([named], "none", monkeypatch, candidate("discovered_1", share * 1000.0))
     assert result.ranked[0].name == first
 
 
