@@ -235,7 +235,8 @@ def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
 
 def told_once(described: Candidate, candidate: Candidate) -> bool:
     """Whether all flights share what is described, where the candidate changes in time on each of several anew."""
-    fit = described.fit
-    shared = lasting(fit.selected, {mechanism.name: mechanism for mechanism in fit.mechanisms})
     anew = any(column.flight is not None and column.course.kind != "constant" for column in candidate.fit.selected)
-    return described.kind == "discovered" and anew and bool(np.all(shared))
+    if described.kind != "discovered" or not anew:
+        return False
+    fit = described.fit
+    return bool(np.all(lasting(fit.selected, {mechanism.name: mechanism for mechanism in fit.mechanisms})))

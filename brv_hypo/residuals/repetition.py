@@ -11,7 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.constants import LOOP_REPEATED_BLOCKS, LOOP_REPEATED_KNOTS, LOOP_RIVALS, LOOP_SHARED, REPEATED_ERRORS
+from brv_hypo.constants import (
+    LOOP_REPEATED_BLOCKS,
+    LOOP_REPEATED_KNOTS,
+    LOOP_RIVALS,
+    LOOP_SHARED,
+    REPEATED_ERRORS,
+)
 from brv_hypo.model.columns import default_knots
 from brv_hypo.regression.channels import split
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
