@@ -69,10 +69,9 @@ class _Rest:
         along = (shared[:, np.newaxis] - shared)[first, last]
         gains = np.where(told, along**2 / np.where(told, length, 1.0), -1.0)
         start, stop = np.unravel_index(int(np.argmax(gains)), gains.shape)
-        pair = slice(int(start), int(start) + 1), slice(int(stop), int(stop) + 1)
-        column = columns[:, first][:, pair[0]] - columns[:, last][:, pair[1]]
+        column = columns[:, first][:, start] - columns[:, last][:, stop]
         region = float(edges[first][start]), float(edges[last][stop])
-        return _Change(term, region, float(gains[start, stop]), column[:, 0])
+        return _Change(term, region, float(gains[start, stop]), column)
 
 
 @dataclass(frozen=True)
