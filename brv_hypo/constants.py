@@ -562,9 +562,11 @@ NEAR_EQUAL_COSINE = 0.95  # of an effect's prediction and the columns of another
 DESCRIBED_SCREENED = 10  # entries at most, of which the best subset is found exactly: 2^10 subsets
 DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
 DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
-# Entries at most that are tried as what begins, ends and jumps in time, the best as constants: of an effect that acts
-# a quarter of the record, a quarter of what it explains is left to find it by.
+# Entries at most that are tried as what begins, ends and jumps in time: the best over stretches that begin and end at
+# so many equal parts of the record. As constants, what acts a quarter of it keeps a quarter of what it explains, and
+# others come before it (tests.independent.descriptions).
 DESCRIBED_TIMED = 3
+DESCRIBED_STRETCHES = 8
 DESCRIBED_NEIGHBOURS = 1.5  # spacings within which two entries are one
 DESCRIBED_FREE = 1e-4  # of a column's length, that the model has to leave of it
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity

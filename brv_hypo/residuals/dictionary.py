@@ -39,7 +39,7 @@ class Entry:
     """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
 
     `at(position)` is the same entry elsewhere. What `may_change` may begin, end and jump in time; the others are
-    courses in a quantity themselves.
+    courses in a quantity themselves, `follows`, of a `form` wherever they lie.
     """
 
     words: str
@@ -48,6 +48,13 @@ class Entry:
     spacing: float = 0.0
     at: Callable[[float], Entry] | None = None
     may_change: bool = False
+    follows: Quantity | None = None
+    form: str = ""
+
+
+# What tells a single flight alike comes in this order: a slope that changes along an entry is first of all a function
+# of Mach number, and nothing that follows the record's time can be asked of another flight.
+COURSES: tuple[Quantity, ...] = ("mach", "log_reynolds", "time")
 
 
 def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
@@ -57,8 +64,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     """
     one = len(motions) == 1
     found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_round_the_body(), *_powers()]
-    quantities: tuple[Quantity, ...] = ("mach", "log_reynolds", "time") if one else ("mach", "log_reynolds")
-    for quantity in quantities:
+    for quantity in COURSES if one else COURSES[:-1]:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
         if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
@@ -205,6 +211,8 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
                 value,
                 spacing,
                 entry,
+                follows=quantity,
+                form=f"{what}{_WIDTHS[share]}",
             )
 
         return entry
@@ -233,6 +241,8 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
                         units="1/rad",
                     ),
                 ),
+                follows=quantity,
+                form="a change of the stiffness",
             )
         )
         found.append(
@@ -246,12 +256,16 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
                         units="1/rad",
                     ),
                 ),
+                follows=quantity,
+                form="an out-of-plane moment with alpha",
             )
         )
         found.append(
             Entry(
                 f"a body-fixed moment {where}",
                 tuple(FiledTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY),
+                follows=quantity,
+                form="a body-fixed moment",
             )
         )
     return found

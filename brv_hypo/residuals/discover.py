@@ -16,7 +16,9 @@ from brv_hypo.constants import (
     DESCRIBED_FREE,
     DESCRIBED_NEIGHBOURS,
     DESCRIBED_SCREENED,
+    DESCRIBED_STRETCHES,
     DESCRIBED_TIMED,
+    LOOK_ALIKE_NEAR,
 )
 from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm, MechanismFile, mechanism_of
 from brv_hypo.model.columns import Column
@@ -25,7 +27,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
-from brv_hypo.residuals.dictionary import Entry, entries
+from brv_hypo.residuals.dictionary import COURSES, Entry, entries
 from brv_hypo.subset import best_subsets
 
 
@@ -68,7 +70,7 @@ def discover(
         gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
         if not gains or max(gains) <= 0.0:
             break
-        best = _moved(problem, dictionary.entries[int(np.argmax(gains))], basis, left)
+        best = _best(problem, dictionary.entries, gains, basis, left)
         own = _free(_white(problem, [best])[0], basis)
         basis = np.column_stack([basis, np.linalg.qr(own)[0]])
         left = response - basis @ (basis.T @ response)
@@ -76,13 +78,31 @@ def discover(
     count = len(dictionary.entries)
     fits = [_constant(problem, name, subset, count) for subset in _subsets(problem, chosen, most)]
     if len(problem.records) == 1:
-        fits += [_timed(problem, name, entry, count) for entry in _changing(dictionary, problem)]
+        fits += _all_timed(problem, name, dictionary)
     if not fits:
         return None
     found = min(fits, key=lambda each: each.fit.information)
     candidate = candidate_of(problem, null, found.fit, name, "discovered")
     terms = filed(found.fit.selected, found.fit.values[found.fit.baseline_size :], found.mechanism)
     return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title, found.pieces)
+
+
+def _best(
+    problem: Problem, offered: Sequence[Entry], gains: Sequence[float], basis: FloatArray, left: FloatArray
+) -> Entry:
+    """The entry of the largest gain, at its best place; a course in the first of the quantities that tell it alike."""
+    leader = offered[int(np.argmax(gains))]
+    if leader.follows is None:
+        return _moved(problem, leader, basis, left)
+    # Between the places of a grid a step of another width or quantity may look like more than the right one.
+    order = sorted(range(len(offered)), key=lambda k: -gains[k])
+    courses = [offered[k] for k in order if offered[k].follows is not None]
+    forms = {(entry.follows, entry.form): entry for entry in reversed(courses)}
+    moved = [_moved(problem, entry, basis, left) for entry in forms.values()]
+    told = [_gain(_free(own, basis), left) for own in _white(problem, moved)]
+    alike = [k for k, gain in enumerate(told) if gain > max(told) - LOOK_ALIKE_NEAR]
+    first = min(alike, key=lambda k: (COURSES.index(moved[k].follows or COURSES[-1]), -told[k]))
+    return moved[first]
 
 
 def filed(columns: Sequence[Column], values: FloatArray, mechanism: FiledMechanism) -> tuple[FiledTerm, ...]:
@@ -141,6 +161,19 @@ def _constant(problem: Problem, name: str, chosen: tuple[Entry, ...], entries_se
     return _described(problem, file, columns, math.comb(entries_searched, len(chosen)), len(chosen))
 
 
+def _all_timed(problem: Problem, name: str, dictionary: Dictionary) -> list[_Described]:
+    """Entries that change in time: the best over a stretch, and the best at the times of those."""
+    offered, count = [entry for entry in dictionary.entries if entry.may_change], len(dictionary.entries)
+    basis, left = _left(problem)
+    fits = [_timed(problem, name, entry, count) for entry in _changing(problem, offered, basis, left)]
+    if not fits:
+        return fits
+    best = min(fits, key=lambda each: each.fit.information)
+    courses = tuple(dict.fromkeys(column.course for column in best.fit.selected))
+    gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
+    return [*fits, _timed(problem, name, offered[int(np.argmax(gains))], count)]
+
+
 def _timed(problem: Problem, name: str, entry: Entry, entries_searched: int) -> _Described:
     """An entry with jumps in time where they explain most, and then at its own best place."""
     mechanism = _Changing(definition=entry.terms)
@@ -170,16 +203,28 @@ def _choices(sets: int, chosen: int) -> int:
     return count
 
 
-def _changing(dictionary: Dictionary, problem: Problem) -> list[Entry]:
-    """The entries that explain most as constants, of those that may change in time; of neighbours the best alone."""
-    basis, left = _left(problem)
-    gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
+def _changing(
+    problem: Problem, offered: Sequence[Entry], basis: FloatArray, left: FloatArray
+) -> list[Entry]:
+    """The entries that explain most over some stretch; of neighbours the best alone."""
+    start, stop = float(problem.frame.time.min()), float(problem.frame.time.max())
+    edges = np.linspace(start, stop, DESCRIBED_STRETCHES + 1)
+    stretches = [TimeFunction("jump", float(a), float(b)) for a, b in itertools.pairwise(edges)]
+    gains = [_most_of_a_stretch(_free(_white(problem, [entry], stretches)[0], basis), left) for entry in offered]
     found: list[Entry] = []
     for k in sorted(range(len(gains)), key=lambda k: -gains[k]):
-        entry = dictionary.entries[k]
-        if entry.may_change and gains[k] > 0.0 and not any(_neighbours(entry, other) for other in found):
-            found.append(entry)
+        if gains[k] > 0.0 and not any(_neighbours(offered[k], other) for other in found):
+            found.append(offered[k])
     return found[:DESCRIBED_TIMED]
+
+
+def _most_of_a_stretch(pieces: FloatArray, left: FloatArray) -> float:
+    """The largest fall of the residual's squares by an entry whose parts by stretch are given (rows, columns)."""
+    parts = np.cumsum(pieces.reshape(len(left), DESCRIBED_STRETCHES, -1), axis=1)
+    until = np.concatenate([np.zeros_like(parts[:, :1]), parts], axis=1)
+    return max(
+        _gain(until[:, b] - until[:, a], left) for a, b in itertools.combinations(range(DESCRIBED_STRETCHES + 1), 2)
+    )
 
 
 def _neighbours(one: Entry, other: Entry) -> bool:
