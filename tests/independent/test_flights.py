@@ -256,6 +256,7 @@ STUDIES = (
     "effects.py",
     "two_flights.py",
     "sisters.py",
+    "descriptions.py",
     "near_zero.py",
     "integrals.py",
     "test_near_zero.py",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.independent import descriptions
 from tests.independent.effects import ROUGH, TIMES, sized_pair, with_pair
 from tests.independent.loop_study import Outcome, fly, traced
 from tests.independent.oracle import DETECTED
@@ -33,6 +34,16 @@ def test_what_begins_and_ends_is_found_though_neither_alone_is_worth_much(seed: 
     found = fly(seed, truth)
     assert isinstance(found, Outcome)
     assert found.added[0].name == truth
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "truth"), [(260020, "mach_step"), (260021, "rotating")])
+def test_an_effect_that_no_plugin_has_is_described(seed: int, truth: str) -> None:
+    """A step of the stiffness that one flight tells alike by time; a turn over a third of the record."""
+    found = descriptions.fly(seed, truth)
+    assert isinstance(found, descriptions.Outcome)
+    assert found.described
+    assert found.lowers
 
 
 @pytest.mark.thorough

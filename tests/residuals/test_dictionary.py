@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms.conformance import sample_motion
-from brv_hypo.mechanisms.filed import FiledMechanism, FiledTerm, Turn, mechanism_of
+from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm, Turn, mechanism_of
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
@@ -78,3 +78,29 @@ def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     assert found is not None
     assert len({column.choice for column in found.candidate.fit.selected}) == 1
     assert found.candidate.fit.searched == len(dictionary.entries)
+
+
+@pytest.mark.parametrize("at", [2.0, 4.0])
+def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) -> None:
+    given = prepared()
+    motion = given.frame.motions[0]
+    step = Factor(of="time", function="step", at=at, width=0.1)
+    term = FiledTerm(name="later", axis="in_plane", factors=(step, Factor(of="alpha")), units="1/rad")
+    given = with_moment(given, term, TimeFunction("constant"), 1500.0)
+    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    assert found is not None
+    places = [factor.at for term in found.file.terms for factor in term.factors if factor.of == "mach"]
+    assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)
+
+
+@pytest.mark.parametrize(("rate", "start", "stop"), [(8.0, 1.0, 2.0), (-3.0, 3.0, 4.5)])
+def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float, start: float, stop: float) -> None:
+    """As constants throughout, entries of other rates and harmonics explain more."""
+    term = TURNING.model_copy(update={"turn": Turn(of="time", rate=rate)})
+    given = with_moment(prepared(), term, TimeFunction("jump", start, stop), 600.0)
+    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    assert found is not None
+    rates = [term.turn.rate for term in found.file.terms if term.turn is not None and term.turn.of == "time"]
+    times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
+    assert rates == pytest.approx([rate] * 4, abs=0.05)
+    assert times == pytest.approx([start, stop], abs=0.05)
