@@ -7,7 +7,7 @@ from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
 from brv_hypo.report.compare import term_table
 from brv_hypo.report.motion_charts import BODY, TIME, scale_of
 from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
-from brv_hypo.report.style import interval, number, share
+from brv_hypo.report.style import interval, number
 from brv_hypo.residuals.prediction import Prediction
 
 TOLD = 16
@@ -22,12 +22,12 @@ def prediction_document(result: Prediction) -> Document:
     flight, sound = result.flight, result.record.sound
     span = interval((flight.start_s, flight.stop_s))
     found_on = ", ".join(result.model.found_on)
-    errors = [(name, number(value), share(value / result.error.without)) for name, value in _errors(result)]
+    errors = [(name, number(value), _percent(100.0 * value / result.error.without)) for name, value in _errors(result)]
     regions = [
         (
             interval((region.start_s, region.stop_s)),
             "" if region.mach is None else interval(region.mach),
-            share(region.ratio),
+            _percent(100.0 * region.ratio),
         )
         for region in result.regions
     ]
@@ -111,7 +111,12 @@ def band_chart(result: Prediction) -> Chart:
 
 
 def _bars(names: list[str], percent: list[float]) -> Bars:
-    return Bars(names, percent, [f"{number(value, 2)} %" for value in percent])
+    return Bars(names, percent, [_percent(value) for value in percent])
+
+
+def _percent(value: float) -> str:
+    """A share at two digits however small it is: a model's errors are told from the noise's by them."""
+    return f"{number(value, 2)} %"
 
 
 def _errors(result: Prediction) -> list[tuple[str, float]]:
