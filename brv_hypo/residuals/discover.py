@@ -220,11 +220,12 @@ def _changing(
 
 def _most_of_a_stretch(pieces: FloatArray, left: FloatArray) -> float:
     """The largest fall of the residual's squares by an entry whose parts by stretch are given (rows, columns)."""
-    parts = np.cumsum(pieces.reshape(len(left), DESCRIBED_STRETCHES, -1), axis=1)
-    until = np.concatenate([np.zeros_like(parts[:, :1]), parts], axis=1)
-    return max(
-        _gain(until[:, b] - until[:, a], left) for a, b in itertools.combinations(range(DESCRIBED_STRETCHES + 1), 2)
-    )
+    shape = (DESCRIBED_STRETCHES, pieces.shape[1] // DESCRIBED_STRETCHES)
+    normal, right = (pieces.T @ pieces).reshape(*shape, *shape), (pieces.T @ left).reshape(shape)
+    ends = itertools.combinations(range(DESCRIBED_STRETCHES + 1), 2)
+    joined = np.array([(np.arange(DESCRIBED_STRETCHES) >= a) & (np.arange(DESCRIBED_STRETCHES) < b) for a, b in ends])
+    of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
+    return float(np.max(_fall(of_each, joined @ right)))
 
 
 def _neighbours(one: Entry, other: Entry) -> bool:
@@ -299,8 +300,13 @@ def _free(own: FloatArray, basis: FloatArray) -> FloatArray:
 
 def _gain(columns: FloatArray, left: FloatArray) -> float:
     """Fall of the residual sum of squares."""
-    normal, right = columns.T @ columns, columns.T @ left
-    return float(right @ np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ right)
+    return float(_fall(columns.T @ columns, columns.T @ left))
+
+
+def _fall(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Fall of the residual sum of squares by normal equations (..., columns, columns) and (..., columns)."""
+    inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
+    return np.asarray(np.einsum("...a,...ab,...b->...", right, inverse, right), dtype=float)
 
 
 def _columns(
