@@ -9,6 +9,7 @@
 - study.py: a command that counts how often `compare` is right
 - effects.py, loop_study.py: every effect that `trace` tries, planted, and how often it is right
 - descriptions.py: what is said of effects that no plugin has, and what that does on a sister flight
+- reporting.py: how studies by hand print what they find
 - sisters.py, two_flights.py: what a model predicts of another vehicle, what two flights tell that one cannot
 
 Written from the conventions and the record's format alone.

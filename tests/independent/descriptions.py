@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from brv_hypo.mechanisms.filed import FiledTerm, MechanismFile, mechanism_text
 from brv_hypo.residuals import Trace, TraceConfig, trace
@@ -24,6 +24,7 @@ from tests.independent.effects import sized
 from tests.independent.flights import Made, make_flight
 from tests.independent.loop_study import added_by
 from tests.independent.mechanisms import ROTATION, Planted
+from tests.independent.reporting import fly_and_report
 from tests.independent.sisters import SECOND, sister
 
 SETTINGS = TraceConfig(max_steps=1, maximum_likelihood=False)
@@ -151,12 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     truths = given.truths.split(",")
     runs = (delayed(fly)(given.seed + k, truths[k % len(truths)]) for k in range(given.flights))
-    outcomes: list[Outcome] = []
-    for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
-        print(found if isinstance(found, str) else line(found), flush=True)
-        if not isinstance(found, str):
-            outcomes.append(found)
-    print("\n".join(report(outcomes)))
+    fly_and_report(runs, given.jobs, line, report)
 
 
 if __name__ == "__main__":

@@ -13,12 +13,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from brv_hypo import compare
 from brv_hypo.ranking import CompareConfig
 from tests.independent.flights import Made, make_flight
 from tests.independent.mechanisms import LISTED
+from tests.independent.reporting import fly_and_report
 from tests.independent.sisters import at_speed
 from tests.independent.vehicles import CRAFTS
 
@@ -136,14 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     cases = [(vehicle, truth) for truth in TRUTHS for vehicle in sorted(CRAFTS)]
     runs = (delayed(fly)(given.seed + k, *cases[k % len(cases)], given.amplitude) for k in range(given.pairs))
-    outcomes: list[Outcome] = []
-    for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
-        if isinstance(found, str):
-            print(found, flush=True)
-            continue
-        outcomes.append(found)
-        print(line(found), flush=True)
-    print("\n".join(report(outcomes)))
+    fly_and_report(runs, given.jobs, line, report)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from tests.independent.drawn_vehicles import draw_craft
@@ -26,6 +26,7 @@ from tests.independent.flights import Made, draw_flight
 from tests.independent.mechanisms import LISTED, UNLISTED
 from tests.independent.oracle import DETECTED, judge
 from tests.independent.record_oracle import f_ratios_in_record
+from tests.independent.reporting import fly_and_report
 
 SETTINGS = TraceConfig(max_steps=4, maximum_likelihood=False)
 # Streams of the size that is planted, and of a vehicle that is drawn.
@@ -264,13 +265,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         truths = given.truths.split(",") if given.truths else _in_turn()
         runs = (delayed(fly)(given.seed + k, truths[k % len(truths)], given.drawn) for k in range(given.flights))
-    outcomes: list[Outcome] = []
-    for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
-        print(found if isinstance(found, str) else line(found), flush=True)
-        if not isinstance(found, str):
-            outcomes.append(found)
     told = report_effects if given.effects else report_pairs if given.pairs else report
-    print("\n".join(told(outcomes)))
+    fly_and_report(runs, given.jobs, line, told)
 
 
 def _in_turn() -> list[str]:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from brv_hypo.residuals import TraceConfig, predict, trace
 from brv_hypo.residuals.prediction import LocalChange
@@ -23,6 +23,7 @@ from tests.independent.flights import Made, make_flight
 from tests.independent.mechanisms import Planted
 from tests.independent.oracle import DETECTED
 from tests.independent.record_oracle import f_ratios_in_record
+from tests.independent.reporting import fly_and_report
 from tests.independent.vehicles import CRAFTS, Craft
 
 REFIT = ("trim", "instruments")
@@ -190,14 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = sorted(CRAFTS)
     each = ((given.seed + k, names[k % len(names)]) for k in range(given.pairs))
     runs = (delayed(fly)(*pair, changed=given.changed) for pair in each)
-    outcomes: list[Outcome] = []
-    for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
-        if isinstance(found, str):
-            print(found, flush=True)
-            continue
-        outcomes.append(found)
-        print(line(found), flush=True)
-    print("\n".join(report(outcomes)))
+    fly_and_report(runs, given.jobs, line, report)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from tests.independent.dynamics import PAD
 from tests.independent.effects import sized
 from tests.independent.flights import Made, make_flight
 from tests.independent.mechanisms import Planted
+from tests.independent.reporting import fly_and_report
 from tests.independent.sisters import SECOND, at_speed
 
 KINDS = ("mach_step", "inplane")
@@ -124,12 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
     runs = (delayed(fly)(given.seed + k, KINDS[k % len(KINDS)]) for k in range(given.pairs))
-    outcomes: list[Outcome] = []
-    for found in Parallel(n_jobs=given.jobs, return_as="generator")(runs):
-        print(found if isinstance(found, str) else line(found), flush=True)
-        if not isinstance(found, str):
-            outcomes.append(found)
-    print("\n".join(report(outcomes)))
+    fly_and_report(runs, given.jobs, line, report)
 
 
 if __name__ == "__main__":
