@@ -266,6 +266,7 @@ MOTION_START = 0.3  # of the speed, 1-sigma of the walk at the first sample
 RESPONSE_STEP = 1e-2
 RESPONSE_TURN = 1e-5  # rad, half the width of differences by the start's direction
 RESPONSE_PULL = 5e-3  # m/s^2, the same by gravity
+MOMENT_SLOPE_STEP = 1e-6  # of a quantity, or of its unit where that is more, half the width of a moment's slope by it
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
 WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it

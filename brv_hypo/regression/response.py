@@ -13,26 +13,20 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.constants import RESPONSE_PULL, RESPONSE_STEP, RESPONSE_TURN
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.angles import angles_of, crossflow_rate
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.columns import Column
 from brv_hypo.motion.effect_responses import AT_ONCE
-from brv_hypo.motion.frames import crossflow
-from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
 from brv_hypo.motion.kept_rows import spacing
-from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.perturbation import perturbed
-from brv_hypo.motion.quadrature import AtNodes
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.smoothing import InputError
 from brv_hypo.motion.splines import running_integral
@@ -45,6 +39,7 @@ from brv_hypo.motion.wind import (
 )
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
+from brv_hypo.regression.moment_model import MomentModel, MovedRecord
 from brv_hypo.regression.propagated_motion import GRAVITY, START, PropagatedMotion, gravity_size, walk_name
 from brv_hypo.regression.wander import (
     walk_modes,
@@ -93,11 +88,8 @@ class LinearisedFlight:
         motion.
         """
         for some in self._so_many(wanted):
-            both = (
-                self._propagated((record, self.start) for record in self._read(some, sign * 0.5 * RESPONSE_STEP))
-                for sign in (1.0, -1.0)
-            )
-            yield from _slopes(*both)
+            both = (self._read(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
+            yield from self._slopes(self._quiet_moments, *both)
 
     def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> Iterator[InertialRecord]:
         """The noise-free record with a share of each of some errors: its motion is that of the measured rates, its
@@ -123,11 +115,10 @@ class LinearisedFlight:
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free
-        shift = body_crossflow(smooth, wind_direction(smooth, self.start)) - self._open_loop
-        left = self._residuals([(smooth, self.crossflow + shift)])[0].rates
+        (left,) = self._integrated(*self._unintegrated(self._quiet_moments, self._propagated([(smooth, self.start)])))
         for a, b in smooth.flight.segments:
-            left[a:b] -= left[a:b].mean()
-        rates = smooth.flight.q + 1j * smooth.flight.r - left * np.exp(-1j * smooth.spin_angle)
+            left.rates[a:b] -= left.rates[a:b].mean()
+        rates = smooth.flight.q + 1j * smooth.flight.r - left.rates * np.exp(-1j * smooth.spin_angle)
         return replace(smooth.flight, q=rates.real, r=rates.imag)
 
     def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
@@ -165,13 +156,10 @@ class LinearisedFlight:
         """
         for some in self._so_many(error.shapes(self.record.flight.time)):
             both = (
-                self._propagated(
-                    (record, self.start)
-                    for record in perturbed(self.record, [self._with_input_error(error, share * each) for each in some])
-                )
+                perturbed(self.record, [self._with_input_error(error, share * each) for each in some])
                 for share in (0.5 * RESPONSE_STEP, -0.5 * RESPONSE_STEP)
             )
-            yield from _slopes(*both)
+            yield from self._slopes(self._moments, *both)
 
     def _with_input_error(self, error: InputError, change: FloatArray) -> Flight:
         """The flight whose input reads so much (n,) more, the pressure of its own size."""
@@ -189,12 +177,17 @@ class LinearisedFlight:
         size = gravity_size(self.record.flight)
         turned = [RESPONSE_TURN * axis[0] for axis in (second, third)]
         pulled = [RESPONSE_PULL * axis for axis in np.eye(3)]
-        starts = [replace(self.start, direction=self.start.direction + s * turn) for turn in turned for s in (1, -1)]
-        starts += [replace(self.start, gravity=self.start.gravity + s * pull) for pull in pulled for s in (1, -1)]
+        both = (
+            [
+                *(replace(self.start, direction=self.start.direction + sign * turn) for turn in turned),
+                *(replace(self.start, gravity=self.start.gravity + sign * pull) for pull in pulled),
+            ]
+            for sign in (1.0, -1.0)
+        )
         per_unit = [0.5 / RESPONSE_TURN] * 2 + [0.5 * size / RESPONSE_PULL] * 3
-        moved = list(self._propagated((self.record, start) for start in starts))
-        pairs = zip(moved[::2], moved[1::2], per_unit, strict=True)
-        rows = [(high - low).times(unit) for high, low, unit in pairs]
+        moved = (self._propagated([(self.record, start) for start in starts]) for starts in both)
+        changes = self._changes(self._moments, *moved)
+        rows = [change.times(unit) for change, unit in zip(changes, per_unit, strict=True)]
         return [*START, *GRAVITY], rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
 
     def random_walk(self) -> Iterator[tuple[str, Rows, float, ComplexArray]]:
@@ -215,126 +208,75 @@ class LinearisedFlight:
         ]
         for some in self._so_many(modes):
             half = [0.5 * RESPONSE_STEP * part * turn * walk[:, number] for _, number, part, _ in some]
-            both = (
-                self._residuals([(self.record, self.crossflow + sign * each) for each in half])
-                for sign in (1.0, -1.0)
-            )
-            for (name, number, part, present), change in zip(some, _slopes(*both), strict=True):
-                yield name, change, present, 1j * part * derolled * noise[:, number]
+            both = ([(self.record, self.crossflow + sign * each) for each in half] for sign in (1.0, -1.0))
+            for (name, number, part, present), change in zip(some, self._changes(self._moments, *both), strict=True):
+                yield name, change.times(1.0 / RESPONSE_STEP), present, 1j * part * derolled * noise[:, number]
 
-    def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> Iterator[Rows]:
-        """The residual had the record read so and the motion started there, for each of these in turn."""
-        for batch in in_batches(moved):
-            shifts = [each - self._open_loop for each in propagated_crossflows(batch)]
-            yield from self._residuals(
-                [(record, self.crossflow + shift) for (record, _), shift in zip(batch, shifts, strict=True)]
-            )
+    def _slopes(self, moments: MomentModel, *both: Iterable[InertialRecord]) -> Iterator[Rows]:
+        """Derivatives from records by half a step to either side."""
+        moved = (self._propagated((record, self.start) for record in records) for records in both)
+        changes = self._changes(moments, *moved)
+        return (change.times(1.0 / RESPONSE_STEP) for change in changes)
+
+    def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
+        """Each record with its crossflow (n,) had the motion started there."""
+        return [
+            (record, self.crossflow + (xi - self._open_loop))
+            for batch in in_batches(moved)
+            for (record, _), xi in zip(batch, propagated_crossflows(batch), strict=True)
+        ]
 
     @cached_property
     def _open_loop(self) -> ComplexArray:
         return body_crossflow(self.record, wind_direction(self.record, self.start))
 
-    def _residuals(self, moved: Sequence[tuple[InertialRecord, ComplexArray]]) -> list[Rows]:
-        """The residual of records of the same times at a crossflow; their moments are integrated at once."""
-        flight, nodes, known = moved[0][0].flight, self.reconstruction.nodes, AtNodes(self.reconstruction.nodes)
+    def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> list[Rows]:
+        """What the residuals of some records have more than those of others; their moments are integrated at once."""
+        (one, one_integrand), (other, other_integrand) = (self._unintegrated(moments, moved) for moved in (more, less))
+        own = [each - before for each, before in zip(one, other, strict=True)]
+        return self._integrated(own, one_integrand - other_integrand)
+
+    def _unintegrated(self, moments: MomentModel, moved: Sequence[MovedRecord]) -> tuple[list[Rows], ComplexArray]:
+        """The residual of records at a crossflow but for the moments, and these at the nodes (m, records)."""
+        nodes = self.reconstruction.nodes
         turns = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
         derotations = [turns[id(record.spin_angle)] for record, _ in moved]
         scales = [record.moment_scale for record, _ in moved]
         factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)
-        integrands: ComplexArray = nodes.of(factors)
         kept = nodes.of(np.stack([self._kept(scale) for scale in scales], axis=1))
-        angles = self._angles(np.stack([xi - self.crossflow for _, xi in moved], axis=1))
-        for k, (record, _) in enumerate(moved):
-            motion = self._moved(record, {name: each[k] for name, each in angles.items()}, known)
-            integrands[:, k] *= self._moment(motion, kept[:, k])
-        rates = np.stack(
-            [(r.flight.q + 1j * r.flight.r) * turn for (r, _), turn in zip(moved, derotations, strict=True)]
-        )
-        for a, b in flight.segments:
-            part = nodes.rows(a, b)
-            integral = running_integral(nodes.time[part], integrands[part])
-            rates[:, a:b] -= integral[nodes.samples[a:b] - part.start].T
-        return [
-            Rows(own, record.transverse_force - self.force.at(record, xi, self.force_values))
-            for own, (record, xi) in zip(rates, moved, strict=True)
+        own = [
+            Rows(
+                (record.flight.q + 1j * record.flight.r) * turn,
+                record.transverse_force - self.force.at(record, xi, self.force_values),
+            )
+            for (record, xi), turn in zip(moved, derotations, strict=True)
         ]
+        return own, np.asarray(nodes.of(factors) * moments.at(moved, kept))
+
+    def _integrated(self, own: Sequence[Rows], integrands: ComplexArray) -> list[Rows]:
+        """The residual with its moments."""
+        nodes, rates = self.reconstruction.nodes, [each.rates.copy() for each in own]
+        for a, b in self.record.flight.segments:
+            part = nodes.rows(a, b)
+            integral = running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
+            for k, each in enumerate(rates):
+                each[a:b] -= integral[:, k]
+        return [Rows(each, rows.force) for each, rows in zip(rates, own, strict=True)]
 
     def _kept(self, scale: FloatArray) -> FloatArray:
         """Pressure and inertia of the linearisation point over those of a record with this moment scale (n,)."""
         return np.divide(self.record.moment_scale, scale, out=np.ones_like(scale), where=scale != 0.0)
 
-    def _angles(self, shifts: ComplexArray) -> dict[str, Any]:
-        """The motions' angles at the nodes (records, m) where the crossflow differs by `shifts` (n, records)."""
-        motion, nodes = self.reconstruction.motion_at_nodes, self.reconstruction.nodes
-        xi, rate = self._crossflow_at_nodes
-        changes = np.gradient(shifts, self.record.flight.time, axis=0)
-        moved, moved_rate = (np.ascontiguousarray(nodes.of(each).T) for each in (shifts, changes))
-        return angles_of(xi + moved, rate + moved_rate, motion.windward_meridian)
-
-    def _moment(self, motion: Motion, kept: FloatArray) -> ComplexArray:
-        """C_m + i C_n of the model at the nodes (m,).
-
-        What is tested keeps the pressure and inertia of the linearisation point, which are `kept` (m,) of the record's:
-        its coefficients make up for both, and a hypothesis without it would take an error of either for a share of it.
-        """
-        inside, outside = np.zeros(motion.time.size), np.zeros(motion.time.size)
-        found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        for column, course in zip(self.columns, self._courses, strict=True):
-            key = (column.mechanism, column.theta)
-            if key not in found:
-                terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-                found[key] = {term.name: term for term in terms}
-            term = found[key][column.term]
-            weight = course if column.mechanism in self._always else course * kept
-            inside += weight * term.in_plane
-            outside += weight * term.out_of_plane
-        return motion.to_body(inside, outside)
-
     @cached_property
-    def _courses(self) -> list[FloatArray]:
-        """Each column's coefficient at the nodes (m,)."""
-        time = self.reconstruction.motion_at_nodes.course_time
-        return [value * column.course(time) for column, value in zip(self.columns, self.values, strict=True)]
-
-    @cached_property
-    def _always(self) -> frozenset[str]:
-        """Mechanisms that are part of every hypothesis: the baseline, and what tolerances of the vehicle bound."""
-        own, flight = (StaticMoment.name, PitchDamping.name), self.record.flight
-        return frozenset(
-            name for name, each in self.mechanisms.items() if name in own or each.tolerance(flight) is not None
-        )
-
-    def _moved(self, record: InertialRecord, angles: Mapping[str, Any], known: AtNodes) -> Motion:
-        """The motion at the nodes (m,) with these angles and the record's own rates and air data.
-
-        `known`: what was found there before.
-        """
-        motion, flight = self.reconstruction.motion_at_nodes, record.flight
-        rate = known.of(record.transverse_rate)
-        moved = replace(
-            motion,
-            **angles,
-            p=known.of(flight.p),
-            q=rate.real,
-            r=rate.imag,
-            velocity=known.of(flight.velocity),
-            dynamic_pressure=known.of(flight.dynamic_pressure),
-            mach=motion.mach if flight.mach is None else known.of(flight.mach),
-            reynolds=motion.reynolds if flight.reynolds is None else known.of(flight.reynolds),
-        )
-        return recorded(moved) if any(column.theta for column in self.columns) else moved
-
-    @cached_property
-    def _crossflow_at_nodes(self) -> tuple[ComplexArray, ComplexArray]:
-        """The reconstruction's crossflow (m,) and its rate (m,) 1/s."""
+    def _moments(self) -> MomentModel:
+        """The moment model about the motion."""
         motion = self.reconstruction.motion_at_nodes
-        xi = crossflow(motion.alpha, motion.windward_meridian)
-        return xi, crossflow_rate(motion, xi)
+        return MomentModel(self.reconstruction, self.mechanisms, self.columns, self.values, motion)
 
-
-def _slopes(more: Iterable[Rows], less: Iterable[Rows]) -> Iterator[Rows]:
-    """Derivatives from what half a step to either side leaves."""
-    return ((high - low).times(1.0 / RESPONSE_STEP) for high, low in zip(more, less, strict=True))
+    @cached_property
+    def _quiet_moments(self) -> MomentModel:
+        """The moment model about the noise-free record's."""
+        return self._moments.about(*self._propagated([(self._noise_free, self.start)]))
 
 
 def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
