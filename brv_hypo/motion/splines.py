@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg.lapack import dgttrf, dgttrs
+from scipy.linalg.lapack import dpttrf, dpttrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 
@@ -41,13 +41,13 @@ class SplineGrid:
         return np.diff(self.time)[:, np.newaxis]
 
     @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
-        h = self.steps[:, 0]
-        lower = np.append(h[1:], h[-1] + h[-2])
-        diagonal = np.concatenate([[h[1]], 2.0 * (h[:-1] + h[1:]), [h[-2]]])
-        upper = np.append(h[0] + h[1], h[:-1])
-        dl, d, du, du2, pivots, _ = dgttrf(lower, diagonal, upper)
-        return dl, d, du, du2, pivots
+    def _factors(self) -> tuple[FloatArray, FloatArray]:
+        """Of the equations of the slopes, each over the product of its steps: they are symmetric so, and positive."""
+        per_step = 1.0 / self.steps[:, 0]
+        both = per_step[:-1] + per_step[1:]
+        diagonal = np.concatenate([[per_step[0] ** 2 / both[0]], 2.0 * both, [per_step[-1] ** 2 / both[-1]]])
+        factored, off, _ = dpttrf(diagonal, per_step)
+        return factored, off
 
     @cached_property
     def _weights(self) -> tuple[FloatArray, FloatArray]:
@@ -56,10 +56,10 @@ class SplineGrid:
         """
         h = self.steps
         before, after = np.empty((2, self.time.size, 1))
-        before[1:-1], after[1:-1] = 3.0 * h[1:] / h[:-1], 3.0 * h[:-1] / h[1:]
+        before[1:-1], after[1:-1] = 3.0 / h[:-1] ** 2, 3.0 / h[1:] ** 2
         first, last = h[0] + h[1], h[-1] + h[-2]
-        before[0], after[0] = (h[0] + 2.0 * first) * h[1] / (h[0] * first), h[0] ** 2 / (h[1] * first)
-        before[-1], after[-1] = h[-1] ** 2 / (h[-2] * last), (2.0 * last + h[-1]) * h[-2] / (h[-1] * last)
+        before[0], after[0] = (h[0] + 2.0 * first) * h[1] / (h[0] * first) ** 2, h[0] / (h[1] * first**2)
+        before[-1], after[-1] = h[-1] / (h[-2] * last**2), (2.0 * last + h[-1]) * h[-2] / (h[-1] * last) ** 2
         return before, after
 
     def slopes(self, values: Values) -> Values:
@@ -90,7 +90,7 @@ class SplineGrid:
         right[1:-1] += after[1:-1] * rises[1:]
         for own, (one, other) in ((0, (0, 1)), (-1, (-2, -1))):
             right[own] = before[own] * rises[one] + after[own] * rises[other]
-        found, _ = dgttrs(*self._factors, right.view(float), overwrite_b=True)
+        found, _ = dpttrs(*self._factors, right.view(float), overwrite_b=True)
         return np.ascontiguousarray(found).view(right.dtype)
 
     def _integrals(self, values: Values, slopes: Values) -> Values:

@@ -33,7 +33,10 @@ class ForceModel:
 
     def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
         """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
-        return np.asarray(self.columns(record, xi) @ values)
+        own = effective(xi)
+        slope = self._parabola @ values[:3]
+        bend = self.bend * slope + values[3] * self.slope
+        return np.asarray(-record.force_scale * own * (self.slope * slope + bend * np.abs(own) ** 2))
 
     @cached_property
     def _parabola(self) -> FloatArray:
