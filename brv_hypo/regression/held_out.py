@@ -1,17 +1,17 @@
 """Prediction error on blocks of time that took no part in the fit.
 
 The rows of a block are taken out of the normal equations: coefficients and nuisances are those of the rest. The
-nuisances' part of the equations is formed once for all columns.
+nuisances' part of the equations is formed and factorised once for all columns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import solve_triangular
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.model.columns import Column
@@ -86,7 +86,7 @@ class LeavingOut:
             of_row = block_of_whitened_row(self.untied, count)
             is_rate = np.arange(of_row.size) < self.untied.rows.rates
             self._blocks[count] = tuple(
-                _Block(b, self._part((of_row == b) & is_rate), self._part((of_row == b) & ~is_rate))
+                self._block(b, self._part((of_row == b) & is_rate), self._part((of_row == b) & ~is_rate))
                 for b in range(int(of_row.max()) + 1)
                 if np.any(of_row == b)
             )
@@ -97,26 +97,84 @@ class LeavingOut:
         """All rows."""
         return self._part(np.ones(self.untied.rows.size, dtype=bool))
 
+    @cached_property
+    def scale(self) -> FloatArray:
+        """Lengths of the nuisances (unknowns,)."""
+        return lengths(self.untied.rows.nuisance_design)
+
+    def design(self, rows: IntArray) -> FloatArray:
+        """Unit nuisances on some rows (rows, unknowns)."""
+        return np.asarray(self.untied.rows.nuisance_design[rows] / self.scale, dtype=float)
+
     def _part(self, chosen: BoolArray) -> _Rows:
-        nuisances, response = self.untied.rows.nuisance_design[chosen], self.untied.raw_response[chosen]
-        return _Rows(np.flatnonzero(chosen), _gram(nuisances, response))
+        rows = np.flatnonzero(chosen)
+        nuisances, response = self.design(rows), self.untied.raw_response[rows]
+        return _Rows(rows, nuisances.T @ nuisances, nuisances.T @ response)
+
+    def _block(self, number: int, rates: _Rows, force: _Rows) -> _Block:
+        products = self.whole.products - rates.products - force.products
+        products.flat[:: products.shape[0] + 1] += _RIDGE
+        right = self.whole.right - rates.right - force.right
+        return _Block(number, rates, force, _factor(products), _factor(products + rates.products), right)
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Some of the rows, and the scalar products of the nuisances and the response (last) over them."""
+    """Some of the rows, and the scalar products of unit nuisances with each other and with the response over them."""
 
     rows: IntArray
     products: FloatArray
+    right: FloatArray
 
 
 @dataclass(frozen=True)
 class _Block:
-    """The rates of a block, and what else it has."""
+    """The rates of a block, and what else it has; what the nuisances' normal equations are without it.
+
+    `without` and `rateless`: their Cholesky factors without the block, and without its force alone; `right` their right
+    side without the block.
+    """
 
     number: int
     rates: _Rows
     force: _Rows
+    without: FloatArray
+    rateless: FloatArray
+    right: FloatArray
+
+
+@dataclass(frozen=True)
+class _Bordered:
+    """Cholesky factor of normal equations of nuisances, `first` (unknowns, unknowns), and of columns after them.
+
+    `across` (unknowns, columns), `last` (columns, columns).
+    """
+
+    first: FloatArray
+    across: FloatArray
+    last: FloatArray
+
+    @classmethod
+    def of(cls, first: FloatArray, across: FloatArray, own: FloatArray) -> _Bordered:
+        """From that of the nuisances and the columns' scalar products with them and with each other."""
+        lowered = _lowered(first, across)
+        return cls(first, lowered, _factor(own - lowered.T @ lowered))
+
+    def halfway(self, nuisances: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A right side of both, times the inverse of the factor."""
+        first = _lowered(self.first, nuisances)
+        return first, _lowered(self.last, columns - self.across.T @ first)
+
+    def solve(self, nuisances: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What solves the equations with this right side, of both."""
+        first, last = self.halfway(nuisances, columns)
+        values = _lowered(self.last, last, transposed=True)
+        return _lowered(self.first, first - self.across @ values, transposed=True), values
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the equations."""
+        return 2.0 * float(np.sum(np.log(np.diag(self.first))) + np.sum(np.log(np.diag(self.last))))
 
 
 class FitsWithout:
@@ -135,7 +193,10 @@ class FitsWithout:
     @cached_property
     def nothing(self) -> float:
         """Residual sum of squares of all rows, under the same likelihood."""
-        left = self._left(self._solved(self._whole)[1][:, np.newaxis])
+        whole, own = self.shared.whole, self._whole
+        products = whole.products + _RIDGE * np.eye(whole.right.size)
+        factor = _Bordered.of(_factor(products), own.across, own.products)
+        left = self._left(self._values(factor, whole.right, own.right)[:, np.newaxis])
         return float(np.sum(left**2))
 
     @cached_property
@@ -145,30 +206,24 @@ class FitsWithout:
 
     @cached_property
     def _scale(self) -> FloatArray:
-        """Lengths of columns and nuisances, and 1 for the response."""
-        design = self.shared.untied.rows.nuisance_design
-        return np.concatenate([lengths(self._own), lengths(design), [1.0]])
+        """Lengths of the columns (columns,)."""
+        return lengths(self._own)
 
     @cached_property
-    def _whole(self) -> FloatArray:
-        return self._products(self.shared.whole)
+    def _whole(self) -> _OwnProducts:
+        whole = self._products(self.shared.whole.rows)
+        return replace(whole, products=whole.products + _RIDGE * np.eye(self._scale.size))
 
-    def _products(self, part: _Rows) -> FloatArray:
-        """Scalar products of unit columns, nuisances and response over some rows."""
-        own, size = self._own[part.rows], self._own.shape[1]
-        out = np.empty((self._scale.size,) * 2)
-        out[:size, :size] = own.T @ own
-        out[:size, size:-1] = own.T @ self.shared.untied.rows.nuisance_design[part.rows]
-        out[:size, -1] = own.T @ self.shared.untied.raw_response[part.rows]
-        out[size:, :size] = out[:size, size:].T
-        out[size:, size:] = part.products
-        return out / (self._scale[:, np.newaxis] * self._scale)
+    def _products(self, rows: IntArray) -> _OwnProducts:
+        own = self._own[rows] / self._scale
+        return _OwnProducts(
+            own.T @ own, self.shared.design(rows).T @ own, own.T @ self.shared.untied.raw_response[rows]
+        )
 
-    def _solved(self, products: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Normal equations of unit columns, and the values (columns + unknowns,) that solve them."""
-        count = self._scale.size - 1
-        normal = products[:count, :count] + _RIDGE * np.eye(count)
-        return normal, cho_solve(cho_factor(normal), products[:count, -1]) / self._scale[:-1]
+    def _values(self, factor: _Bordered, nuisances: FloatArray, columns: FloatArray) -> FloatArray:
+        """Coefficients and unknowns (columns + unknowns,) of unit columns' normal equations with this right side."""
+        others, values = factor.solve(nuisances, columns)
+        return np.concatenate([values / self._scale, others / self.shared.scale])
 
     def _left(self, values: FloatArray) -> FloatArray:
         """What `values` (columns + unknowns, fits) leave of the response (rows, fits)."""
@@ -177,34 +232,58 @@ class FitsWithout:
         return np.asarray(untied.raw_response[:, np.newaxis] - fitted, dtype=float)
 
     def _without(self, blocks: Sequence[_Block]) -> tuple[Without, ...]:
-        seen = [self._products(block.rates) for block in blocks]
-        solved = [
-            self._solved(self._whole - rates - self._products(block.force))
+        seen = [self._products(block.rates.rows) for block in blocks]
+        rest = [
+            self._whole.less(rates).less(self._products(block.force.rows))
             for block, rates in zip(blocks, seen, strict=True)
         ]
-        left = self._left(np.stack([values for _, values in solved], axis=1))
+        factors = [
+            _Bordered.of(block.without, own.across, own.products) for block, own in zip(blocks, rest, strict=True)
+        ]
+        values = [
+            self._values(factor, block.right, own.right)
+            for factor, block, own in zip(factors, blocks, rest, strict=True)
+        ]
+        left = self._left(np.stack(values, axis=1))
         total = np.sum(left**2, axis=0)
         found = []
-        for k, (block, (normal, values), rates) in enumerate(zip(blocks, solved, seen, strict=True)):
+        for k, (block, own, rates) in enumerate(zip(blocks, rest, seen, strict=True)):
             error, force = left[block.rates.rows, k], left[block.force.rows, k]
-            score = _score(error, self._seen(error, block.rates.rows), rates[:-1, :-1], normal)
-            rest = float(total[k] - error @ error - force @ force)
-            found.append(Without(block.number, values, score, rest))
+            with_rates = _Bordered.of(block.rateless, own.across + rates.across, own.products + rates.products)
+            score = _score(error, self._seen(error, block.rates.rows), with_rates, factors[k])
+            others = float(total[k] - error @ error - force @ force)
+            found.append(Without(block.number, values[k], score, others))
         return tuple(found)
 
-    def _seen(self, error: FloatArray, rows: IntArray) -> FloatArray:
-        """Scalar products of unit columns and nuisances with an error on some rows."""
-        design = self.shared.untied.rows.nuisance_design[rows]
-        return np.concatenate([self._own[rows].T @ error, design.T @ error]) / self._scale[:-1]
+    def _seen(self, error: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Scalar products of unit nuisances and columns with an error on some rows."""
+        return self.shared.design(rows).T @ error, self._own[rows].T @ error / self._scale
 
 
-def _gram(nuisances: FloatArray, response: FloatArray) -> FloatArray:
-    size = nuisances.shape[1]
-    out = np.empty((size + 1, size + 1))
-    out[:size, :size] = nuisances.T @ nuisances
-    out[:size, size] = out[size, :size] = nuisances.T @ response
-    out[size, size] = response @ response
-    return out
+@dataclass(frozen=True)
+class _OwnProducts:
+    """Scalar products of unit columns with each other, with unit nuisances (unknowns, columns), and with the response
+    over some rows.
+    """
+
+    products: FloatArray
+    across: FloatArray
+    right: FloatArray
+
+    def less(self, other: _OwnProducts) -> _OwnProducts:
+        """Those without other rows."""
+        return _OwnProducts(self.products - other.products, self.across - other.across, self.right - other.right)
+
+
+def _factor(products: FloatArray) -> FloatArray:
+    """Lower Cholesky factor."""
+    return np.asarray(np.linalg.cholesky(products), dtype=float)
+
+
+def _lowered(factor: FloatArray, rows: FloatArray, transposed: bool = False) -> FloatArray:
+    """The inverse of a Cholesky factor, or of its transpose, times something."""
+    found = solve_triangular(factor, rows, trans="T" if transposed else "N", lower=True, check_finite=False)
+    return np.asarray(found, dtype=float)
 
 
 def held_out(problem: Problem, without: FitsWithout, count: int) -> HeldOut:
@@ -224,16 +303,13 @@ def held_out(problem: Problem, without: FitsWithout, count: int) -> HeldOut:
     return HeldOut(square / max(size, 1), np.array([fit.score for fit in fits]))
 
 
-def _score(error: FloatArray, seen: FloatArray, rates: FloatArray, normal: FloatArray) -> float:
+def _score(
+    error: FloatArray, seen: tuple[FloatArray, FloatArray], with_rates: _Bordered, without: _Bordered
+) -> float:
     """e' S^-1 e + ln |S| of errors (rows,) of unit noise, S = I + X N^-1 X' with the uncertainty of what was fitted.
 
-    `seen` is X'e, `rates` X'X, `normal` N.
+    `seen` is X'e, of nuisances and columns; the factors are those of N + X'X and of N.
     """
-    with_block = cho_factor(normal + rates)
-    known = error @ error - seen @ cho_solve(with_block, seen)
-    return float(known + _log_determinant(with_block[0]) - _log_determinant(cho_factor(normal)[0]))
-
-
-def _log_determinant(factor: FloatArray) -> float:
-    """Of the matrix with this Cholesky factor."""
-    return 2.0 * float(np.sum(np.log(np.diag(factor))))
+    explained = np.concatenate(with_rates.halfway(*seen))
+    known = error @ error - explained @ explained
+    return float(known + with_rates.log_determinant - without.log_determinant)

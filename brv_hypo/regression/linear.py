@@ -44,7 +44,8 @@ def covariance_of(design: FloatArray, residual: FloatArray, samples: int, effici
     """Covariance (columns, columns) of the coefficients at the effective sample size."""
     scale = lengths(design)
     variance = float(residual @ residual) / max(samples - design.shape[1], 1) / efficiency
-    _, singular, right = np.linalg.svd(design / scale, full_matrices=False)
+    triangle = np.linalg.qr(design / scale, mode="r")  # has the same singular values, and is small
+    _, singular, right = np.linalg.svd(triangle, full_matrices=False)
     kept = singular > 1e-10 * singular[0]
     inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
     return np.asarray(variance * (right.T * inverse**2) @ right / np.outer(scale, scale), dtype=float)

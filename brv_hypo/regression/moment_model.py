@@ -64,7 +64,8 @@ class MomentModel:
         always, tested = self._now
         out = always[:, np.newaxis] + tested[:, np.newaxis] * kept
         for name, slope in self._slopes.items():
-            out += slope[:, np.newaxis] * changes[name]
+            if np.any(changes[name]):
+                out += slope[:, np.newaxis] * changes[name]
         past = [j for j, column in enumerate(self.columns) if column.theta]
         for k in range(len(moved) if past else 0):
             there = recorded(self._changed({name: change[:, k] for name, change in changes.items()}))

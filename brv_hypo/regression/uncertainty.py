@@ -9,7 +9,7 @@ import numpy as np
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import DesignMoment, HypothesisFit
-from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.regression.linear import covariance_of
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import prediction_slopes
 
@@ -40,7 +40,7 @@ def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     sizes = np.array([items[k].size for k in shared])
     count = len(fit.columns)
     design = problem.whole_design(fit.frame, fit.columns)
-    others = solve_scaled(design, problem.raw_response)[-len(items) :]
+    _, others = problem.solution(fit.frame, fit.columns)
     which = [*range(count), *(design.shape[1] - len(items) + k for k in shared)]
     whole = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
     scale = np.append(np.ones(count), sizes)
