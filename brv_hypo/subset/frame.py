@@ -32,7 +32,7 @@ WEAK_DIAGONAL = 1e-6
 # second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
 ROUNDING_MULTIPLE = 64.0
 MEANINGFUL_MULTIPLE = 2.0**16
-# Rows and columns up to which a factor is had without work in blocks.
+# Columns up to which a factor is had without work in blocks.
 _SMALL = 48
 # Relative size of the terms of a combination that are named.
 NAMED_TERM = 1e-9
@@ -162,7 +162,7 @@ def _condition(R: FloatArray, rank: int) -> float:
 def triangle(columns: FloatArray) -> FloatArray:
     """The triangular factor R of the columns, by Householder reflections."""
     rows, count = columns.shape
-    if max(rows, count) > _SMALL or not columns.size:
+    if count > _SMALL or not columns.size:
         return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
     factor = dgeqrf(columns)[0][: min(rows, count)]
     return np.asarray(np.where(_upper(*factor.shape), factor, 0.0), dtype=np.float64)
