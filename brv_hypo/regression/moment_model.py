@@ -7,7 +7,7 @@ evaluated anew for each.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -25,6 +25,7 @@ from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.splines import Places, Spline
 
 # The parts of the crossflow and of its rate, as names of quantities.
 _TURNED = ("y", "z", "rate y", "rate z")
@@ -38,8 +39,8 @@ MovedRecord = tuple[InertialRecord, ComplexArray]
 
 @dataclass(frozen=True)
 class MomentModel:
-    """`columns` of `mechanisms` with their `values` (columns,) on a reconstructed flight; linear about a `motion` (m,)
-    at its nodes.
+    """`columns` of `mechanisms` with their `values` (columns,) on a reconstructed flight; linear about a recorded
+    `motion` (m,) at its nodes.
     """
 
     reconstruction: Reconstruction
@@ -51,7 +52,7 @@ class MomentModel:
     def about(self, moved: MovedRecord) -> MomentModel:
         """The same about the motion of a record that differs little."""
         changes = {name: change[:, 0] for name, change in self._changes([moved]).items()}
-        return replace(self, motion=self._changed(changes))
+        return replace(self, motion=recorded(_changed(self.motion, changes)))
 
     def at(self, moved: Sequence[MovedRecord], kept: FloatArray) -> ComplexArray:
         """C_m + i C_n at the nodes (m, records), to first order, of records that differ little, at a crossflow (n,).
@@ -63,47 +64,40 @@ class MomentModel:
         changes = self._changes(moved)
         always, tested = self._now
         out = always[:, np.newaxis] + tested[:, np.newaxis] * kept
-        for name, slope in self._slopes.items():
-            if np.any(changes[name]):
-                out += slope[:, np.newaxis] * changes[name]
-        past = [j for j, column in enumerate(self.columns) if column.theta]
-        for k in range(len(moved) if past else 0):
-            there = recorded(self._changed({name: change[:, k] for name, change in changes.items()}))
-            always, tested = self._moments(past, there)
-            out[:, k] += always + tested * kept[:, k]
+        for ago, slopes in self._slopes.items():
+            for name, change in self._earlier(changes, ago, slopes.keys()).items():
+                if np.any(change):
+                    out += slopes[name][:, np.newaxis] * change
         return out
 
     @cached_property
-    def _of_the_instant(self) -> list[int]:
-        """Columns that are not made of the past."""
-        return [j for j, column in enumerate(self.columns) if not column.theta]
-
-    @cached_property
     def _now(self) -> tuple[ComplexArray, ComplexArray]:
-        """Their moments (see `_moments`)."""
-        return self._moments(self._of_the_instant, self.motion)
+        """The moments on the motion itself (see `_moments`)."""
+        return self._moments(self.motion)
 
     @cached_property
-    def _slopes(self) -> dict[str, ComplexArray]:
-        """Their slopes (m,) by each quantity that they follow."""
+    def _slopes(self) -> dict[float, dict[str, ComplexArray]]:
+        """Slopes (m,) by what the motion is, and was so many seconds before: of the quantities that count."""
+        asked: set[float] = {0.0}
+        self._moments(replace(self.motion, history=_Past(self.motion, asked)))
+        return {ago: self._slopes_by(ago) for ago in sorted(asked)}
+
+    def _slopes_by(self, ago: float) -> dict[str, ComplexArray]:
+        """Slopes (m,) by each quantity so many seconds before."""
+        there = self.motion.delayed(ago)
         found = {}
-        for name, value in self._quantities.items():
-            step = MOMENT_SLOPE_STEP * np.maximum(np.abs(value), 1.0)
-            ends = [
-                np.sum(self._moments(self._of_the_instant, self._changed({name: sign * step})), axis=0)
-                for sign in (1.0, -1.0)
-            ]
+        for name, value in _quantities(there).items():
+            step = MOMENT_SLOPE_STEP * np.fmax(np.abs(value), 1.0)  # of what is not known, one
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = _changed(there, {name: sign * step})
+                if ago > 0.0:
+                    moved = replace(self.motion, history=_Past(self.motion, set(), (ago, moved)))
+                ends.append(np.sum(self._moments(moved), axis=0))
             slope = np.asarray((ends[0] - ends[1]) / (2.0 * step), dtype=complex)
             if np.any(slope):
                 found[name] = slope
         return found
-
-    @cached_property
-    def _quantities(self) -> dict[str, FloatArray]:
-        """What the motion is at the nodes (m,), by name; without what the record does not read."""
-        flight = self.reconstruction.flight
-        read = {name: getattr(self.motion, name) for name in _READ if getattr(flight, name) is not None}
-        return {**_parts(*_crossflow(self.motion)), **read}
 
     def _changes(self, moved: Sequence[MovedRecord]) -> dict[str, FloatArray]:
         """How much more each quantity is at the nodes (m, records)."""
@@ -116,41 +110,51 @@ class MomentModel:
         )
         turning = self._at_nodes([record.transverse_rate for record, _ in moved])
         found = {**_parts(xi, rate), "q": turning.real, "r": turning.imag}
-        for name in self._quantities.keys() - found.keys():
-            found[name] = self._at_nodes([getattr(record.flight, name) for record, _ in moved])
-        return {
-            name: np.broadcast_to(now - self._quantities[name][:, np.newaxis], xi.shape) for name, now in found.items()
-        }
+        for name in _READ:
+            if name not in found and getattr(self.reconstruction.flight, name) is not None:
+                found[name] = self._at_nodes([getattr(record.flight, name) for record, _ in moved])
+        own = _quantities(self.motion)
+        return {name: np.broadcast_to(now - own[name][:, np.newaxis], xi.shape) for name, now in found.items()}
 
     def _at_nodes(self, values: Sequence[Values]) -> Values:
         """What records read (n,) at the nodes (m, records); (m, 1) where they read the same."""
         alike = all(each is values[0] for each in values)
         return self.reconstruction.nodes.of(values[0][:, np.newaxis] if alike else np.stack(values, axis=1))
 
-    def _changed(self, changes: Mapping[str, FloatArray]) -> Motion:
-        """The motion with so much more (m,) of some quantities."""
-        quantities: dict[str, Any] = {name: self._quantities[name] + change for name, change in changes.items()}
-        read = {name: quantities[name] for name in changes if name in _READ}
-        if not changes.keys() - read.keys():
-            return replace(self.motion, **read)
-        y, z, rate_y, rate_z = (self._quantities[name] + changes.get(name, 0.0) for name in _TURNED)
-        return replace(with_crossflow(self.motion, y + 1j * z, rate_y + 1j * rate_z), **read)
+    def _earlier(self, changes: Mapping[str, FloatArray], ago: float, names: Collection[str]) -> dict[str, FloatArray]:
+        """Changes (m, records) of some quantities so many seconds before; a motion is steady before its beginning."""
+        known = {name: change for name, change in changes.items() if name in names}
+        if ago == 0.0:
+            return known
+        time = self.motion.time
+        since = time - ago - time[0]
+        places = Places.among(time, time[0] + np.maximum(since, 0.0))
+        found = {name: Spline(time, change)(places) for name, change in known.items()}
+        early = since < 0.0
+        xi, rate = (each[0] for each in _crossflow(self.motion))
+        more, faster = (changes[one][0] + 1j * changes[other][0] for one, other in (_TURNED[:2], _TURNED[2:]))
+        growth = faster / xi - rate * more / xi**2
+        past = _crossflow(self.motion.delayed(ago))[0][early, np.newaxis]
+        turned = past * (more / xi + 1j * growth.imag * since[early, np.newaxis])
+        for name, change in _parts(turned, turned * rate / xi + past * growth).items():
+            if name in found:
+                found[name][early] = change
+        return found
 
-    def _moments(self, which: Sequence[int], motion: Motion) -> tuple[ComplexArray, ComplexArray]:
-        """C_m + i C_n (m,) of some columns on a motion at the nodes: of those that are always there, and of others."""
+    def _moments(self, motion: Motion) -> tuple[ComplexArray, ComplexArray]:
+        """C_m + i C_n (m,) on a motion at the nodes: of what is always there, and of what is tested."""
         plane = np.zeros((2, motion.time.size), dtype=complex)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        for j in which:
-            column = self.columns[j]
+        for column, course in zip(self.columns, self._courses, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term, own = found[key][column.term], plane[0 if column.mechanism in self._always else 1]
-            own.real += self._courses[j] * term.in_plane
-            own.imag += self._courses[j] * term.out_of_plane
-        always, others = (motion.to_body(each.real, each.imag) for each in plane)
-        return always, others
+            own.real += course * term.in_plane
+            own.imag += course * term.out_of_plane
+        always, tested = (motion.to_body(each.real, each.imag) for each in plane)
+        return always, tested
 
     @cached_property
     def _always(self) -> frozenset[str]:
@@ -163,8 +167,40 @@ class MomentModel:
     @cached_property
     def _courses(self) -> list[FloatArray]:
         """Each column's coefficient at the nodes (m,)."""
-        time = self.reconstruction.motion_at_nodes.course_time
+        time = self.motion.course_time
         return [value * column.course(time) for column, value in zip(self.columns, self.values, strict=True)]
+
+
+@dataclass(frozen=True)
+class _Past:
+    """The past of a motion, which notes how long ago is `asked` for; another one so long ago, where it is given."""
+
+    motion: Motion
+    asked: set[float]
+    other: tuple[float, Motion] | None = None
+    ago: float = 0.0
+
+    def __call__(self, tau: float) -> Motion:
+        ago = self.ago + tau
+        self.asked.add(ago)
+        there = self.other[1] if self.other and self.other[0] == ago else self.motion.delayed(tau)
+        return replace(there, history=replace(self, motion=there, ago=ago))
+
+
+def _quantities(motion: Motion) -> dict[str, FloatArray]:
+    """What a motion is (m,), by name."""
+    return {**_parts(*_crossflow(motion)), **{name: getattr(motion, name) for name in _READ}}
+
+
+def _changed(motion: Motion, changes: Mapping[str, FloatArray]) -> Motion:
+    """A motion with so much more (m,) of some quantities; its past stays."""
+    own = _quantities(motion)
+    more: dict[str, Any] = {name: own[name] + change for name, change in changes.items()}
+    read = {name: value for name, value in more.items() if name in _READ}
+    if len(read) == len(more):
+        return replace(motion, **read)
+    y, z, rate_y, rate_z = (more.get(name, own[name]) for name in _TURNED)
+    return replace(with_crossflow(motion, y + 1j * z, rate_y + 1j * rate_z), **read)
 
 
 def _crossflow(motion: Motion) -> tuple[ComplexArray, ComplexArray]:
