@@ -102,7 +102,7 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> T
     discovery: Discovery | None = None
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = course.turn(number, state, [step.added for step in steps if step.added is not None])
+        turn = course.turn(number, state, steps)
         first = first or turn.before
         steps.append(turn.step)
         if turn.discovery is not None and (turn.after is not None or discovery is None):
@@ -185,10 +185,10 @@ class _Course:
             model = replace(model, columns=fit_hypothesis(state.problem, "start", chosen).columns)
         return settled_state(self.flights, model, self.config)
 
-    def turn(self, number: int, state: State, before: Sequence[str]) -> Turn:
+    def turn(self, number: int, state: State, before: Sequence[Step]) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed.
 
-        What was added `before` and is not needed beside it is taken out.
+        What steps `before` added and is not needed beside it is taken out.
         """
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
         motion = state.seen.frame.motions[0]
@@ -229,10 +229,10 @@ class _Course:
         return self._turn(number, residual, here, bare, choice, ()) if choice.taken else None
 
     def _turn(
-        self, number: int, residual: Residual, here: Look, state: State, choice: Choice, before: Sequence[str]
+        self, number: int, residual: Residual, here: Look, state: State, choice: Choice, before: Sequence[Step]
     ) -> Turn:
         """The step of a choice, and the model with what was chosen."""
-        step = step_of(number, residual, here, state, choice, self.config)
+        step = step_of(number, residual, here, state, choice, self.config, before)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
@@ -240,7 +240,8 @@ class _Course:
         if after is not None and choice.taken is not None and choice.taken.candidate.effect is None:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
             after = settled_state(self.flights, after.model, self.config)
-        if after is not None and (gone := unneeded(after, [name for name in before if name != step.added])):
+        others = [each.added for each in before if each.added is not None and each.added != step.added]
+        if after is not None and (gone := unneeded(after, others)):
             after = settled_state(self.flights, without(after.model, gone), self.config)
             step = step.model_copy(update={"taken_out": gone})
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS
 from brv_hypo.residuals.baseline import has_schedule
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
@@ -21,7 +23,13 @@ _TOLD = 8  # candidates in a step's table
 
 
 def step_of(
-    number: int, residual: Residual, here: Look, state: State, choice: Choice, config: TraceConfig
+    number: int,
+    residual: Residual,
+    here: Look,
+    state: State,
+    choice: Choice,
+    config: TraceConfig,
+    earlier: Sequence[Step],
 ) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     told, taken = choice.told[:_TOLD], choice.taken
@@ -35,6 +43,10 @@ def step_of(
     before = _errors(state.errors, state.held_out) if leading is None else _errors(*leading.errors_before)
     chances = adjusted(choice.ranked)
     without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
+    standing: Standing | None = None
+    if taken is not None and share is not None:
+        hinted = only_describes(taken, choice.discovery, earlier)
+        standing = "hint" if hinted else _standing(taken, share, without_flight)
     return Step(
         step=number,
         residual=residual,
@@ -42,7 +54,7 @@ def step_of(
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
         refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
         added=None if taken is None else taken.candidate.name,
-        standing=None if taken is None or share is None else _standing(taken, share, without_flight, choice.discovery),
+        standing=standing,
         flight_left_out=without_flight,
         named_in=share,
         description=_words(leading.candidate, here, choice.discovery) if leading else "",
@@ -80,12 +92,18 @@ def _told(
     )
 
 
-def _standing(
-    taken: Tried, share: float, without_flight: FlightLeftOut | None, discovery: Discovery | None
-) -> Standing:
-    """A finding or a hint; several generic pieces that were found one after another describe, and name nothing."""
-    if discovery is not None and taken.candidate is discovery.candidate and discovery.pieces > 1:
-        return "hint"
+def only_describes(taken: Tried, discovery: Discovery | None, earlier: Sequence[Step]) -> bool:
+    """Whether it is generic terms that name nothing: several that were found one after another, or beside hints.
+
+    Where the model holds what is not established, they say that it lacks something, as much as what.
+    """
+    if discovery is None or taken.candidate is not discovery.candidate:
+        return False
+    return discovery.pieces > 1 or any(step.standing == "hint" for step in earlier)
+
+
+def _standing(taken: Tried, share: float, without_flight: FlightLeftOut | None) -> Standing:
+    """A finding or a hint."""
     lowers = taken.ratio + FINDING_SIGMAS * taken.ratio_error < 1.0
     elsewhere = without_flight is None or without_flight.ratio < 1.0
     return "finding" if lowers and elsewhere and share >= FINDING_REPEATED else "hint"

@@ -18,6 +18,7 @@ from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
 from brv_hypo.residuals.judge import Agreement, Prediction
+from brv_hypo.residuals.step_report import only_describes
 
 SCATTER = 0.05
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -209,3 +210,18 @@ def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(rat
     one: Any = SimpleNamespace(effect=object())
     tried = replace(judged(one, Agreement(8.0, 16.0), ratio, certain=True), ratio_error=0.001, carried=True)
     assert tried.taken is expected
+
+
+@pytest.mark.parametrize(
+    ("pieces", "standings", "told"),
+    [(1, (), False), (2, (), True), (1, ("finding",), False), (1, ("finding", "hint"), True), (1, (None,), False)],
+)
+def test_a_description_of_several_pieces_or_beside_hints_names_nothing(
+    pieces: int, standings: tuple[str | None, ...], told: bool
+) -> None:
+    taken = judged(candidate("discovered_1", 90.0), Agreement(5.0, 5.0), 0.5, True)
+    discovery: Any = SimpleNamespace(candidate=taken.candidate, pieces=pieces)
+    earlier: Any = [SimpleNamespace(standing=standing) for standing in standings]
+    assert only_describes(taken, discovery, earlier) is told
+    named = judged(candidate("trim", 90.0), Agreement(5.0, 5.0), 0.5, True)
+    assert not only_describes(named, discovery, earlier)
