@@ -110,7 +110,7 @@ class Board:
 def residual(frame: Frame, subset: Sequence[int]) -> float | None:
     """Residual sum of squares by QR of the columns themselves; None where they are dependent."""
     k = len(subset)
-    factor = triangle(np.column_stack([frame.R[:, list(subset)], frame.z]))
+    factor = triangle(frame.columns(subset))
     if dependency(factor[:k, :k], frame.noise[list(subset)]):
         return None
     tail = factor[k:, k]

@@ -99,6 +99,15 @@ class Frame:
         return self._names[1]
 
     @cached_property
+    def _stacked(self) -> FloatArray:
+        """Columns of R and, last, z, each a row (m + 1, m)."""
+        return np.vstack([self.R.T, self.z])
+
+    def columns(self, chosen: Sequence[int]) -> FloatArray:
+        """Some columns of R, and z after them (m, columns + 1)."""
+        return self._stacked[[*chosen, -1]].T
+
+    @cached_property
     def _names(self) -> tuple[list[Alias], tuple[Refusal, ...]]:
         """The dependencies by name: fits of long columns, which a search for columns alone does without."""
         return _named(self.X.astype(np.float64), self.forced, self.dependent)

@@ -139,7 +139,7 @@ def make_piece(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ..
     """Factorise one piece from the root factor; None where the included columns are dependent."""
     s, u = len(included), len(undecided)
     columns = [*included, *undecided]
-    factor = triangle(np.column_stack([frame.R[:, columns], frame.z]))
+    factor = triangle(frame.columns(columns))
     padded = np.zeros((s + u + 1, s + u + 1))
     padded[: factor.shape[0]] = factor
     if dependency(padded[:s, :s], frame.noise[list(included)]):
