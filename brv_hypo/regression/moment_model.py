@@ -20,7 +20,7 @@ from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.angles import crossflow_rate, with_crossflow
-from brv_hypo.motion.frames import crossflow
+from brv_hypo.motion.frames import CROSSFLOW_FLOOR, crossflow
 from brv_hypo.motion.history import recorded
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
@@ -132,6 +132,7 @@ class MomentModel:
         found = {name: Spline(time, change)(places) for name, change in known.items()}
         early = since < 0.0
         xi, rate = (each[0] for each in _crossflow(self.motion))
+        xi = xi if abs(xi) > CROSSFLOW_FLOOR else CROSSFLOW_FLOOR  # the meridian is undefined there
         more, faster = (changes[one][0] + 1j * changes[other][0] for one, other in (_TURNED[:2], _TURNED[2:]))
         growth = faster / xi - rate * more / xi**2
         past = _crossflow(self.motion.delayed(ago))[0][early, np.newaxis]
