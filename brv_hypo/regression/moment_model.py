@@ -29,8 +29,9 @@ from brv_hypo.motion.splines import Places, Spline
 
 # The parts of the crossflow and of its rate, as names of quantities.
 _TURNED = ("y", "z", "rate y", "rate z")
-# Quantities that a record reads, or may not.
-_READ = ("p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds")
+# Channels of a record, which may be without the last ones, and with the transverse rates what a motion has of it.
+_SCALARS = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
+_READ = (*_SCALARS, "q", "r")
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 MovedRecord = tuple[InertialRecord, ComplexArray]
@@ -49,25 +50,31 @@ class MomentModel:
     values: FloatArray
     motion: Motion
 
-    def about(self, moved: MovedRecord) -> MomentModel:
-        """The same about the motion of a record that differs little."""
-        changes = {name: change[:, 0] for name, change in self._changes([moved]).items()}
+    def about(self, moved: MovedRecord, usual: MovedRecord) -> MomentModel:
+        """The same about the motion of a record that differs little from the usual one."""
+        changes = {name: change[:, 0] for name, change in self._differences([moved], [usual]).items()}
         return replace(self, motion=recorded(_changed(self.motion, changes)))
 
-    def at(self, moved: Sequence[MovedRecord], kept: FloatArray) -> ComplexArray:
-        """C_m + i C_n at the nodes (m, records), to first order, of records that differ little, at a crossflow (n,).
+    def usual(self, kept: FloatArray) -> ComplexArray:
+        """C_m + i C_n at the nodes (m, records).
 
-        What is tested keeps the pressure and inertia of the linearisation point, which are `kept` (m, records) of the
+        What is tested keeps the pressure and inertia of the linearisation point, which are `kept` (m, records) of a
         record's: its coefficients make up for both, and a hypothesis without it would take an error of either for a
         share of it.
         """
-        changes = self._changes(moved)
         always, tested = self._now
-        out = always[:, np.newaxis] + tested[:, np.newaxis] * kept
+        return always[:, np.newaxis] + tested[:, np.newaxis] * kept
+
+    def changes(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord], kept: FloatArray) -> ComplexArray:
+        """How much more the moments (m, records) of some records are than those of others, to first order.
+
+        `kept` (m, records): how much more they keep (see `usual`).
+        """
+        out = np.asarray(self._now[1][:, np.newaxis] * kept, dtype=complex)
+        differences = self._differences(more, less)
         for ago, slopes in self._slopes.items():
-            for name, change in self._earlier(changes, ago, slopes.keys()).items():
-                if np.any(change):
-                    out += slopes[name][:, np.newaxis] * change
+            for name, change in self._earlier(differences, ago, slopes.keys()).items():
+                out += slopes[name][:, np.newaxis] * change
         return out
 
     @cached_property
@@ -99,27 +106,27 @@ class MomentModel:
                 found[name] = slope
         return found
 
-    def _changes(self, moved: Sequence[MovedRecord]) -> dict[str, FloatArray]:
-        """How much more each quantity is at the nodes (m, records)."""
-        shifts = np.stack([xi for _, xi in moved], axis=1) - self.reconstruction.crossflow[:, np.newaxis]
+    def _differences(self, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> dict[str, FloatArray]:
+        """How much more each quantity is at the nodes (m, records) in some records than in others, where it is."""
+        pairs = list(zip(more, less, strict=True))
+        shifts = np.stack([xi - other for (_, xi), (_, other) in pairs], axis=1)
         rates = np.gradient(shifts, self.reconstruction.flight.time, axis=0)
-        usual = _crossflow(self.reconstruction.motion_at_nodes)
-        xi, rate = (
-            own[:, np.newaxis] + self.reconstruction.nodes.of(each)
-            for own, each in zip(usual, (shifts, rates), strict=True)
-        )
-        turning = self._at_nodes([record.transverse_rate for record, _ in moved])
-        found = {**_parts(xi, rate), "q": turning.real, "r": turning.imag}
-        for name in _READ:
-            if name not in found and getattr(self.reconstruction.flight, name) is not None:
-                found[name] = self._at_nodes([getattr(record.flight, name) for record, _ in moved])
-        own = _quantities(self.motion)
-        return {name: np.broadcast_to(now - own[name][:, np.newaxis], xi.shape) for name, now in found.items()}
+        found = _parts(*map(self.reconstruction.nodes.of, (shifts, rates)))
+        turning = self._difference([(one.transverse_rate, other.transverse_rate) for (one, _), (other, _) in pairs])
+        if turning is not None:
+            found |= {"q": turning.real, "r": turning.imag}
+        for name in _SCALARS:
+            read = [(getattr(one.flight, name), getattr(other.flight, name)) for (one, _), (other, _) in pairs]
+            change = self._difference(read)
+            if change is not None:
+                found[name] = change
+        return found
 
-    def _at_nodes(self, values: Sequence[Values]) -> Values:
-        """What records read (n,) at the nodes (m, records); (m, 1) where they read the same."""
-        alike = all(each is values[0] for each in values)
-        return self.reconstruction.nodes.of(values[0][:, np.newaxis] if alike else np.stack(values, axis=1))
+    def _difference(self, pairs: Sequence[tuple[Values, Values]]) -> Values | None:
+        """How much more one is than the other of pairs (n,), at the nodes (m, pairs); None where all are the same."""
+        if all(one is other for one, other in pairs):
+            return None
+        return self.reconstruction.nodes.of(np.stack([one - other for one, other in pairs], axis=1))
 
     def _earlier(self, changes: Mapping[str, FloatArray], ago: float, names: Collection[str]) -> dict[str, FloatArray]:
         """Changes (m, records) of some quantities so many seconds before; a motion is steady before its beginning."""

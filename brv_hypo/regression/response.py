@@ -115,7 +115,9 @@ class LinearisedFlight:
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free
-        (left,) = self._integrated(*self._unintegrated(self._quiet_moments, self._propagated([(smooth, self.start)])))
+        own, factors, kept = self._unintegrated(self._propagated([(smooth, self.start)]))
+        nodes = self.reconstruction.nodes
+        (left,) = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept)))
         for a, b in smooth.flight.segments:
             left.rates[a:b] -= left.rates[a:b].mean()
         rates = smooth.flight.q + 1j * smooth.flight.r - left.rates * np.exp(-1j * smooth.spin_angle)
@@ -232,18 +234,21 @@ class LinearisedFlight:
 
     def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> list[Rows]:
         """What the residuals of some records have more than those of others; their moments are integrated at once."""
-        (one, one_integrand), (other, other_integrand) = (self._unintegrated(moments, moved) for moved in (more, less))
-        own = [each - before for each, before in zip(one, other, strict=True)]
-        return self._integrated(own, one_integrand - other_integrand)
-
-    def _unintegrated(self, moments: MomentModel, moved: Sequence[MovedRecord]) -> tuple[list[Rows], ComplexArray]:
-        """The residual of records at a crossflow but for the moments, and these at the nodes (m, records)."""
         nodes = self.reconstruction.nodes
+        (own, factors, kept), (others, other_factors, other_kept) = (self._unintegrated(each) for each in (more, less))
+        changes = moments.changes(more, less, nodes.of(kept - other_kept))
+        integrands = nodes.of(0.5 * (factors + other_factors)) * changes
+        integrands += nodes.of(factors - other_factors) * moments.usual(nodes.of(0.5 * (kept + other_kept)))
+        return self._integrated([one - other for one, other in zip(own, others, strict=True)], integrands)
+
+    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[list[Rows], ComplexArray, FloatArray]:
+        """The residual of records at a crossflow but for the moments, the factors (n, records) of these, and how much
+        they keep (see `MomentModel.usual`).
+        """
         turns = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
         derotations = [turns[id(record.spin_angle)] for record, _ in moved]
         scales = [record.moment_scale for record, _ in moved]
         factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)
-        kept = nodes.of(np.stack([self._kept(scale) for scale in scales], axis=1))
         own = [
             Rows(
                 (record.flight.q + 1j * record.flight.r) * turn,
@@ -251,7 +256,7 @@ class LinearisedFlight:
             )
             for (record, xi), turn in zip(moved, derotations, strict=True)
         ]
-        return own, np.asarray(nodes.of(factors) * moments.at(moved, kept))
+        return own, factors, np.stack([self._kept(scale) for scale in scales], axis=1)
 
     def _integrated(self, own: Sequence[Rows], integrands: ComplexArray) -> list[Rows]:
         """The residual with its moments."""
@@ -276,7 +281,8 @@ class LinearisedFlight:
     @cached_property
     def _quiet_moments(self) -> MomentModel:
         """The moment model about the noise-free record's."""
-        return self._moments.about(*self._propagated([(self._noise_free, self.start)]))
+        (quiet,) = self._propagated([(self._noise_free, self.start)])
+        return self._moments.about(quiet, (self.record, self.crossflow))
 
 
 def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
