@@ -338,7 +338,7 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
 
 def _left(problem: Problem, fit: HypothesisFit) -> ComplexArray:
     """What a hypothesis, with errors of record and vehicle fitted beside it, leaves of the moments (frame rows,)."""
-    left = problem.left(fit.frame, fit.columns, *problem.solution(fit.frame, fit.columns))
+    left = problem.left(fit.frame, fit.columns, fit.values, fit.others)
     return residual_moments(fit.frame, problem.records, left.rates).body
 
 

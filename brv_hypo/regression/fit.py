@@ -55,8 +55,8 @@ class HypothesisFit:
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
     `joint_covariance`, of values and then those, is empty until `with_errors`; `design` is what the design of the
-    vehicle has beside them within priors, found there too. `bound_cost` is the fall of 2 ln L where
-    coefficients are held within their mechanism's bounds. `grid` is what the search began from.
+    vehicle has beside them within priors, and `others` all nuisances (unknowns,), found there too. `bound_cost` is the
+    fall of 2 ln L where coefficients are held within their mechanism's bounds. `grid` is what the search began from.
     """
 
     name: str
@@ -75,6 +75,7 @@ class HypothesisFit:
     bound_cost: float = 0.0
     grid: GridFactors | None = field(default=None, repr=False, compare=False)
     design: DesignMoment | None = None
+    others: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def moment(self) -> tuple[tuple[Column, ...], FloatArray, FloatArray]:

@@ -102,20 +102,21 @@ class LeavingOut:
         """Lengths of the nuisances (unknowns,)."""
         return lengths(self.untied.rows.nuisance_design)
 
-    def design(self, rows: IntArray) -> FloatArray:
-        """Unit nuisances on some rows (rows, unknowns)."""
-        return np.asarray(self.untied.rows.nuisance_design[rows] / self.scale, dtype=float)
+    def seen(self, rows: IntArray, others: FloatArray) -> FloatArray:
+        """Scalar products of unit nuisances with others over some rows, (rows, columns) or (rows,): (unknowns, ...)."""
+        return np.asarray(((self.untied.rows.nuisance_design[rows].T @ others).T / self.scale).T, dtype=float)
 
     def _part(self, chosen: BoolArray) -> _Rows:
         rows = np.flatnonzero(chosen)
-        nuisances, response = self.design(rows), self.untied.raw_response[rows]
-        return _Rows(rows, nuisances.T @ nuisances, nuisances.T @ response)
+        nuisances, response = self.untied.rows.nuisance_design[rows], self.untied.raw_response[rows]
+        products = nuisances.T @ nuisances / np.outer(self.scale, self.scale)
+        return _Rows(rows, products, nuisances.T @ response / self.scale)
 
     def _block(self, number: int, rates: _Rows, force: _Rows) -> _Block:
         products = self.whole.products - rates.products - force.products
         products.flat[:: products.shape[0] + 1] += _RIDGE
         right = self.whole.right - rates.right - force.right
-        return _Block(number, rates, force, _factor(products), _factor(products + rates.products), right)
+        return _Block(number, rates.rows, force.rows, _factor(products), _factor(products + rates.products), right)
 
 
 @dataclass(frozen=True)
@@ -129,15 +130,15 @@ class _Rows:
 
 @dataclass(frozen=True)
 class _Block:
-    """The rates of a block, and what else it has; what the nuisances' normal equations are without it.
+    """The rows of the rates of a block, and its others; what the nuisances' normal equations are without it.
 
     `without` and `rateless`: their Cholesky factors without the block, and without its force alone; `right` their right
     side without the block.
     """
 
     number: int
-    rates: _Rows
-    force: _Rows
+    rates: IntArray
+    force: IntArray
     without: FloatArray
     rateless: FloatArray
     right: FloatArray
@@ -216,9 +217,7 @@ class FitsWithout:
 
     def _products(self, rows: IntArray) -> _OwnProducts:
         own = self._own[rows] / self._scale
-        return _OwnProducts(
-            own.T @ own, self.shared.design(rows).T @ own, own.T @ self.shared.untied.raw_response[rows]
-        )
+        return _OwnProducts(own.T @ own, self.shared.seen(rows, own), own.T @ self.shared.untied.raw_response[rows])
 
     def _values(self, factor: _Bordered, nuisances: FloatArray, columns: FloatArray) -> FloatArray:
         """Coefficients and unknowns (columns + unknowns,) of unit columns' normal equations with this right side."""
@@ -232,9 +231,9 @@ class FitsWithout:
         return np.asarray(untied.raw_response[:, np.newaxis] - fitted, dtype=float)
 
     def _without(self, blocks: Sequence[_Block]) -> tuple[Without, ...]:
-        seen = [self._products(block.rates.rows) for block in blocks]
+        seen = [self._products(block.rates) for block in blocks]
         rest = [
-            self._whole.less(rates).less(self._products(block.force.rows))
+            self._whole.less(rates).less(self._products(block.force))
             for block, rates in zip(blocks, seen, strict=True)
         ]
         factors = [
@@ -248,16 +247,16 @@ class FitsWithout:
         total = np.sum(left**2, axis=0)
         found = []
         for k, (block, own, rates) in enumerate(zip(blocks, rest, seen, strict=True)):
-            error, force = left[block.rates.rows, k], left[block.force.rows, k]
+            error, force = left[block.rates, k], left[block.force, k]
             with_rates = _Bordered.of(block.rateless, own.across + rates.across, own.products + rates.products)
-            score = _score(error, self._seen(error, block.rates.rows), with_rates, factors[k])
+            score = _score(error, self._seen(error, block.rates), with_rates, factors[k])
             others = float(total[k] - error @ error - force @ force)
             found.append(Without(block.number, values[k], score, others))
         return tuple(found)
 
     def _seen(self, error: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """Scalar products of unit nuisances and columns with an error on some rows."""
-        return self.shared.design(rows).T @ error, self._own[rows].T @ error / self._scale
+        return self.shared.seen(rows, error), self._own[rows].T @ error / self._scale
 
 
 @dataclass(frozen=True)

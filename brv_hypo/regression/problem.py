@@ -300,16 +300,8 @@ class Problem:
 
     def solution(self, frame: RateFrame, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,), fitted together."""
-        key = (id(frame), tuple(columns))
-        if key not in self._solutions:
-            self._solutions[key] = frame, solve_scaled(self.whole_design(frame, columns), self.raw_response)
-        values = self._solutions[key][1]
+        values = solve_scaled(self.whole_design(frame, columns), self.raw_response)
         return values[: len(columns)], values[len(columns) + 2 * len(self.rows.part.levels) :]
-
-    @cached_property
-    def _solutions(self) -> dict[tuple[int, tuple[Column, ...]], tuple[RateFrame, FloatArray]]:
-        """All that were asked for: what a fit is told by, several times. Their frames live as long."""
-        return {}
 
     def left(
         self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray

@@ -102,9 +102,9 @@ class LinearisedFlight:
             yield _reading(record, effect.perturb(self._as_modelled, component, value))
 
     def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
-        """Lists of what records are moved by, so many at once that the records stay small."""
+        """Lists of what records are moved by, so many at once that the records stay small, to either side."""
         remaining = iter(each)
-        width = 1 + AT_ONCE // self.record.flight.samples
+        width = 1 + AT_ONCE // (2 * self.record.flight.samples)
         while some := list(itertools.islice(remaining, width)):
             yield some
 

@@ -30,8 +30,10 @@ def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 
 def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the tolerated moments that all flights share; as it is where there are none."""
+    """The fit with the nuisances beside it, and of these the tolerated moments that all flights share."""
     items = problem.rows.nuisances.items
+    _, others = problem.solution(fit.frame, fit.columns)
+    fit = replace(fit, others=others)
     shared = [k for k, item in enumerate(items) if item.flight is None]
     if not shared:
         return fit
@@ -40,7 +42,6 @@ def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     sizes = np.array([items[k].size for k in shared])
     count = len(fit.columns)
     design = problem.whole_design(fit.frame, fit.columns)
-    _, others = problem.solution(fit.frame, fit.columns)
     which = [*range(count), *(design.shape[1] - len(items) + k for k in shared)]
     whole = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
     scale = np.append(np.ones(count), sizes)
