@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,21 +13,14 @@ from brv_hypo.motion.motion import Motion
 
 def with_crossflow(motion: Motion, xi: ComplexArray, xi_rate: ComplexArray) -> Motion:
     """The motion with the angles of a crossflow (n,) and of its rate (n,) 1/s; the meridian in the nearest turn."""
-    return replace(motion, **angles_of(xi, xi_rate, motion.windward_meridian))
-
-
-def angles_of(xi: ComplexArray, xi_rate: ComplexArray, near: FloatArray) -> dict[str, Any]:
-    """A motion's angles and their rates, by name (..., n), of crossflows (..., n) and their rates (..., n) 1/s.
-
-    The meridian is in the turn nearest the one given (n,).
-    """
     alpha_rate, meridian_rate = angle_rates(xi, xi_rate)
-    return {
-        "alpha": angle_of_attack(xi),
-        "windward_meridian": nearest_turn(windward_meridian(xi), near),
-        "alpha_rate": alpha_rate,
-        "windward_meridian_rate": meridian_rate,
-    }
+    return replace(
+        motion,
+        alpha=angle_of_attack(xi),
+        windward_meridian=nearest_turn(windward_meridian(xi), motion.windward_meridian),
+        alpha_rate=alpha_rate,
+        windward_meridian_rate=meridian_rate,
+    )
 
 
 def crossflow_rate(motion: Motion, xi: ComplexArray) -> ComplexArray:

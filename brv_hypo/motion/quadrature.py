@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -46,21 +46,6 @@ class Quadrature:
     def rows(self, first: int, stop: int) -> slice:
         """The nodes from one sample to before another, those after the last of them left out."""
         return slice(int(self.samples[first]), int(self.samples[stop - 1]) + 1)
-
-
-class AtNodes:
-    """Values at the nodes of arrays that records share, each found once; the arrays live as long."""
-
-    def __init__(self, nodes: Quadrature) -> None:
-        self._nodes = nodes
-        self._found: dict[int, tuple[Any, Any]] = {}
-
-    def of(self, values: Values) -> Values:
-        """Values at the nodes (m,) of one array (n,)."""
-        if id(values) not in self._found:
-            self._found[id(values)] = values, self._nodes.of(values)
-        found: Values = self._found[id(values)][1]
-        return found
 
 
 def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadrature:

@@ -64,7 +64,8 @@ def discover(
     Entries are screened one after another, moved to their best places, and the best subset of each size is
     found exactly.
     """
-    response, (basis, left) = problem.response, _left(problem)
+    response, model = problem.response, _left(problem)
+    basis, left = model
     chosen: list[Entry] = []
     for _ in range(min(most + 2, DESCRIBED_SCREENED) if most > 1 else 1):
         gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
@@ -78,7 +79,7 @@ def discover(
     count = len(dictionary.entries)
     fits = [_constant(problem, name, subset, count) for subset in _subsets(problem, chosen, most)]
     if len(problem.records) == 1:
-        fits += _all_timed(problem, name, dictionary)
+        fits += _all_timed(problem, name, dictionary, *model)
     if not fits:
         return None
     found = min(fits, key=lambda each: each.fit.information)
@@ -161,25 +162,28 @@ def _constant(problem: Problem, name: str, chosen: tuple[Entry, ...], entries_se
     return _described(problem, file, columns, math.comb(entries_searched, len(chosen)), len(chosen))
 
 
-def _all_timed(problem: Problem, name: str, dictionary: Dictionary) -> list[_Described]:
+def _all_timed(
+    problem: Problem, name: str, dictionary: Dictionary, basis: FloatArray, left: FloatArray
+) -> list[_Described]:
     """Entries that change in time: the best over a stretch, and the best at the times of those."""
     offered, count = [entry for entry in dictionary.entries if entry.may_change], len(dictionary.entries)
-    basis, left = _left(problem)
-    fits = [_timed(problem, name, entry, count) for entry in _changing(problem, offered, basis, left)]
+    fits = [_timed(problem, name, entry, count, basis, left) for entry in _changing(problem, offered, basis, left)]
     if not fits:
         return fits
     best = min(fits, key=lambda each: each.fit.information)
     courses = tuple(dict.fromkeys(column.course for column in best.fit.selected))
     gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
-    return [*fits, _timed(problem, name, offered[int(np.argmax(gains))], count)]
+    return [*fits, _timed(problem, name, offered[int(np.argmax(gains))], count, basis, left)]
 
 
-def _timed(problem: Problem, name: str, entry: Entry, entries_searched: int) -> _Described:
+def _timed(
+    problem: Problem, name: str, entry: Entry, entries_searched: int, basis: FloatArray, left: FloatArray
+) -> _Described:
     """An entry with jumps in time where they explain most, and then at its own best place."""
     mechanism = _Changing(definition=entry.terms)
     fit = fit_hypothesis(problem, mechanism.name, (mechanism,))
     courses = tuple(dict.fromkeys(column.course for column in fit.selected))
-    entry = _moved(problem, entry, *_left(problem), courses)
+    entry = _moved(problem, entry, basis, left, courses)
     times = sorted(course.start for course in courses if course.kind == "jump")
     words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
     columns = tuple(_column(name, term.name, term.units, course) for course in courses for term in entry.terms)
