@@ -1,7 +1,8 @@
 """Direction of the velocity in the axes of the first sample, and what it depends on (Eq. 3.1, with gravity).
 
 In axes that do not turn, Eq. 3.1 is a quadrature: V(t) = V_0 + integral of specific force + g t. It is linear
-in the velocity at the start and in gravity. The speed is taken from the record's `velocity` channel.
+in the velocity at the start and in gravity. Its size is the speed through still air; what turns the air's flow is
+divided by the speed relative to the air, the record's `velocity` channel, which a wind along the track changes.
 """
 
 from __future__ import annotations
@@ -45,12 +46,16 @@ def gravity_magnitude(flight: Flight) -> float | None:
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
-    speed = record.flight.velocity
     if forces:
-        velocity = _velocity(record, start, force_impulse(record))
-    else:
-        turned = running_integral(record.time, start.gravity / speed[:, None])
-        velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
+        return direction_by_impulse(record, start, force_impulse(record))
+    turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
+    velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
+    return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
+
+
+def direction_by_impulse(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
+    """The same turned by forces, whose impulse (n, 3) m/s is known."""
+    velocity = _velocity(record, start, impulse)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
 
 
@@ -69,9 +74,23 @@ def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> 
 
 
 def _velocity(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
-    """Velocity (n, 3) m/s, but for what gravity and errors leave, in the axes of the first sample."""
+    """Velocity (n, 3) m/s relative to the air in the axes of the first sample."""
     first = record.flight.velocity[0] * start.direction
-    return np.asarray(first + impulse + record.time[:, None] * start.gravity, dtype=float)
+    return _at_airspeed(first + impulse + record.time[:, None] * start.gravity, record.flight.velocity)
+
+
+def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:
+    """A velocity (n, 3) that forces and gravity have turned, had it turned at this speed (n,).
+
+    What changes the speed acts along the velocity: v' = |v| u' + |v|' u has V' in place of |v|', and the integral of
+    V' u + |v| u' is V u less that of (V - |v|) u'.
+    """
+    size = np.linalg.norm(velocity, axis=1)
+    direction, more = velocity / size[:, None], airspeed - size
+    steps = 0.5 * (more[1:] + more[:-1])[:, None] * np.diff(direction, axis=0)
+    out = np.asarray(airspeed[:, None] * direction, dtype=float)
+    out[1:] -= np.cumsum(steps, axis=0)
+    return out
 
 
 def force_impulse(record: InertialRecord) -> FloatArray:

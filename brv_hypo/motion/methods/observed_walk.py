@@ -28,6 +28,7 @@ from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolutio
 from brv_hypo.motion.wind import (
     WindStart,
     body_crossflow,
+    direction_by_impulse,
     force_impulse,
     gravity_magnitude,
     start_from_nose,
@@ -125,8 +126,7 @@ class TiedWalk:
 
     def direction(self, start: WindStart) -> FloatArray:
         """Unit velocity (n, 3) in the axes of the first sample."""
-        velocity = self.speed[0] * start.direction + self.impulse + self.record.time[:, None] * start.gravity
-        return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
+        return direction_by_impulse(self.record, start, self.impulse)
 
     def solve_from_scratch(self, ties: tuple[TieModel, ...]) -> TiedFit:
         """Fit from the nose's mean, and from the linear fit of the ties about it; the better of the two."""
