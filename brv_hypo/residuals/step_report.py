@@ -17,7 +17,15 @@ from brv_hypo.residuals.judge import Prediction, force_errors, residuals_of
 from brv_hypo.residuals.near_equals import near_equals
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.repetition import named_in
-from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate
+from brv_hypo.residuals.result import (
+    Errors,
+    FlightLeftOut,
+    Residual,
+    Standing,
+    Step,
+    TriedCandidate,
+    lasting_steps,
+)
 
 _TOLD = 8  # candidates in a step's table
 
@@ -45,7 +53,7 @@ def step_of(
     without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
     standing: Standing | None = None
     if taken is not None and share is not None:
-        hinted = only_describes(taken, choice.discovery, earlier)
+        hinted = only_describes(taken, choice.discovery) or rests_on_hints(earlier)
         standing = "hint" if hinted else _standing(taken, share, without_flight)
     return Step(
         step=number,
@@ -92,14 +100,17 @@ def _told(
     )
 
 
-def only_describes(taken: Tried, discovery: Discovery | None, earlier: Sequence[Step]) -> bool:
-    """Whether it is generic terms that name nothing: several that were found one after another, or beside hints.
+def only_describes(taken: Tried, discovery: Discovery | None) -> bool:
+    """Whether it is generic terms that name nothing: several that were found one after another."""
+    return discovery is not None and taken.candidate is discovery.candidate and discovery.pieces > 1
 
-    Where the model holds what is not established, they say that it lacks something, as much as what.
+
+def rests_on_hints(earlier: Sequence[Step]) -> bool:
+    """Whether the model holds what earlier steps added and did not establish.
+
+    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
     """
-    if discovery is None or taken.candidate is not discovery.candidate:
-        return False
-    return discovery.pieces > 1 or any(step.standing == "hint" for step in earlier)
+    return any(step.standing == "hint" for step in lasting_steps(earlier))
 
 
 def _standing(taken: Tried, share: float, without_flight: FlightLeftOut | None) -> Standing:

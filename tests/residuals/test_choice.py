@@ -18,7 +18,7 @@ from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
 from brv_hypo.residuals.judge import Agreement, Prediction
-from brv_hypo.residuals.step_report import only_describes
+from brv_hypo.residuals.step_report import only_describes, rests_on_hints
 
 SCATTER = 0.05
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -212,16 +212,29 @@ def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(rat
     assert tried.taken is expected
 
 
-@pytest.mark.parametrize(
-    ("pieces", "standings", "told"),
-    [(1, (), False), (2, (), True), (1, ("finding",), False), (1, ("finding", "hint"), True), (1, (None,), False)],
-)
-def test_a_description_of_several_pieces_or_beside_hints_names_nothing(
-    pieces: int, standings: tuple[str | None, ...], told: bool
-) -> None:
+@pytest.mark.parametrize(("pieces", "told"), [(1, False), (2, True)])
+def test_a_description_of_several_pieces_names_nothing(pieces: int, told: bool) -> None:
     taken = judged(candidate("discovered_1", 90.0), Agreement(5.0, 5.0), 0.5, True)
     discovery: Any = SimpleNamespace(candidate=taken.candidate, pieces=pieces)
-    earlier: Any = [SimpleNamespace(standing=standing) for standing in standings]
-    assert only_describes(taken, discovery, earlier) is told
+    assert only_describes(taken, discovery) is told
     named = judged(candidate("trim", 90.0), Agreement(5.0, 5.0), 0.5, True)
-    assert not only_describes(named, discovery, earlier)
+    assert not only_describes(named, discovery)
+
+
+@pytest.mark.parametrize(
+    ("earlier", "told"),
+    [
+        ([], False),
+        ([("finding", "lag", ())], False),
+        ([(None, None, ())], False),
+        ([("finding", "lag", ()), ("hint", "trim", ())], True),
+        ([("hint", "trim", ()), ("finding", "lag", ())], True),
+        ([("hint", "trim", ()), ("finding", "lag", ("trim",))], False),
+    ],
+)
+def test_what_is_found_beside_hints_rests_on_them(
+    earlier: list[tuple[str | None, str | None, tuple[str, ...]]], told: bool
+) -> None:
+    """On Opportunity's record a constant body-fixed moment, of a moment that drifts in the body, stood as a finding."""
+    steps: Any = [SimpleNamespace(standing=standing, added=name, taken_out=gone) for standing, name, gone in earlier]
+    assert rests_on_hints(steps) is told
