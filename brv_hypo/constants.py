@@ -617,6 +617,8 @@ TOLD_FREQUENCY_LINES = 1.5  # of the spectrum, within which a frequency is a mul
 TOLD_FREQUENCY_WITHIN = 0.1  # or of itself
 TOLD_PER_CYCLE = 25.0  # samples; a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
 TOLD_MERIDIAN = 90.0  # percentile of the meridian's rate that is the fastest motion
+TOLD_SLOPES = 32  # places along a flight at which the static slope is told
+STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be told so; convention
 TOLD_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
 
 # ---- Prediction ----

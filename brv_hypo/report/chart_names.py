@@ -8,7 +8,7 @@ RECONSTRUCTION = (
 )
 COMPARISON = ("probability", "limits")
 OF_A_COMPARED_FLIGHT = ("moments", "residuals", "motion", "moment-by-alpha", "spectrum")
-TRACE = ("moments", "residuals", "spectrum")
+TRACE = ("moments", "residuals", "static-slope", "spectrum")
 PREDICTION = ("band", "errors", "regions")
 
 

@@ -25,6 +25,8 @@ def trace_document(result: Trace) -> Document:
         blocks += _step(step)
     if left is not None:
         blocks.append(Texts((residual_text(left),), "Left over", bullets=False))
+    stability = (result.static_stability,) if result.static_stability else ()
+    blocks.append(Texts(stability, "Static stability of the model", bullets=False))
     blocks.append(term_table("model, fitted to the whole record", result.model.terms, "verbose"))
     if result.ml is not None:
         blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from brv_hypo.report.attitude import attitude_chart
-from brv_hypo.report.chart import Chart
+from brv_hypo.report.chart import Band, Chart, Layer, Line, Panel, Role, Values
+from brv_hypo.report.frames import cut_text, framed
 from brv_hypo.report.motion_charts import (
     BODY,
+    TIME,
     Drawn,
     Setting,
+    caption,
     difference,
     knots_of,
     moment_chart,
@@ -16,7 +21,7 @@ from brv_hypo.report.motion_charts import (
     spectrum_chart,
     turning_rates,
 )
-from brv_hypo.residuals.result import Trace
+from brv_hypo.residuals.result import StaticSlope, Trace
 
 
 def trace_charts(result: Trace) -> list[Chart]:
@@ -33,6 +38,7 @@ def trace_charts(result: Trace) -> list[Chart]:
     charts = [
         moment_chart(setting, picture.time_s, picture.measured, picture.sigma, [model], BODY),
         residual_chart(setting, picture.time_s, picture.sigma, models, BODY, heading),
+        *(static_slope_chart(slope, len(result.static_slopes)) for slope in result.static_slopes),
         spectrum_chart(
             setting,
             picture.time_s,
@@ -50,3 +56,31 @@ def trace_charts(result: Trace) -> list[Chart]:
         charts.append(motion_chart(setting, picture.time_s, *angles, *sigmas))
         charts.append(attitude_chart(setting, picture.time_s, *angles, picture.roll_rate_rad_s))
     return charts
+
+
+def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
+    """The slope of the static moment by Mach number, or by time where that is not known or stays the same."""
+    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
+    x = np.array(slope.mach if by_mach else slope.time_s)
+    order = np.argsort(x, kind="stable")
+    layers = [
+        *_estimate(x[order], np.array(slope.at_flown)[order], np.array(slope.at_flown_std_error)[order], "second",
+                   "at the angle flown"),
+        *_estimate(x[order], np.array(slope.at_zero)[order], np.array(slope.at_zero_std_error)[order], "first",
+                   "at no angle of attack"),
+    ]  # fmt: skip
+    panels = [framed(Panel("C<sub>N</sub>′ by alpha, 1/rad", layers))]
+    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
+    read = "Negative is stable. Bands: two standard deviations of the coefficients."
+    return Chart(
+        f"static-slope{suffix}",
+        f"Slope of the static moment{which}",
+        "Mach number" if by_mach else TIME,
+        panels,
+        caption=caption(read, cut_text(panels)),
+    )
+
+
+def _estimate(x: Values, value: np.ndarray, sigma: np.ndarray, role: Role, name: str) -> list[Layer]:
+    """A line within two standard deviations."""
+    return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, "", role), Line(x, value, role, name)]

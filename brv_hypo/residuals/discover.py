@@ -85,7 +85,7 @@ def discover(
     found = min(fits, key=lambda each: each.fit.information)
     candidate = candidate_of(problem, null, found.fit, name, "discovered")
     terms = filed(found.fit.selected, found.fit.values[found.fit.baseline_size :], found.mechanism)
-    return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title, found.pieces)
+    return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title, len(found.entries))
 
 
 def _best(
@@ -147,25 +147,27 @@ def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple
 
 @dataclass(frozen=True)
 class _Described:
-    """A description as fitted; `file` holds its terms without values and jumps, `pieces` counts its entries."""
+    """A description as fitted; `file` holds its terms without values and jumps, `entries` are the dictionary's."""
 
     fit: HypothesisFit
     file: MechanismFile
     mechanism: FiledMechanism
-    pieces: int
+    entries: tuple[Entry, ...]
 
 
 def _constant(problem: Problem, name: str, chosen: tuple[Entry, ...], entries_searched: int) -> _Described:
     """Entries that act throughout."""
     file = _file(name, chosen, " and ".join(entry.words for entry in chosen))
     columns = tuple(_column(name, term.name, term.units) for term in file.terms)
-    return _described(problem, file, columns, math.comb(entries_searched, len(chosen)), len(chosen))
+    return _described(problem, file, columns, math.comb(entries_searched, len(chosen)), chosen)
 
 
 def _all_timed(
     problem: Problem, name: str, dictionary: Dictionary, basis: FloatArray, left: FloatArray
 ) -> list[_Described]:
-    """Entries that change in time: the best over a stretch, and the best at the times of those."""
+    """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them with
+    times anew at its own place: beside a place a jump more makes up for what is off.
+    """
     offered, count = [entry for entry in dictionary.entries if entry.may_change], len(dictionary.entries)
     fits = [_timed(problem, name, entry, count, basis, left) for entry in _changing(problem, offered, basis, left)]
     if not fits:
@@ -173,7 +175,8 @@ def _all_timed(
     best = min(fits, key=lambda each: each.fit.information)
     courses = tuple(dict.fromkeys(column.course for column in best.fit.selected))
     gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
-    return [*fits, _timed(problem, name, offered[int(np.argmax(gains))], count, basis, left)]
+    again = (offered[int(np.argmax(gains))], *best.entries)
+    return [*fits, *(_timed(problem, name, entry, count, basis, left) for entry in again)]
 
 
 def _timed(
@@ -188,7 +191,7 @@ def _timed(
     words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
     columns = tuple(_column(name, term.name, term.units, course) for course in courses for term in entry.terms)
     searched = _choices(entries_searched * math.comb(fit.searched, len(courses)), len(courses))
-    return _described(problem, _file(name, (entry,), words), columns, searched, 1)
+    return _described(problem, _file(name, (entry,), words), columns, searched, (entry,))
 
 
 class _Changing(FiledMechanism):
@@ -249,12 +252,12 @@ def _file(name: str, chosen: Sequence[Entry], words: str) -> MechanismFile:
 
 
 def _described(
-    problem: Problem, file: MechanismFile, columns: tuple[Column, ...], searched: int, pieces: int
+    problem: Problem, file: MechanismFile, columns: tuple[Column, ...], searched: int, chosen: tuple[Entry, ...]
 ) -> _Described:
     mechanism = mechanism_of(file)
     frame = problem.frame.with_mechanisms([mechanism])
     fit = solved(problem, file.name, (mechanism,), frame, columns, searched)
-    return _Described(fit, file, mechanism, pieces)
+    return _Described(fit, file, mechanism, chosen)
 
 
 _ALWAYS = (TimeFunction("constant"),)

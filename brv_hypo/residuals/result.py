@@ -137,6 +137,23 @@ class ModelSummary(NullIsNaN):
     definition: SavedModel
 
 
+class StaticSlope(NullIsNaN):
+    """dC_N'/d alpha (1/rad) of the model's static moment along one flight; negative is stable.
+
+    At no angle of attack, and at that flown (`alpha_rad`, rms about the place); `mach` is NaN where it is not known.
+    Standard errors are those of the coefficients, of a model that holds.
+    """
+
+    flight: int
+    time_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    alpha_rad: tuple[float, ...]
+    at_zero: tuple[float, ...]
+    at_zero_std_error: tuple[float, ...]
+    at_flown: tuple[float, ...]
+    at_flown_std_error: tuple[float, ...]
+
+
 class Picture(NullIsNaN):
     """Residual moments (pitch, yaw) before and after, for pictures of the report: not part of the JSON.
 
@@ -167,6 +184,8 @@ class Trace(Pictured, Result):
     findings: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
     model: ModelSummary
+    static_slopes: tuple[StaticSlope, ...] = ()
+    static_stability: str = Field(default="", description="where the static moment is not told to be stable")
     stopped: Stop
     unexplained: str | None
     caveats: tuple[str, ...] = ()

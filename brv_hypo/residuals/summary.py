@@ -40,6 +40,7 @@ from brv_hypo.residuals.result import (
     lasting_steps,
 )
 from brv_hypo.residuals.sizes import Coefficients, coefficients_of, placed_by_the_whole, whole_fit
+from brv_hypo.residuals.static_slope import stability_in_words, static_slopes
 
 _MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, SlopeCourse.name)
@@ -83,6 +84,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         *term_estimates(last, moments.columns, moments.values, moments.covariance),
         *_record_terms(here, model),
     )
+    slopes = static_slopes(last, moments)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -90,6 +92,8 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         findings=findings,
         hints=tuple(name for name in _added(end.steps, "hint") if name not in findings),
         model=ModelSummary(terms=terms, definition=definition),
+        static_slopes=slopes,
+        static_stability=stability_in_words(slopes),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flights, last),

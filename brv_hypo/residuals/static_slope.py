@@ -1,0 +1,114 @@
+"""The slope of the static moment along a flight, with its standard error: how stable the model says the vehicle is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.constants import STABLE_SIGMAS, TOLD_SLOPES
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.filed import FiledMechanism
+from brv_hypo.model.columns import Column
+from brv_hypo.motion.motion import Motion
+from brv_hypo.residuals.linearisation import Seen
+from brv_hypo.residuals.result import StaticSlope
+from brv_hypo.residuals.sizes import Coefficients
+
+# What a static moment may be a function of.
+_FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds")
+# Differences of the angle of attack, rad: the moment of a power of it is linear over less than 1e-7 of itself.
+_STEP = 1e-4
+
+
+def static_slopes(seen: Seen, found: Coefficients) -> tuple[StaticSlope, ...]:
+    """Of each flight, what its wind-fixed terms make of dC_N'/d alpha, at no angle of attack and at that flown."""
+    return tuple(_of_flight(seen, found, number) for number in range(len(seen.reconstructions)))
+
+
+def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
+    motion = seen.reconstructions[number].motion
+    stretches = np.array_split(np.arange(motion.time.size), TOLD_SLOPES)
+    places = [stretch[stretch.size // 2] for stretch in stretches]
+    flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
+    everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
+    at_zero, at_flown = (
+        _with_error(_slopes(seen, motion, found.columns, number, alpha)[places], found)
+        for alpha in (np.zeros_like(everywhere), everywhere)
+    )
+    return StaticSlope(
+        flight=number,
+        time_s=tuple(motion.time[places].tolist()),
+        mach=tuple(motion.mach[places].tolist()),
+        alpha_rad=tuple(flown.tolist()),
+        at_zero=at_zero[0],
+        at_zero_std_error=at_zero[1],
+        at_flown=at_flown[0],
+        at_flown_std_error=at_flown[1],
+    )
+
+
+def _slopes(seen: Seen, motion: Motion, columns: Sequence[Column], number: int, alpha: FloatArray) -> FloatArray:
+    """d C_N'/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
+    out = np.zeros((motion.time.size, len(columns)))
+    more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))
+    for j, column in enumerate(columns):
+        mechanism = seen.frame.mechanisms[column.mechanism]
+        if not (column.acts_on(number) and _is_static(mechanism)):
+            continue
+        ends = (_term(mechanism, column, each) for each in (more, less))
+        out[:, j] = (next(ends) - next(ends)) / _STEP * column.course(motion.course_time)
+    return out
+
+
+def _term(mechanism: Mechanism, column: Column, motion: Motion) -> FloatArray:
+    """The in-plane moment (n,) of a column's term, as if it had always acted."""
+    return next(t.in_plane for t in mechanism.terms(motion, dict(column.theta)) if t.name == column.term)
+
+
+def _is_static(mechanism: Mechanism) -> bool:
+    """Whether its moment lies in the plane of alpha, and is one of the angle of attack and the flow alone."""
+    if not isinstance(mechanism, FiledMechanism):
+        return mechanism.wind_fixed
+    return all(
+        term.axis == "in_plane" and not (term.turn or term.delay) and all(f.of in _FLOW for f in term.factors)
+        for term in mechanism.definition
+    )
+
+
+def _with_error(slopes: FloatArray, found: Coefficients) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Slopes (places, columns) with the coefficients found, and their standard errors."""
+    variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
+    return tuple((slopes @ found.values).tolist()), tuple(np.sqrt(np.maximum(variance, 0.0)).tolist())
+
+
+def stability_in_words(slopes: Sequence[StaticSlope]) -> str:
+    """Where a flight's static moment is not told to be stable at no angle of attack; empty where it is throughout."""
+    told = [_of_one(slope, f" of flight {slope.flight + 1}" if len(slopes) > 1 else "") for slope in slopes]
+    return " ".join(filter(None, told))
+
+
+def _of_one(slope: StaticSlope, whose: str) -> str:
+    values, errors = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
+    doubtful = np.flatnonzero(values + STABLE_SIGMAS * errors >= 0.0)
+    if doubtful.size == 0:
+        return ""
+    runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
+    worst = int(doubtful[np.argmax((values / np.maximum(errors, 1e-300))[doubtful])])
+    unstable = values[worst] > STABLE_SIGMAS * errors[worst]
+    said = "is unstable for a while" if unstable else "is not told to be stable"
+    return (
+        f"At no angle of attack the static moment{whose} {said} {' and '.join(_when(slope, run) for run in runs)}: "
+        f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "
+        f"{slope.at_flown[worst]:.2g} ± {slope.at_flown_std_error[worst]:.1g} at the "
+        f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
+    )
+
+
+def _when(slope: StaticSlope, run: IntArray) -> str:
+    """Times and, where they are known, Mach numbers of neighbouring places."""
+    first, last = int(run[0]), int(run[-1])
+    mach = f" (Mach {slope.mach[first]:.3g} to {slope.mach[last]:.3g})" if np.isfinite(slope.mach[first]) else ""
+    return f"from {slope.time_s[first]:.4g} to {slope.time_s[last]:.4g} s{mach}"
