@@ -88,6 +88,11 @@ def planted_faults() -> tuple[PlantedFault, ...]:
     return tuple(found)
 
 
+def fault_called(name: str) -> PlantedFault:
+    """The fault of that name."""
+    return next(fault for fault in planted_faults() if fault.name == name)
+
+
 def _changed(record: Record, changes: Channels) -> Record:
     return record.model_copy(update={"channels": {**record.channels, **changes}})
 
