@@ -9,7 +9,6 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_json
@@ -65,6 +64,7 @@ def trace(
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
     session.claim(mechanism_file, model_file, charts=TRACE)
+    from brv_hypo.flight.sources import flight_as_asked
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
@@ -76,7 +76,7 @@ def trace(
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
     settings = read_settings(TraceConfig, config, **chosen)
-    records = [load(path, start, stop, instruments) for path in flights]
+    records = [flight_as_asked(path, start, stop, instruments) for path in flights]
     with session.progress("tracing") as progress:
         result = traced(records, settings, progress=progress)
     document = trace_document(result)
