@@ -27,7 +27,6 @@ from brv_hypo.model.columns import Column
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.baseline import is_bend
 from brv_hypo.residuals.candidates_at_step import Look, look
@@ -35,14 +34,12 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.model_file import read_structure
+from brv_hypo.residuals.planting import DETECTED, free_length
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel
-
-# A coefficient is detected at this many of its standard errors.
-_LIMIT = 5.0
 
 
 @dataclass(frozen=True)
@@ -173,10 +170,7 @@ def _course(onset: float | None) -> TimeFunction:
 
 def _limit_of(problem: Problem, column: FloatArray) -> float:
     """Detection limit of a whitened column's coefficient."""
-    design = problem.design(problem.frame, problem.baseline)
-    basis = np.linalg.qr(design / lengths(design))[0]
-    free = np.sqrt(problem.efficiency) * np.linalg.norm(column - basis @ (basis.T @ column))
-    return _LIMIT / float(free)
+    return DETECTED / float(np.sqrt(problem.efficiency) * free_length(problem, column))
 
 
 def found_in(base: Ground, flight: Flight) -> Trace:
