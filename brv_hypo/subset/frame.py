@@ -69,7 +69,6 @@ class Frame:
 
     X: FloatArray
     y: FloatArray
-    weights: FloatArray | None
     forced: tuple[int, ...]
     candidates: IntArray
     R: FloatArray
@@ -153,7 +152,7 @@ def build_frame(
     independent, involved = dependencies(R, noise)
     rank = len(independent)
     return Frame(
-        X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
+        X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
         rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=_condition(R, rank),
         set_aside=tuple(aliases), dependent=tuple(free[list(each)] for each in involved),
         constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
