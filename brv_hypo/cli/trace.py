@@ -11,7 +11,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import read_json
+from brv_hypo.files.mappings import YAML_ENDINGS, read_json
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.whole import write_whole
 from brv_hypo.report.chart_names import TRACE
@@ -107,9 +107,9 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.residuals.model_file import SUFFIXES, is_model, read_structure
+    from brv_hypo.residuals.model_file import is_model, read_structure
 
-    if path.suffix in SUFFIXES:
+    if path.suffix in YAML_ENDINGS:
         return read_structure(path)
     content = read_json(path, "what `compare --json` or `trace --json` wrote")
     if is_model(content):

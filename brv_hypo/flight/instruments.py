@@ -74,11 +74,6 @@ class Instruments:
         """Every tolerance by its key."""
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "grade"}
 
-    def scaled(self, factor: float) -> Instruments:
-        """Tolerances `factor` times as large."""
-        found = {key: (factor * x, factor * y, factor * z) for key, (x, y, z) in self.values().items()}
-        return Instruments(self.grade, **found)
-
 
 @cache
 def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
