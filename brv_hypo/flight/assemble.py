@@ -15,7 +15,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.constants import BRIDGED_SECONDS
 from brv_hypo.files.printed import counted
 from brv_hypo.flight.derive import derive
-from brv_hypo.flight.faults import RecordFault, mask_faults
+from brv_hypo.flight.faults import RecordFault, fault_over, mask_faults
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.resample import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
@@ -79,16 +79,9 @@ def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
 def _spike_faults(time: FloatArray, spikes: Mapping[str, BoolArray]) -> tuple[RecordFault, ...]:
     """Isolated spikes in the channels that every analysis needs."""
     return tuple(
-        RecordFault(
-            name,
-            "spikes",
-            float(time[found][0]),
-            float(time[found][-1]),
-            f"{counted(int(np.count_nonzero(found)), 'sample')} replaced by a cubic spline",
-            decisive=False,
-        )
+        fault_over(name, "spikes", time, found, f"{counted(count, 'sample')} replaced by a cubic spline")
         for name, found in spikes.items()
-        if name in CHANNELS and np.any(found)
+        if name in CHANNELS and (count := int(np.count_nonzero(found)))
     )
 
 

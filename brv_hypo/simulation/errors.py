@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.files.printed import meant
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import RecordEffect
@@ -70,8 +70,7 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
         known = effect.plantable(flight)
         for component, value in values.items():
             if component not in known:
-                near = difflib.get_close_matches(component, known, n=1, cutoff=0.5)
-                hint = f"is '{near[0]}' meant?" if near else f"it has {', '.join(known)}"
+                hint = meant(component, known, f"it has {', '.join(known)}", cutoff=0.5)
                 raise UsageError(f"the record effect '{name}' has no component '{component}' ({hint}).")
             flight = effect.perturb(flight, component, value)
     return flight
