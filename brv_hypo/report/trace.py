@@ -25,10 +25,10 @@ def trace_document(result: Trace) -> Document:
         blocks += _step(step)
     if left is not None:
         blocks.append(Texts((residual_text(left),), "Left over", bullets=False))
-    blocks.append(term_table("model, fitted to the whole record", result.model.terms, "verbose"))
+    blocks.append(term_table("model, fitted to the whole record", result.model.terms))
     if result.ml is not None:
         blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))
-        blocks.append(term_table("model, by maximum likelihood", result.ml.terms, "verbose"))
+        blocks.append(term_table("model, by maximum likelihood", result.ml.terms))
     blocks.append(Texts((*fault_texts(result.record), *result.caveats), "Warnings", warning=True))
     return Document(
         title=f"Residual traced: {name}",
