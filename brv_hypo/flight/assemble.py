@@ -16,10 +16,10 @@ from brv_hypo.constants import BRIDGED_SECONDS
 from brv_hypo.files.printed import counted
 from brv_hypo.flight.derive import derive
 from brv_hypo.flight.faults import RecordFault, fault_over, mask_faults
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
+from brv_hypo.flight.record import CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.resample import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
-from brv_hypo.flight.schema import INERTIAL_CHANNELS, MINIMUM_SAMPLES, Record, VehicleRecord, validated
+from brv_hypo.flight.schema import MINIMUM_SAMPLES, Record, VehicleRecord, validated
 from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
 
 Channels = dict[str, FloatArray]

@@ -17,8 +17,8 @@ from brv_hypo.constants import DEAD_CHANGE, DEAD_NOISE, DEAD_PUSH, JUMP_FLANK, M
 from brv_hypo.flight.bursts import find_bursts
 from brv_hypo.flight.clock import joint_jumps, stamped_steps
 from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.record import INERTIAL_CHANNELS
 from brv_hypo.flight.resample import places_with_gaps, runs
-from brv_hypo.flight.schema import INERTIAL_CHANNELS
 from brv_hypo.flight.spikes import find_spikes
 from brv_hypo.flight.stuck import constant_runs, flat_tops, is_constant
 

@@ -15,7 +15,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import meant
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed
@@ -111,8 +111,8 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
     state = initial_state(configs, equations)
     instant = per_flight(configs, "start", "time")
     air = equations.air_data(instant, state)
-    channels = dict(zip(("p", "q", "r"), state[RATES], strict=True))
-    channels |= dict(zip(("ax", "ay", "az"), air.specific_force, strict=True))
+    channels = dict(zip(GYROS, state[RATES], strict=True))
+    channels |= dict(zip(ACCELEROMETERS, air.specific_force, strict=True))
     channels |= {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
     records = []
     for i, config in enumerate(configs):
