@@ -291,12 +291,11 @@ def _named(
         weights = np.asarray(np.linalg.lstsq(X[:, base] / scale, X[:, last], rcond=None)[0], dtype=np.float64)
         length = float(np.linalg.norm(X[:, last]))
         left = float(np.linalg.norm(X[:, last] - X[:, base] @ (weights / scale)))
-        terms = np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0)
-        named = [(c, w) for c, w, t in zip(base, weights / scale, terms, strict=True) if t]
+        named = _combination(base, weights, scale)
         if left <= ROUNDING_MULTIPLE * EPS * (length + float(np.abs(weights).sum())):
-            aliases.append(Alias(last, tuple((int(c), float(w)) for c, w in named)))
+            aliases.append(Alias(last, named))
             continue
-        together = (*(int(c) for c, _ in named if c not in forced), last)
+        together = (*(c for c, _ in named if c not in forced), last)
         refused.append(
             Refusal(
                 together,
@@ -309,11 +308,12 @@ def _named(
     return aliases, tuple(refused)
 
 
-def _combination(columns: Sequence[int], weights: FloatArray) -> tuple[tuple[int, float], ...]:
-    largest = np.abs(weights).max(initial=0.0)
-    return tuple(
-        (int(c), float(w)) for c, w in zip(columns, weights, strict=True) if abs(w) > NAMED_TERM * largest
-    )
+def _combination(
+    columns: Sequence[int], weights: FloatArray, scale: FloatArray | float = 1.0
+) -> tuple[tuple[int, float], ...]:
+    """The terms that count of a combination of columns, its weights (columns,) being those of columns over `scale`."""
+    kept = np.flatnonzero(np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0))
+    return tuple((int(columns[i]), float(w)) for i, w in zip(kept, (weights / scale)[kept], strict=True))
 
 
 def _representatives(
