@@ -94,7 +94,6 @@ def unassemble(flight: Flight) -> Record:
     for start, stop in flight.segments:
         usable[start:stop] = True
     present = {name: getattr(flight, name) for name in (*CHANNELS, *OPTIONAL_CHANNELS)}
-    vehicle = {name: getattr(flight.vehicle, name) for name in VehicleRecord.model_fields}
     return validated(
         Record,
         {
@@ -102,7 +101,7 @@ def unassemble(flight: Flight) -> Record:
             "channels": {
                 name: _masked(values, usable) for name, values in present.items() if values is not None
             },
-            "vehicle": validated(VehicleRecord, vehicle, group="vehicle"),
+            "vehicle": validated(VehicleRecord, vars(flight.vehicle), group="vehicle"),
             "instruments": flight.instruments,
             "planet": flight.planet,
             "title": flight.title,

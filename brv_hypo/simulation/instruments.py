@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, Vehicle
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight
 from brv_hypo.flight.schema import Record, VehicleRecord
 from brv_hypo.simulation.config import (
     GapConfig,
@@ -71,7 +71,7 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
     return Record(
         time=time,
         channels=channels,
-        vehicle=_declared(flight.vehicle),
+        vehicle=VehicleRecord(**vars(flight.vehicle)),
         instruments=instruments.declared(),
         planet=config.environment.planet,
         title=config.title,
@@ -124,10 +124,6 @@ def _gauges(config: SimulationConfig) -> dict[str, GaugeConfig]:
     names = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
     carried = {name: getattr(config.instruments, name) for name in names}
     return {name: gauge for name, gauge in carried.items() if gauge is not None}
-
-
-def _declared(vehicle: Vehicle) -> VehicleRecord:
-    return VehicleRecord(**{name: getattr(vehicle, name) for name in VehicleRecord.model_fields})
 
 
 def _triad(
