@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from brv_hypo.errors import UsageError
 from brv_hypo.files.mappings import read_yaml
-from brv_hypo.files.printed import one_line
+from brv_hypo.files.printed import meant, one_line
 
 Settings = TypeVar("Settings", bound=BaseModel)
 
@@ -47,7 +46,6 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
 def _problem(detail: Any, known: tuple[str, ...]) -> str:
     place = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(place, known, n=1, cutoff=0.5)
-        hint = f"is '{near[0]}' meant?" if near else f"known are {', '.join(known)}"
+        hint = meant(place, known, f"known are {', '.join(known)}", cutoff=0.5)
         return f"there is no setting '{place}' ({hint})"
     return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"

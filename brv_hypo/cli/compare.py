@@ -8,7 +8,6 @@ import typer
 
 from brv_hypo.cli import completion, options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.report.chart_names import comparison_names
@@ -41,13 +40,14 @@ def compare(
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
     session.claim(charts=comparison_names(len(flights)))
+    from brv_hypo.flight.sources import flight_as_asked
     from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
     from brv_hypo.settings import read_settings
 
     accepted = {"accept_record": True} if accept_record else {}
     settings = read_settings(CompareConfig, config, **chosen(mechanisms), **accepted)
-    records = [load(path, start, stop, instruments) for path in flights]
+    records = [flight_as_asked(path, start, stop, instruments) for path in flights]
     with session.progress("comparing") as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison, settings)

@@ -9,7 +9,6 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.report.chart_names import PREDICTION
 
@@ -38,6 +37,7 @@ def predict(
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim(charts=PREDICTION)
+    from brv_hypo.flight.sources import flight_as_asked
     from brv_hypo.report.prediction import prediction_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import predict as predicted
@@ -45,7 +45,7 @@ def predict(
 
     settings = read_settings(TraceConfig, config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
-    result = predicted(load(flight, start, stop, instruments), model, names, settings)
+    result = predicted(flight_as_asked(flight, start, stop, instruments), model, names, settings)
     document = prediction_document(result)
     session.present(document)
     session.write_json(result)

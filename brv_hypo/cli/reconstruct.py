@@ -10,7 +10,6 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.report.chart_names import RECONSTRUCTION
 
@@ -41,6 +40,7 @@ def reconstruct(
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
     session.claim(output, charts=RECONSTRUCTION)
+    from brv_hypo.flight.sources import flight_as_asked
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
@@ -48,7 +48,7 @@ def reconstruct(
 
     chosen = {} if method is None else {"method": method.value}
     settings = read_settings(ReconstructionConfig, config, **chosen)
-    result = reconstructed(load(flight, start, stop, instruments), settings)
+    result = reconstructed(flight_as_asked(flight, start, stop, instruments), settings)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
     document = reconstruction_document(result)

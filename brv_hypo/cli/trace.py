@@ -9,10 +9,9 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.command import in_session
-from brv_hypo.cli.loading import load
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import read_json
+from brv_hypo.files.mappings import YAML_ENDINGS, read_json
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.whole import write_whole
 from brv_hypo.report.chart_names import TRACE
@@ -65,6 +64,7 @@ def trace(
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
     session.claim(mechanism_file, model_file, charts=TRACE)
+    from brv_hypo.flight.sources import flight_as_asked
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
@@ -76,7 +76,7 @@ def trace(
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
     settings = read_settings(TraceConfig, config, **chosen)
-    records = [load(path, start, stop, instruments) for path in flights]
+    records = [flight_as_asked(path, start, stop, instruments) for path in flights]
     with session.progress("tracing") as progress:
         result = traced(records, settings, progress=progress)
     document = trace_document(result)
@@ -107,9 +107,9 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.residuals.model_file import SUFFIXES, is_model, read_structure
+    from brv_hypo.residuals.model_file import is_model, read_structure
 
-    if path.suffix in SUFFIXES:
+    if path.suffix in YAML_ENDINGS:
         return read_structure(path)
     content = read_json(path, "what `compare --json` or `trace --json` wrote")
     if is_model(content):

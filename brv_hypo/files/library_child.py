@@ -219,13 +219,7 @@ class _Walk:
             entry["units"] = _attribute(item, "units")
         if h5py.check_string_dtype(item.dtype) is not None:
             if item.size > MOST_TEXTS:
-                raise Refused(
-                    f"dataset '{place}'",
-                    f"{item.size} texts",
-                    f"at most {MOST_TEXTS}",
-                    "a damaged or forged header",
-                    "write the record anew",
-                )
+                raise _too_many(f"dataset '{place}'", item.size, "texts", MOST_TEXTS, "header")
             entry["texts"] = np.asarray(item.asstr(errors="replace")[()]).reshape(-1).tolist()
         else:
             self._budget.take(item.size * item.dtype.itemsize, f"dataset '{place}'")
@@ -261,6 +255,11 @@ class _Walk:
             self._budget.check(math.prod(item.chunks) * item.dtype.itemsize, f"dataset '{place}'")
 
 
+def _too_many(place: str, count: int, things: str, most: int, damaged: str = "file") -> Refused:
+    cause = f"a damaged or forged {damaged}"
+    return Refused(place, f"{count} {things}", f"at most {most}", cause, "write the record anew")
+
+
 def _kind(group: Any, name: str) -> Any:
     """The class of a member that is not asked for; None where even that cannot be told."""
     try:
@@ -271,25 +270,13 @@ def _kind(group: Any, name: str) -> Any:
 
 def _names(group: Any, place: str) -> list[str]:
     if len(group) > MOST_NAMES:
-        raise Refused(
-            f"group '{place}'",
-            f"{len(group)} members",
-            f"at most {MOST_NAMES}",
-            "a damaged or forged file",
-            "write the record anew",
-        )
+        raise _too_many(f"group '{place}'", len(group), "members", MOST_NAMES)
     return list(group)
 
 
 def _attributes(item: Any, place: str) -> Iterator[tuple[str, Any]]:
     if len(item.attrs) > MOST_ATTRIBUTES:
-        raise Refused(
-            f"group '{place}'",
-            f"{len(item.attrs)} attributes",
-            f"at most {MOST_ATTRIBUTES}",
-            "a damaged or forged file",
-            "write the record anew",
-        )
+        raise _too_many(f"group '{place}'", len(item.attrs), "attributes", MOST_ATTRIBUTES)
     for name in item.attrs:
         yield name, _attribute(item, name)
 

@@ -12,10 +12,11 @@ from typing import Any
 
 import yaml
 
-from brv_hypo.errors import BrvHypoError, UsageError
+from brv_hypo.errors import UsageError
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.regular import read_text
 
+YAML_ENDINGS = (".yaml", ".yml")
 YAML_BYTES = 512 * 1024  # the longest configuration that comes along has 4 kB
 YAML_VALUES = 50_000  # values that a YAML file may stand for, aliases expanded
 JSON_BYTES = 64 * 1024 * 1024  # a result with every series in it has some megabytes
@@ -25,49 +26,49 @@ LARGEST_WHOLE = 2**63  # whole numbers are read below this size, as arrays hold 
 _DATES = "tag:yaml.org,2002:timestamp"
 
 
-def read_yaml(path: str | Path, expected: str, error: type[BrvHypoError] = UsageError) -> dict[str, Any]:
+def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
     """The mapping in a YAML file; {} where it is empty. `expected` says what it should hold.
 
-    Raises `error` with the place where it is no YAML, no mapping, or beyond the budgets.
+    Raises UsageError with the place where it is no YAML, no mapping, or beyond the budgets.
     """
-    text = read_text(path, expected, YAML_BYTES, error)
+    text = read_text(path, expected, YAML_BYTES)
     try:
         content = _load(text)
     except yaml.MarkedYAMLError as failure:
-        raise error(f"{path}: cannot be read: it is not YAML{_place(failure)}. Correct the file.") from None
+        raise UsageError(f"{path}: cannot be read: it is not YAML{_place(failure)}. Correct the file.") from None
     except yaml.YAMLError as failure:
-        raise error(
+        raise UsageError(
             f"{path}: cannot be read: it is not YAML: {one_line(str(failure))}. Correct the file."
         ) from None
     except RecursionError:
-        raise error(f"{path}: cannot be read: it is nested too deep. Expected {expected}.") from None
-    return _mapping(content, path, expected, error)
+        raise UsageError(f"{path}: cannot be read: it is nested too deep. Expected {expected}.") from None
+    return _mapping(content, path, expected)
 
 
-def read_json(path: str | Path, expected: str, error: type[BrvHypoError] = UsageError) -> dict[str, Any]:
+def read_json(path: str | Path, expected: str) -> dict[str, Any]:
     """The mapping in a JSON file; `expected` says what it should hold.
 
-    Raises `error` with the place where it is no JSON, no mapping, or beyond the budgets.
+    Raises UsageError with the place where it is no JSON, no mapping, or beyond the budgets.
     """
-    text = read_text(path, expected, JSON_BYTES, error)
+    text = read_text(path, expected, JSON_BYTES)
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as failure:
-        raise error(
+        raise UsageError(
             f"{path}: cannot be read: it is not JSON that can be used ({one_line(str(failure))}), "
             f"expected {expected}. Likely cause: another file, or one cut short."
         ) from None
-    return _mapping(content, path, expected, error)
+    return _mapping(content, path, expected)
 
 
-def _mapping(content: Any, path: str | Path, expected: str, error: type[BrvHypoError]) -> dict[str, Any]:
+def _mapping(content: Any, path: str | Path, expected: str) -> dict[str, Any]:
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise error(f"{path} holds {type(content).__name__}, expected a mapping: {expected}.")
+        raise UsageError(f"{path} holds {type(content).__name__}, expected a mapping: {expected}.")
     odd = next((key for key in content if not isinstance(key, str)), None)
     if odd is not None:
-        raise error(f"{path}: found the key {one_line(repr(odd))}, expected names. Put text in quotes.")
+        raise UsageError(f"{path}: found the key {one_line(repr(odd))}, expected names. Put text in quotes.")
     return content
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import unicodedata
+from collections.abc import Iterable
 
 LONGEST_LINE = 300  # characters kept of a title or of another text that belongs on one line
 
@@ -29,6 +31,12 @@ def one_line(text: str) -> str:
 def counted(count: int, thing: str) -> str:
     """So many of a thing: "1 sample", "2 samples"."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6) -> str:
+    """A question after the known name that an unknown one is most like, or `otherwise`, for a refusal."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
+    return f"is '{near[0]}' meant?" if near else otherwise
 
 
 def _is_control(character: str) -> bool:

@@ -42,30 +42,28 @@ def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = U
     )
 
 
-def read_text(
-    path: str | Path, expected: str, most_bytes: int, error: type[BrvHypoError] = UsageError
-) -> str:
+def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
     """The text of a regular UTF-8 file of at most `most_bytes`; `expected` says what it should hold.
 
-    Raises `error` where it is not one, is larger, or cannot be read.
+    Raises UsageError where it is not one, is larger, or cannot be read.
     """
-    check_regular(path, expected, error)
+    check_regular(path, expected)
     try:
         with open(path, "rb") as stream:
             content = stream.read(most_bytes + 1)
     except OSError as failure:
-        raise error(
+        raise UsageError(
             f"{path}: cannot be read ({failure.strerror}). Check its permissions, and that its medium is there."
         ) from None
     if len(content) > most_bytes:
-        raise error(
+        raise UsageError(
             f"{path}: found more than {most_bytes // 1024} kB, expected {expected}. Likely cause: data where a "
             "description was meant. Remedy: give the right file."
         )
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as failure:
-        raise error(
+        raise UsageError(
             f"{path}: cannot be read: byte {failure.start} is not UTF-8 text, expected {expected}. "
             "Likely cause: a binary file, or another encoding. Remedy: save it as UTF-8."
         ) from None

@@ -15,11 +15,11 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.constants import BRIDGED_SECONDS
 from brv_hypo.files.printed import counted
 from brv_hypo.flight.derive import derive
-from brv_hypo.flight.faults import RecordFault, mask_faults
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
+from brv_hypo.flight.faults import RecordFault, fault_over, mask_faults
+from brv_hypo.flight.record import CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight
 from brv_hypo.flight.refusal import naming, refusal
 from brv_hypo.flight.resample import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
-from brv_hypo.flight.schema import INERTIAL_CHANNELS, MINIMUM_SAMPLES, Record, VehicleRecord, validated
+from brv_hypo.flight.schema import MINIMUM_SAMPLES, Record, VehicleRecord, validated
 from brv_hypo.flight.spikes import find_spikes, spike_note, without_spikes
 
 Channels = dict[str, FloatArray]
@@ -79,16 +79,9 @@ def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
 def _spike_faults(time: FloatArray, spikes: Mapping[str, BoolArray]) -> tuple[RecordFault, ...]:
     """Isolated spikes in the channels that every analysis needs."""
     return tuple(
-        RecordFault(
-            name,
-            "spikes",
-            float(time[found][0]),
-            float(time[found][-1]),
-            f"{counted(int(np.count_nonzero(found)), 'sample')} replaced by a cubic spline",
-            decisive=False,
-        )
+        fault_over(name, "spikes", time, found, f"{counted(count, 'sample')} replaced by a cubic spline")
         for name, found in spikes.items()
-        if name in CHANNELS and np.any(found)
+        if name in CHANNELS and (count := int(np.count_nonzero(found)))
     )
 
 
@@ -101,7 +94,6 @@ def unassemble(flight: Flight) -> Record:
     for start, stop in flight.segments:
         usable[start:stop] = True
     present = {name: getattr(flight, name) for name in (*CHANNELS, *OPTIONAL_CHANNELS)}
-    vehicle = {name: getattr(flight.vehicle, name) for name in VehicleRecord.model_fields}
     return validated(
         Record,
         {
@@ -109,7 +101,7 @@ def unassemble(flight: Flight) -> Record:
             "channels": {
                 name: _masked(values, usable) for name, values in present.items() if values is not None
             },
-            "vehicle": validated(VehicleRecord, vehicle, group="vehicle"),
+            "vehicle": validated(VehicleRecord, vars(flight.vehicle), group="vehicle"),
             "instruments": flight.instruments,
             "planet": flight.planet,
             "title": flight.title,

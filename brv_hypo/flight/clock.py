@@ -24,8 +24,7 @@ from brv_hypo.constants import (
     UNIFORM_WITHIN,
 )
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
-
-GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS
 
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:
@@ -56,7 +55,7 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
     if closed.size < 2 * CLOCK_FLANK:
         return False
     misfits, stamped, moved = [], [], 0
-    for name in (*GYROS, *ACCELEROMETERS):
+    for name in INERTIAL_CHANNELS:
         values = channels[name][part] if name in channels else np.array([np.nan])
         sigma = sigma_of_differences([channels[name]]) if name in channels else 0.0
         if sigma > 0.0 and np.all(np.isfinite(values)):

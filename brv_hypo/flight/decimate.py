@@ -69,7 +69,8 @@ def decimated(record: Record, rate: float) -> Decimated:
         return Decimated(record, ())
     taps = low_pass(before, rate)
     grid = np.arange(time[0], time[-1], 1.0 / rate)
-    channels = {name: _at(grid, time, _filtered(values, taps)) for name, values in uniform.items()}
+    # Between the dense stamps of what is band-limited straight lines do.
+    channels = {name: np.interp(grid, time, _filtered(values, taps)) for name, values in uniform.items()}
     notes += [
         *resampled,
         f"decimated from {before:.6g} to {rate:.6g} Hz, behind a linear-phase low-pass that passes "
@@ -103,8 +104,3 @@ def _filtered(values: FloatArray, taps: FloatArray) -> FloatArray:
     result = np.full(values.size, np.nan)
     result[half : values.size - half] = np.where(total > DECIMATED_KNOWN, smooth, np.nan)
     return result
-
-
-def _at(grid: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:
-    """Band-limited `values` between the dense stamps that they have: straight lines do."""
-    return np.interp(grid, time, values)

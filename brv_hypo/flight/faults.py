@@ -17,13 +17,13 @@ from brv_hypo.constants import DEAD_CHANGE, DEAD_NOISE, DEAD_PUSH, JUMP_FLANK, M
 from brv_hypo.flight.bursts import find_bursts
 from brv_hypo.flight.clock import joint_jumps, stamped_steps
 from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.record import INERTIAL_CHANNELS
 from brv_hypo.flight.resample import places_with_gaps, runs
 from brv_hypo.flight.spikes import find_spikes
 from brv_hypo.flight.stuck import constant_runs, flat_tops, is_constant
 
-INERTIAL = ("p", "q", "r", "ax", "ay", "az")
-TRIED = (*INERTIAL, "velocity", "dynamic_pressure")
 STOP_AT_ZERO = ("velocity", "dynamic_pressure")
+TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
 MOST_NAMED = 5
 
 Channels = dict[str, FloatArray]
@@ -93,7 +93,7 @@ def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArra
     """
     despiked = {
         name: _spread(np.where(find_spikes(channels[name]), np.nan, channels[name]), places)
-        for name in INERTIAL
+        for name in INERTIAL_CHANNELS
         if name in channels
     }
     action = (
@@ -111,14 +111,14 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
     constant = [name for name, values in channels.items() if is_constant(values)]
     noisy = [
         name
-        for name in INERTIAL
+        for name in INERTIAL_CHANNELS
         if name in channels
         and name not in constant
         and sigma_of_differences([channels[name]]) > DEAD_NOISE * np.nanmax(np.abs(channels[name]))
     ]
     found = {}
     for name in constant:
-        if (name in INERTIAL and noisy) or (name in STOP_AT_ZERO and _speed_changes(name, time, channels)):
+        if (name in INERTIAL_CHANNELS and noisy) or (name in STOP_AT_ZERO and _speed_changes(name, time, channels)):
             value = float(channels[name][np.isfinite(channels[name])][0])
             action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
             found[name] = RecordFault(name, "dead", float(time[0]), float(time[-1]), action, True)
@@ -168,7 +168,7 @@ def _mask_channel(
                 f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "
                 "which it does not (--start, --stop)"
             )
-            faults.append(_over(name, kind, time, found, action, decisive=True))
+            faults.append(fault_over(name, kind, time, found, action, decisive=True))
         else:
             masked = np.where(found, np.nan, masked)
             faults += _masked(name, kind, time, found)
@@ -180,15 +180,16 @@ def _masked(name: str, kind: str, time: FloatArray, found: BoolArray) -> list[Re
     stretches = runs(found)
     if len(stretches) > MOST_NAMED:
         action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
-        return [_over(name, kind, time, found, action, decisive=False)]
+        return [fault_over(name, kind, time, found, action)]
     return [
         RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
         for a, b in stretches
     ]
 
 
-def _over(
-    name: str, kind: str, time: FloatArray, found: BoolArray, action: str, *, decisive: bool
+def fault_over(
+    name: str, kind: str, time: FloatArray, found: BoolArray, action: str, *, decisive: bool = False
 ) -> RecordFault:
+    """One fault from the first to the last of the samples (n,) that are `found`."""
     at = np.flatnonzero(found)
     return RecordFault(name, kind, float(time[at[0]]), float(time[at[-1]]), action, decisive)

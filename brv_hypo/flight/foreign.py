@@ -26,7 +26,7 @@ from brv_hypo.flight.foreign_vehicle import instruments_of, vehicle_of
 from brv_hypo.flight.pad import take_out_biases
 from brv_hypo.flight.phases import Phase, find_phases
 from brv_hypo.flight.record import Flight
-from brv_hypo.flight.record_map import Alignment, ColumnMap, Recorder, RecordMap, read_map
+from brv_hypo.flight.record_map import Alignment, ColumnMap, RecordMap, read_map
 from brv_hypo.flight.refusal import naming
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, Record, check_shape, check_time, validated
 from brv_hypo.flight.tables import Columns, RawTable, found_file, read_columns
@@ -68,9 +68,9 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (Path(map_path).parent, source.parent)
-    tables: dict[str | None, Columns] = {None: _table(source, mapping, None, None)}
+    tables: dict[str | None, Columns] = {None: _table(source, mapping, None)}
     for name, recorder in mapping.recorders.items():
-        tables[name] = _table(found_file(recorder.file, folders), mapping, name, recorder)
+        tables[name] = _table(found_file(recorder.file, folders), mapping, name)
     with naming(source):
         read = _derived(_rested(_on_one_clock(tables, mapping), mapping), mapping)
         record, faults, phases = _cut(read, mapping, source, folders)
@@ -79,21 +79,24 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     return Imported(replace(flight, faults=(*faults, *flight.faults)), raw, phases)
 
 
-def _table(path: Path, mapping: RecordMap, name: str | None, recorder: Recorder | None) -> Columns:
-    """The columns of one recorder that the map names."""
-    wanted = [entry.column for entry in mapping.channels.values() if entry.recorder == name]
-    if recorder is not None:
-        wanted += [recorder.time.column, *([recorder.align.column] if recorder.align else [])]
-    return read_columns(path, tuple(dict.fromkeys(wanted)), mapping.delimiter)
-
-
-def _raw(name: str | None, columns: Columns, mapping: RecordMap) -> RawTable:
-    """A table as it was read, with what the map says of its units."""
+def _entries(mapping: RecordMap, name: str | None) -> list[ColumnMap | Alignment]:
+    """What the map takes from one recorder; None is the main table."""
     entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
     if name is not None:
         recorder = mapping.recorders[name]
         entries += [recorder.time, *([recorder.align] if recorder.align else [])]
-    return RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
+    return entries
+
+
+def _table(path: Path, mapping: RecordMap, name: str | None) -> Columns:
+    """The columns of one recorder that the map names."""
+    wanted = dict.fromkeys(entry.column for entry in _entries(mapping, name))
+    return read_columns(path, tuple(wanted), mapping.delimiter)
+
+
+def _raw(name: str | None, columns: Columns, mapping: RecordMap) -> RawTable:
+    """A table as it was read, with what the map says of its units."""
+    return RawTable(name or "main", columns, {entry.column: entry.units for entry in _entries(mapping, name)})
 
 
 def _on_one_clock(tables: Mapping[str | None, Columns], mapping: RecordMap) -> _Read:

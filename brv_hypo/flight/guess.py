@@ -20,10 +20,10 @@ from brv_hypo.flight.guess_names import MAGNETOMETER, by_name
 from brv_hypo.flight.guess_others import with_others
 from brv_hypo.flight.guess_table import Entry, Table, numeric_table
 from brv_hypo.flight.guess_text import Guess, written
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS
 from brv_hypo.flight.units import SI
 
-GYROS, FORCES = ("p", "q", "r"), ("ax", "ay", "az")
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
 _NOWHERE = "nowhere said"  # in a doubt of units
 NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
@@ -122,7 +122,7 @@ def _find_unnamed(table: Table) -> None:
     at = names.index(up)
     doubt = ("taken from the order of the columns: check it",)
     blocks = (
-        (FORCES, at),
+        (ACCELEROMETERS, at),
         (GYROS, at - 3 if all(n in free for n in names[max(at - 3, 0) : at]) and at >= 3 else at + 3),
     )
     for channels, first in blocks:
@@ -134,15 +134,15 @@ def _find_unnamed(table: Table) -> None:
 
 def _stand_upright(table: Table, time: FloatArray) -> None:
     """Units of the accelerometers, and the axis that is up, from gravity at rest."""
-    if not set(FORCES) <= set(table.entries):
+    if not set(ACCELEROMETERS) <= set(table.entries):
         return
-    known = [table.values(name) for name in (*FORCES, *GYROS) if name in table.entries]
+    known = [table.values(name) for name in (*ACCELEROMETERS, *GYROS) if name in table.entries]
     rest = physics.find_rest(time, known)
     if rest is None:
         doubt = "no rest in the record, at which gravity would tell units and axes of the accelerometers"
         table.unsure.append(doubt)
         return
-    reads = np.array([np.mean(table.values(name)[rest.start : rest.stop]) for name in FORCES])
+    reads = np.array([np.mean(table.values(name)[rest.start : rest.stop]) for name in ACCELEROMETERS])
     norm = float(np.linalg.norm(reads))
     units = physics.gravity_units(norm)
     if units is None:
@@ -150,7 +150,7 @@ def _stand_upright(table: Table, time: FloatArray) -> None:
             f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
         )
         return
-    for name in FORCES:
+    for name in ACCELEROMETERS:
         table.sure(name, units, f"at rest they read {norm:.4g}, gravity in {units}")
     table.rest_s = (float(time[rest.start]), float(time[rest.stop - 1]))
     _turn_nose_up(table, reads / norm)
@@ -169,7 +169,7 @@ def _turn_nose_up(table: Table, up: FloatArray) -> None:
     sign = float(np.sign(up[axis]))
     order = [(axis + shift) % 3 for shift in range(3)]
     doubt = "if the vehicle did not stand nose up at rest, undo this"
-    for channels in (FORCES, GYROS):
+    for channels in (ACCELEROMETERS, GYROS):
         if not set(channels) <= set(table.entries):
             continue
         before = [table.entries[name] for name in channels]
@@ -240,7 +240,7 @@ def _speed_like_push(table: Table, time: FloatArray) -> None:
         return
     speeds, pushes = named if named in pairs else pairs[0]
     table.sure("velocity", speeds, f"it changes as ax says, in {speeds} and {pushes}")
-    for name in FORCES:
+    for name in ACCELEROMETERS:
         beside = table.entries.get(name)
         if name == "ax":
             table.sure(name, pushes, f"it changes the speed, in {pushes} and {speeds}")

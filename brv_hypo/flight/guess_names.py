@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS
 from brv_hypo.flight.units import Dimension
 
@@ -29,10 +30,10 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "reynolds": (("reynolds",), ("re",)),
 }  # fmt: skip
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
-    ("p", "q", "r"): frozenset(
+    GYROS: frozenset(
         ("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")
     ),
-    ("ax", "ay", "az"): frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
+    ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
     MAGNETOMETER: frozenset(("m", "mag", "magn", "magnetometer", "b")),
 }
 _UNITS: Mapping[Dimension, Mapping[str, str]] = {

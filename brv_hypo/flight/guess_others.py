@@ -15,6 +15,7 @@ from brv_hypo.flight.guess_names import vehicle_property, vehicle_units
 from brv_hypo.flight.guess_table import Entry, Table
 from brv_hypo.flight.guess_text import Guessed, OtherRecorder, VehicleTable
 from brv_hypo.flight.phases import find_phases
+from brv_hypo.flight.record import ACCELEROMETERS
 from brv_hypo.flight.schema import VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 
@@ -98,9 +99,9 @@ def _at_liftoff(found: Guessed) -> Guessed:
     if abs(time[0] - begins) < FAR:
         return found
     sizes = [
-        physics.ACCELERATIONS[table.entries[name].units] * table.entries[name].scale for name in ("ax", "ay", "az")
+        physics.ACCELERATIONS[table.entries[name].units] * table.entries[name].scale for name in ACCELEROMETERS
     ]
-    forces = [size * table.values(name) for size, name in zip(sizes, ("ax", "ay", "az"), strict=True)]
+    forces = [size * table.values(name) for size, name in zip(sizes, ACCELEROMETERS, strict=True)]
     burn = next((phase for phase in find_phases(time, *forces) if phase.name == "burn"), None)
     if burn is None:
         doubt = f"{found.vehicle.table.path.name} counts time from another zero than the log: give its time an offset"

@@ -12,11 +12,11 @@ from brv_hypo.constants import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE
 from brv_hypo.files.printed import one_line
 from brv_hypo.flight.guess_names import MAGNETOMETER
 from brv_hypo.flight.guess_table import Entry, Table
+from brv_hypo.flight.record import INERTIAL_CHANNELS
 from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 
 SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
-NEEDED = ("p", "q", "r", "ax", "ay", "az")
 _OF_VEHICLE = {
     "mass": "",
     "ixx": "about the spin axis",
@@ -133,7 +133,7 @@ def _recorder_lines(found: Guessed) -> list[str]:
 def _missing(table: Table) -> tuple[list[str], list[str]]:
     """What format 1 needs and no column was found for, and lines that may stand in."""
     have = set(table.entries)
-    lacking = [f"no column was found for {name}" for name in NEEDED if name not in have]
+    lacking = [f"no column was found for {name}" for name in INERTIAL_CHANNELS if name not in have]
     offers = []
     if "velocity" not in have:
         if {"altitude", "ax"} <= have:

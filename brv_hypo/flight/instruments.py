@@ -16,6 +16,7 @@ import numpy as np
 
 from brv_hypo.constants import TOLERANCE_LEAST
 from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.files.printed import meant
 from brv_hypo.flight.refusal import refusal
 from brv_hypo.flight.units import SI, Dimension, to_si
 
@@ -74,11 +75,6 @@ class Instruments:
         """Every tolerance by its key."""
         return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "grade"}
 
-    def scaled(self, factor: float) -> Instruments:
-        """Tolerances `factor` times as large."""
-        found = {key: (factor * x, factor * y, factor * z) for key, (x, y, z) in self.values().items()}
-        return Instruments(self.grade, **found)
-
 
 @cache
 def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
@@ -108,8 +104,7 @@ def instruments_from(source: str, record: Instruments) -> Instruments:
         return of_grade(source)
     path = Path(source)
     if not path.suffix and not path.exists():
-        near = difflib.get_close_matches(source, GRADES, n=1)
-        hint = f"is '{near[0]}' meant?" if near else "or a YAML file of tolerances"
+        hint = meant(source, GRADES, "or a YAML file of tolerances")
         raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)} ({hint}).")
     from brv_hypo.files.mappings import read_yaml
 
@@ -126,8 +121,7 @@ def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) ->
     stated = {key: value for key, value in content.items() if key != "grade"}
     unknown = [key for key in stated if key not in _TABLE]
     if unknown:
-        near = difflib.get_close_matches(str(unknown[0]), list(_TABLE), n=1)
-        hint = f"is '{near[0]}' meant?" if near else f"known are grade, {', '.join(_TABLE)}"
+        hint = meant(str(unknown[0]), _TABLE, f"known are grade, {', '.join(_TABLE)}")
         raise UsageError(f"{origin} names the tolerance '{unknown[0]}', which is unknown ({hint}).")
     try:
         return with_stated(base, {key: _read(key, value) for key, value in stated.items()})

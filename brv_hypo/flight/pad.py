@@ -16,8 +16,9 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import PAD_FEWEST_SAMPLES, PAD_LEANING, PAD_MOVING
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.phases import AT_REST, GRAVITY
+from brv_hypo.flight.record import GYROS
 
-GYROS, ACROSS = ("p", "q", "r"), ("ay", "az")
+ACROSS = ("ay", "az")
 
 
 @dataclass(frozen=True)

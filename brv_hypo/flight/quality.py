@@ -17,9 +17,9 @@ from brv_hypo.constants import (
 from brv_hypo.flight.assemble import assemble, unassemble
 from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.phases import Phase, find_phases
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
+from brv_hypo.flight.record import CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.resample import runs, strongest_frequency
-from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, INERTIAL_CHANNELS, Record
+from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, Record
 from brv_hypo.flight.spikes import find_spikes, without_spikes
 from brv_hypo.flight.store import read_record, windowed
 from brv_hypo.flight.units import SI

@@ -16,7 +16,9 @@ from brv_hypo.tabular import Histories
 if TYPE_CHECKING:  # faults are found by what reads records
     from brv_hypo.flight.faults import RecordFault
 
-CHANNELS = ("p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure")
+GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
+INERTIAL_CHANNELS = (*GYROS, *ACCELEROMETERS)
+CHANNELS = (*INERTIAL_CHANNELS, "velocity", "dynamic_pressure")
 OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
 

@@ -32,7 +32,6 @@ from brv_hypo.flight.units import Dimension
 FORMAT = "brv-flight"
 FORMAT_VERSION = 1
 MINIMUM_SAMPLES = 16
-INERTIAL_CHANNELS = ("p", "q", "r", "ax", "ay", "az")
 
 CHANNEL_DIMENSIONS: dict[str, Dimension] = {
     "time": "time",

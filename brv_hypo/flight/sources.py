@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
 from brv_hypo.flight.store import load_flight
 
@@ -34,6 +36,17 @@ def one_flight(source: FlightSource) -> Flight:
     raise UsageError(
         f"got {type(source).__name__} for a flight, expected the path of a record, a Flight or a simulated flight."
     )
+
+
+def flight_as_asked(path: str | Path, start: float | None, stop: float | None, instruments: str | None) -> Flight:
+    """The record at `path` from `start` to `stop` (s), known to the tolerances that `--instruments` names.
+
+    Without them it is known to those that the record states itself.
+    """
+    flight = load_flight(path).window(start, stop)
+    if instruments is None:
+        return flight
+    return replace(flight, instruments=instruments_from(instruments, flight.instruments))
 
 
 def flights_of(source: FlightSource | Sequence[FlightSource]) -> tuple[Flight, ...]:

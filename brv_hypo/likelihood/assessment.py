@@ -286,8 +286,7 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
     With process noise they are the filter's, else the residuals.
     """
     if np.any(problem.process_noise):
-        filtered = kalman_innovations(problem, iterate)
-        return tuple(f.innovations for f in filtered), sum(f.nllf for f in filtered)
+        return kalman_innovations(problem, iterate)
     found = residuals(problem, iterate)
     together = np.concatenate(found, axis=1)
     if iterate.tails is not None:

@@ -38,7 +38,7 @@ def time_problem(
 ) -> Timing:
     """Median time of fitting one simulated record of the problem."""
     segment = problem.simulate(samples, seed=0)
-    start = {key: _START * value for key, value in problem.truth.items()}
+    start = problem.start(_START)
     wall, processor = [], []
     for _ in range(repeats + 1):
         began = time.perf_counter(), time.process_time()

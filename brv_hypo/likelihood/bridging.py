@@ -17,7 +17,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Model
 from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.interpolation import WIDTH
-from brv_hypo.likelihood.segment import Grid, Segment, build_grid, with_history
+from brv_hypo.likelihood.segment import Grid, Segment, build_grid, inputs_of, with_history
 
 _LONG = 8
 """Times the usual distance of measured samples from which a gap is bridged."""
@@ -58,12 +58,11 @@ def pieces_of(segments: Sequence[Segment], between: Sequence[Stretch]) -> list[S
         segment = segments[stretch.number]
         where = slice(stretch.first, stretch.last + 1)
         x0 = np.asarray(segment.x0, dtype=float)
-        u = np.atleast_2d(segment.u) if np.size(segment.u) else np.zeros((0, np.size(segment.t)))
         found.append(
             replace(
                 segment,
                 t=np.asarray(segment.t)[where],
-                u=u[:, where],
+                u=inputs_of(segment)[:, where],
                 y=np.atleast_2d(segment.y)[:, where],
                 x0=x0[:, where] if x0.ndim == 2 else x0,
                 x0_std=segment.x0_std if stretch.first == 0 else np.inf,

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -74,14 +75,10 @@ def evaluate_segment(
     back = _look_back(model.delays, grid, theta)
     defects, outputs = [], []
     for part in parts_of(grid.n):
-        place = _Place.of(grid, part)
-        here = x[:, place.samples]
-        at_samples = _points(grid, x, back, place.samples)
-        f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
-        x_mid = _midpoints(place.step, here, *f)
-        f_mid = evaluate(model.dynamics, _points(grid, x, back, place.middles, x_mid), theta)
-        defects.append(_defect(place.step, here, f[0], f_mid, f[1]).T)
-        outputs.append(evaluate(model.outputs, at_samples, theta)[:, : place.own].T)
+        there = _There(model, grid, x, theta, back, _Place.of(grid, part))
+        f_mid = evaluate(model.dynamics, there.points(there.place.middles, there.halfway), theta)
+        defects.append(there.defect(there.slopes[0], f_mid, there.slopes[1]))
+        outputs.append(evaluate(model.outputs, there.at_samples, theta)[:, : there.place.own].T)
     return np.concatenate(defects), np.concatenate(outputs)
 
 
@@ -98,19 +95,13 @@ def linearise_segment(
     """
     back = _look_back(model.delays, grid, theta)
     place = _Place.of(grid, part)
-    here = x[:, place.samples]
-    at_samples = _points(grid, x, back, place.samples)
-    f = _at_ends(model, grid, x, back, place, evaluate(model.dynamics, at_samples, theta), theta)
-    starts, middles, ends = place.of_intervals
-    everywhere = _everywhere(grid, x, back, place, f)
-    slope, output = (
-        _jacobian(model, function, points, theta, names, grid.ignores)
-        for function, points in ((model.dynamics, everywhere), (model.outputs, at_samples))
-    )
+    there = _There(model, grid, x, theta, back, place)
+    slope = there.jacobian(model.dynamics, there.everywhere, names)
+    output = there.jacobian(model.outputs, there.at_samples, names)
     by_state, by_parameter = _defect_derivatives(place, slope, back)
     own = slice(0, place.own)
     return Linearisation(
-        defect=_defect(place.step, here, *(slope.value[:, where] for where in (starts, middles, ends))).T,
+        defect=there.defect(*(slope.value[:, where] for where in place.of_intervals)),
         defect_by_state=by_state,
         defect_by_parameter=by_parameter,
         output=output.value.T[own],
@@ -155,49 +146,67 @@ class _Place(NamedTuple):
         return slice(0, count), slice(middle, middle + count), slice(end, end + count)
 
 
-def _at_ends(
-    model: Model,
-    grid: Grid,
-    x: FloatArray,
-    back: Mapping[str, LookBack],
-    place: _Place,
-    f: FloatArray,
-    theta: Mapping[str, float],
-) -> tuple[FloatArray, FloatArray]:
-    """The dynamics at the starts and at the ends of the intervals, from those at the samples."""
-    if not place.ends.size:
-        return f[:, :-1], f[:, 1:]
-    points = _points(grid, x, back, place.ends, x[:, place.samples[1:]])
-    return f[:, :-1], evaluate(model.dynamics, points, theta)
+@dataclass(frozen=True)
+class _There:
+    """A part of a segment at states x (n_states, n) and parameters theta; `back` is what its delays see."""
 
+    model: Model
+    grid: Grid
+    x: FloatArray
+    theta: Mapping[str, float]
+    back: Mapping[str, LookBack]
+    place: _Place
 
-def _everywhere(
-    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], place: _Place, f: tuple[FloatArray, FloatArray]
-) -> Points:
-    """Samples, ends where inputs jump, and midpoints, from the dynamics at both ends of the intervals."""
-    here = x[:, place.samples]
-    jumped = here[:, 1:] if grid.jumps else here[:, :0]
-    at = np.concatenate([here, jumped, _midpoints(place.step, here, *f)], axis=1)
-    return _points(grid, x, back, place.everywhere, at)
+    @cached_property
+    def here(self) -> FloatArray:
+        """The states at the samples."""
+        return self.x[:, self.place.samples]
 
+    @cached_property
+    def at_samples(self) -> Points:
+        """The samples."""
+        return self.points(self.place.samples)
 
-def _jacobian(
-    model: Model,
-    function: Function,
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    ignored: frozenset[str],
-) -> Jacobian:
-    """Derivatives by the named parameters, zero by those that are ignored."""
-    seen = np.array([name not in ignored for name in names], dtype=np.bool_)
-    own = tuple(name for name in names if name not in ignored)
-    found = jacobian(function, points, theta, own, model.method, model.scale or {}, model.affine)
-    if seen.all():
-        return found
-    by_parameter = np.zeros((*found.by_parameter.shape[:2], seen.size))
-    by_parameter[:, :, seen] = found.by_parameter
-    return found._replace(by_parameter=by_parameter)
+    @cached_property
+    def slopes(self) -> tuple[FloatArray, FloatArray]:
+        """The dynamics at the starts and at the ends of the intervals."""
+        f = evaluate(self.model.dynamics, self.at_samples, self.theta)
+        if not self.place.ends.size:
+            return f[:, :-1], f[:, 1:]
+        ends = self.points(self.place.ends, self.x[:, self.place.samples[1:]])
+        return f[:, :-1], evaluate(self.model.dynamics, ends, self.theta)
+
+    @property
+    def halfway(self) -> FloatArray:
+        """The states at the midpoints."""
+        f, f_end = self.slopes
+        return np.asarray(0.5 * (self.here[:, :-1] + self.here[:, 1:]) + self.place.step / 8 * (f - f_end))
+
+    @property
+    def everywhere(self) -> Points:
+        """Samples, ends where inputs jump, and midpoints."""
+        jumped = self.here[:, 1:] if self.grid.jumps else self.here[:, :0]
+        return self.points(self.place.everywhere, np.concatenate([self.here, jumped, self.halfway], axis=1))
+
+    def defect(self, f: FloatArray, f_mid: FloatArray, f_end: FloatArray) -> FloatArray:
+        """Of each interval, (intervals, n_states), by the dynamics at its start, midpoint and end."""
+        return np.asarray(np.diff(self.here, axis=1) - self.place.step / 6 * (f + 4 * f_mid + f_end)).T
+
+    def points(self, where: IntArray, at: FloatArray | None = None) -> Points:
+        """Some of the samples and midpoints; `at` gives states other than samples."""
+        return _points(self.grid, self.x, self.back, where, at)
+
+    def jacobian(self, function: Function, points: Points, names: tuple[str, ...]) -> Jacobian:
+        """Derivatives by the named parameters, zero by those that the segment ignores."""
+        seen = np.array([name not in self.grid.ignores for name in names], dtype=np.bool_)
+        own = tuple(name for name in names if name not in self.grid.ignores)
+        model = self.model
+        found = jacobian(function, points, self.theta, own, model.method, model.scale or {}, model.affine)
+        if seen.all():
+            return found
+        by_parameter = np.zeros((*found.by_parameter.shape[:2], seen.size))
+        by_parameter[:, :, seen] = found.by_parameter
+        return found._replace(by_parameter=by_parameter)
 
 
 class Weights(NamedTuple):
@@ -219,10 +228,9 @@ def weighted_change(
     Second derivatives of the functions are had from differences of first ones.
     """
     place = _Place.of(grid, slice(None))
-    at_samples = _points(grid, x, {}, place.samples)
-    f = _at_ends(model, grid, x, {}, place, evaluate(model.dynamics, at_samples, theta), theta)
-    everywhere = _everywhere(grid, x, {}, place, f)
-    slope = _jacobian(model, model.dynamics, everywhere, theta, names, grid.ignores)
+    there = _There(model, grid, x, theta, {}, place)
+    everywhere = there.everywhere
+    slope = there.jacobian(model.dynamics, everywhere, names)
     starts, middles, ends = place.of_intervals
     a, a_mid, a_end = (slope.by_state[where].transpose(0, 2, 1) for where in (starts, middles, ends))
     h = place.step[:, None, None]
@@ -234,10 +242,10 @@ def weighted_change(
         weights.before + weights.after + h / 4 * (weights.before @ a - weights.after @ a_end)
     )
     (by_point, by_theta), (by_state, by_outputs) = (
-        _bent(model, function, points, theta, names, grid.ignores, weight)
+        _bent(there, function, points, names, weight)
         for function, points, weight in (
             (model.dynamics, everywhere, of_slope),
-            (model.outputs, at_samples, weights.observe),
+            (model.outputs, there.at_samples, weights.observe),
         )
     )
     middle = by_point[:, middles, :, None]
@@ -252,13 +260,7 @@ def weighted_change(
 
 
 def _bent(
-    model: Model,
-    function: Function,
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    ignored: frozenset[str],
-    weights: FloatArray,
+    there: _There, function: Function, points: Points, names: tuple[str, ...], weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the sums of weights (k, points, rows, n_states) times a function's derivatives by states: by
     states (k, points, n_states), and parameters (k, p).
@@ -274,7 +276,7 @@ def _bent(
         states = bending[first : first + several]
         shift = (step[:, None] * np.eye(n_states))[:, states]
         shifted = points.repeated(np.concatenate([shift, -shift], axis=1))
-        found = _jacobian(model, function, shifted, theta, names, ignored)
+        found = there.jacobian(function, shifted, names)
         for j, (bent, by_theta) in zip(states.tolist(), _differences(found, states.size), strict=True):
             weight = weights[..., j] / (2.0 * step[j])
             by_state += np.einsum("kna,nam->knm", weight, bent)
@@ -316,16 +318,6 @@ def _points(
 
 def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: IntArray) -> Delayed:
     return Delayed(x, u) if before is None else Delayed(x + before.x[:, where], u + before.u[:, where])
-
-
-def _midpoints(step: FloatArray, x: FloatArray, f: FloatArray, f_end: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (x[:, :-1] + x[:, 1:]) + step / 8 * (f - f_end))
-
-
-def _defect(
-    step: FloatArray, x: FloatArray, f: FloatArray, f_mid: FloatArray, f_end: FloatArray
-) -> FloatArray:
-    return np.asarray(np.diff(x, axis=1) - step / 6 * (f + 4 * f_mid + f_end))
 
 
 def _defect_derivatives(

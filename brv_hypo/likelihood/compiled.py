@@ -28,13 +28,12 @@ def reassociated(function: Compiled) -> Compiled:
 
 
 class Filter(NamedTuple):
-    """A Kalman filter's run: `innovation` (n, q), its `covariance` (n, q, q) and the inverse of that, unit rows where
-    nothing was measured; `gain` (n, m, q); `before` and `after` (n, m, m), covariance of the state before and after its
+    """A Kalman filter's run: `innovation` (n, q), the `inverse` of its covariance (n, q, q), unit rows where nothing
+    was measured; `gain` (n, m, q); `before` and `after` (n, m, m), covariance of the state before and after its
     sample; half the sum of log det and of squares of the innovations.
     """
 
     innovation: FloatArray
-    covariance: FloatArray
     inverse: FloatArray
     gain: FloatArray
     before: FloatArray
@@ -100,7 +99,7 @@ def filtered(
     """
     n, q, m = observe.shape
     innovation = np.full((n, q), np.nan)
-    covariance, inverse, gain = np.zeros((n, q, q)), np.zeros((n, q, q)), np.zeros((n, m, q))
+    covariance, inverse, gain = np.zeros((q, q)), np.zeros((n, q, q)), np.zeros((n, m, q))
     before, after = np.zeros((n, m, m)), np.zeros((n, m, m))
     mean, kept = np.zeros(m), np.zeros(m)
     seen, left, keep, root = np.zeros((q, m)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((q, q))
@@ -129,8 +128,8 @@ def filtered(
                 for i in range(m):
                     total += seen[a, i] * h[b, i]
                 both = np.isfinite(residual[k, a]) and np.isfinite(residual[k, b])
-                covariance[k, a, b] = total if both else (1.0 if a == b else 0.0)
-        log_det += 0.5 * inverted(covariance[k], inverse[k], root)
+                covariance[a, b] = total if both else (1.0 if a == b else 0.0)
+        log_det += 0.5 * inverted(covariance, inverse[k], root)
         for i in range(m):
             for a in range(q):
                 total = 0.0
@@ -157,7 +156,7 @@ def filtered(
                 for i in range(m):
                     for j in range(m):
                         after[k, i, j] += gain[k, i, a] * noise[a, b] * gain[k, j, b]
-    return Filter(innovation, covariance, inverse, gain, before, after, log_det, squares)
+    return Filter(innovation, inverse, gain, before, after, log_det, squares)
 
 
 @compiled

@@ -56,14 +56,13 @@ def _piece(grid: Grid, x: FloatArray, first: int, last: int, delayed: bool) -> G
     if delayed and first >= WIDTH:
         before = slice(0, first + 1)
         history = History(grid.t[before], x[:, before], grid.u[:, before])
-    own_start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
     return Grid(
         t=grid.t[where],
         u=grid.u[:, where],
         y=grid.y[:, first:last],
         measured=grid.measured[:, first:last],
         step=grid.step[first : last - 1],
-        start=own_start if first == 0 else x[:, first],
+        start=grid.first if first == 0 else x[:, first],
         start_std=grid.start_std if first == 0 else np.full_like(grid.start_std, np.inf),
         interpolator=grid.interpolator.part(first, last),
         history=history,

@@ -81,37 +81,23 @@ class Determinant:
 
 def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
     """Half the weighted sum of squares of the process noise."""
-    return 0.5 * float(np.sum(_disturbance_squares(problem, iterate)))
-
-
-def _disturbance_squares(problem: Problem, iterate: Iterate) -> FloatArray:
-    """Sum of squares of each state's process noise over its variance, (n_states,); 0 where there is none."""
     total = np.zeros_like(problem.process_noise)
     driven = problem.process_noise > 0
     for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
         defect, _ = evaluate_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta))
         squares = np.sum(defect**2 / grid.step[:, None], axis=0)
         total[driven] += squares[driven] / problem.process_noise[driven] ** 2
-    return total
+    return 0.5 * float(np.sum(total))
 
 
-@dataclass(frozen=True)
-class Filtered:
-    """One-step predictions of a segment.
+def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
+    """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on, and their NLLF.
 
-    `innovations` (n_outputs, n), nan in gaps, their `covariance` (n, n_outputs, n_outputs), and the NLLF of
-    Eq. 3.10 (E8).
+    By segment, (n_outputs, n), nan in gaps; the NLLF of Eq. 3.10 (E8).
     """
-
-    innovations: FloatArray
-    covariance: FloatArray
-    nllf: float
-
-
-def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[Filtered, ...]:
-    """Innovations of the Kalman filter about the smoothed states, from the estimated initial state on."""
-    runs = [_filtered(problem, iterate, s).filter for s in range(len(problem.grids))]
-    return tuple(Filtered(run.innovation.T, run.covariance, run.log_det + run.squares) for run in runs)
+    noises = problem.process_noise, iterate.covariance
+    runs = [_motion(problem, iterate, s).run(*noises).filter for s in range(len(problem.grids))]
+    return tuple(run.innovation.T for run in runs), sum(run.log_det + run.squares for run in runs)
 
 
 def gradients_elsewhere(
@@ -195,10 +181,6 @@ class _Run:
         turned = -motion.inverse.transpose(0, 2, 1)
         through = by_transition @ motion.transition.transpose(0, 2, 1) + 2.0 * by_driven @ self.driven
         return Weights((turned @ by_transition)[None], (turned @ through)[None], by_observe[None])
-
-
-def _filtered(problem: Problem, iterate: Iterate, s: int) -> _Run:
-    return _motion(problem, iterate, s).run(problem.process_noise, iterate.covariance)
 
 
 def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:

@@ -35,34 +35,30 @@ _SAME_LIKELIHOOD = 1.0
 
 @dataclass(frozen=True)
 class TrapStudy:
-    """Start by start, (starts,): log-likelihood and convergence of the fit, and of its first beginning alone.
+    """Start by start, (starts,): log-likelihood and convergence.
 
     `best` is the greatest log-likelihood known: of all starts, and of a fit from the states that were flown.
     """
 
     log_likelihood: FloatArray
     converged: BoolArray
-    first_log_likelihood: FloatArray
-    first_converged: BoolArray
     best: float
 
-    def solved(self, first: bool = False) -> BoolArray:
-        """Converged at the best optimum known."""
-        value, ended = (
-            (self.first_log_likelihood, self.first_converged)
-            if first
-            else (self.log_likelihood, self.converged)
-        )
-        return np.asarray(ended & (value > self.best - _SAME_LIKELIHOOD))
+    @property
+    def solved(self) -> BoolArray:
+        """Converged at the best optimum known, (starts,)."""
+        return np.asarray(self.converged & (self.log_likelihood > self.best - _SAME_LIKELIHOOD))
 
-    def deceived(self, first: bool = False) -> BoolArray:
-        """Converged at a worse one."""
-        ended = self.first_converged if first else self.converged
-        return np.asarray(ended & ~self.solved(first))
+    @property
+    def deceived(self) -> BoolArray:
+        """Converged at a worse one, (starts,)."""
+        return np.asarray(self.converged & ~self.solved)
 
 
-def trapped(severity: float, starts: int, seed: int, samples: int = 480) -> TrapStudy:
-    """A flight into stall, fitted by a model without one, from start values up to half off."""
+def trapped(severity: float, starts: int, seed: int, samples: int = 480) -> tuple[TrapStudy, TrapStudy]:
+    """A flight into stall, fitted by a model without one, from start values up to half off: the fits, and the first
+    beginning of each alone.
+    """
     flown, model = stalled_aircraft(severity)
     rng = np.random.default_rng(seed)
     t = np.arange(samples) / flown.rate
@@ -74,12 +70,11 @@ def trapped(severity: float, starts: int, seed: int, samples: int = 480) -> Trap
     ]
     first = [end.beginnings[0] for end in ends]
     likelihoods = np.array([end.log_likelihood for end in ends])
-    return TrapStudy(
-        log_likelihood=likelihoods,
-        converged=np.array([end.converged for end in ends]),
-        first_log_likelihood=np.array([each.log_likelihood for each in first]),
-        first_converged=np.array([each.status is Status.CONVERGED for each in first]),
-        best=max(float(np.nanmax(likelihoods)), reference.log_likelihood),
+    best = max(float(np.nanmax(likelihoods)), reference.log_likelihood)
+    alone = np.array([each.log_likelihood for each in first])
+    return (
+        TrapStudy(likelihoods, np.array([end.converged for end in ends]), best),
+        TrapStudy(alone, np.array([each.status is Status.CONVERGED for each in first]), best),
     )
 
 
@@ -145,16 +140,14 @@ def stiff_kinds() -> tuple[Kind, ...]:
 
 def run_kind(kind: Kind, trials: int, seed: int) -> KindResult:
     """That many records, each with its own noise, gaps and start."""
-    found = []
-    for segment, start in _trials(kind, trials, seed):
-        found.append(fit(kind.problem.dynamics, kind.problem.outputs, [segment], start))
-    errors = [_errors(result, kind.problem.truth) for result in found]
+    problem = kind.problem
+    found = [fit(problem.dynamics, problem.outputs, [segment], start) for segment, start in _trials(kind, trials, seed)]
     return KindResult(
         name=kind.name,
         converged=np.array([result.converged for result in found]),
         coarse=np.array([result.status is Status.COARSE for result in found]),
-        score=np.array([e / np.sqrt(np.diag(r.covariance)) for e, r in zip(errors, found, strict=True)]),
-        beyond=np.array([_beyond(e, r.covariance) for e, r in zip(errors, found, strict=True)]),
+        score=np.array([problem.score(result) for result in found]),
+        beyond=np.array([_beyond(result, problem.truth) for result in found]),
         told=np.array([any(MARK in remark for remark in result.remarks) for result in found]),
     )
 
@@ -165,7 +158,7 @@ def hold_bias(samples: int = 300) -> FloatArray:
     quiet = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
     known = np.diag(problem.noise**2)
     found = fit(problem.dynamics, problem.outputs, [quiet], problem.truth, noise_covariance=known)
-    return _errors(found, problem.truth) / np.sqrt(np.diag(found.covariance))
+    return np.array(problem.score(found))
 
 
 def _trials(kind: Kind, trials: int, seed: int) -> Iterator[tuple[Segment, dict[str, float]]]:
@@ -178,16 +171,14 @@ def _trials(kind: Kind, trials: int, seed: int) -> Iterator[tuple[Segment, dict[
         yield segment, scattered(problem.truth, kind.spread, rng)
 
 
-def _errors(result: FitResult, truth: Mapping[str, float]) -> FloatArray:
-    return np.array([result.theta[name] - truth[name] for name in result.names])
-
-
-def _beyond(error: FloatArray, covariance: FloatArray) -> bool:
-    """Whether errors (p,) are beyond 3 sigma together; also where a covariance is missing."""
+def _beyond(result: FitResult, truth: Mapping[str, float]) -> bool:
+    """Whether errors are beyond 3 sigma together; also where a covariance is missing."""
     from scipy.stats import chi2
 
+    covariance = result.covariance
     if not np.all(np.isfinite(covariance)):
         return True
+    error = np.array([result.theta[name] - truth[name] for name in result.names])
     return bool(error @ np.linalg.solve(covariance, error) > chi2.ppf(_THREE_SIGMA, error.size))
 
 
@@ -199,15 +190,13 @@ def print_trapped(trials: int, seed: int, echo: Callable[[str], None]) -> None:
     """At most 50 starts for each of two severities."""
     for severity in (4.0, 6.0):
         found = trapped(severity, min(trials, 50), seed)
-        echo(
-            f"aircraft in stall of severity {severity:g}, model without one, {found.converged.size} starts half off"
-        )
-        for what, first in (("as `fit` does it", False), ("from its first beginning alone", True)):
-            value = found.first_log_likelihood if first else found.log_likelihood
-            solved, deceived = found.solved(first).mean(), found.deceived(first).mean()
+        count = found[0].converged.size
+        echo(f"aircraft in stall of severity {severity:g}, model without one, {count} starts half off")
+        for what, each in zip(("as `fit` does it", "from its first beginning alone"), found, strict=True):
+            solved, deceived = each.solved.mean(), each.deceived.mean()
             echo(
                 f"  {what}: {solved:.1%} at the best optimum known, {deceived:.1%} converged at a worse one; "
-                f"log-likelihood less than the best by {found.best - value.min():.3g} at most"
+                f"log-likelihood less than the best by {each.best - each.log_likelihood.min():.3g} at most"
             )
 
 

@@ -72,7 +72,6 @@ def linearised(
         if by_start is None:
             return None
         free = grid.start_std > 0.0
-        start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
         rows.append(
             LinearRows(
                 residual=residual[s][:, :, 0],
@@ -80,7 +79,7 @@ def linearised(
                 by_start=by_start[0][:, :, free],
                 index=problem.parameters.segment_index[s],
                 known=problem.size[free] / grid.start_std[free],
-                strayed=(iterate.x[s][free, 0] - start[free]) / grid.start_std[free],
+                strayed=(iterate.x[s][free, 0] - grid.first[free]) / grid.start_std[free],
             )
         )
     parameters = problem.parameters

@@ -10,7 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.interpolation import Interpolator
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.segment import Segment, build_grid, with_history
+from brv_hypo.likelihood.segment import Segment, as_held, build_grid, inputs_of, with_history
 from brv_hypo.likelihood.status import Status
 
 TOLERATED = 0.1
@@ -95,8 +95,7 @@ def _inserted(t: FloatArray, steps: int) -> FloatArray:
 def _inputs(segment: Segment, at: FloatArray) -> FloatArray:
     """Inputs (n_inputs, len(at)) as the segment has them between its samples."""
     t = np.asarray(segment.t, dtype=float)
-    u = np.asarray(segment.u, dtype=float)
-    u = u.reshape(0, t.size) if u.size == 0 else np.atleast_2d(u)
+    u = inputs_of(segment)
     hold = (segment.hold,) * len(u) if isinstance(segment.hold, str) else tuple(segment.hold)
     before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
     s = (at - t[before]) / (t[before + 1] - t[before])
@@ -106,13 +105,9 @@ def _inputs(segment: Segment, at: FloatArray) -> FloatArray:
         end = np.where(np.array([kind == "zero" for kind in hold])[:, None], u[:, before], u[:, before + 1])
         within = 2 * (s - 0.5) * (s - 1) * u[:, before] + 4 * s * (1 - s) * middle + 2 * s * (s - 0.5) * end
         return np.where(at >= t[-1], u[:, -1:], within)
-    cubic = Interpolator(t).stencil(at).apply(u)
     ways = {
         "zero": u[:, last],
         "linear": (1.0 - s) * u[:, before] + s * u[:, before + 1],
-        "cubic": cubic,
+        "cubic": Interpolator(t).stencil(at).apply(u),
     }
-    found = np.empty((len(u), at.size))
-    for row, kind in enumerate(hold):
-        found[row] = ways[kind][row]
-    return found
+    return as_held(ways, hold)

@@ -58,7 +58,7 @@ def compare(samples: int, seed: int | np.random.SeedSequence) -> Comparison:
     """Both programs on one simulated record."""
     problem = replace(short_period(), process_noise=_DRIVE, hold="linear")
     segment = problem.simulate(samples, seed)
-    start = {name: _OFF * value for name, value in problem.truth.items()}
+    start = problem.start(_OFF)
     began = time.process_time()
     found = fit(
         problem.dynamics, problem.outputs, [segment], start, _NOISE_OFF * _DRIVE, estimate_process_noise=True

@@ -10,6 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.derivatives import Function
+from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import Hold, Segment
 
 _SUBSTEPS = 8
@@ -92,6 +93,14 @@ class ModelProblem:
             if drive is not None:
                 x[:, k + 1] += np.sqrt(step) * drive * rng.standard_normal(drive.size)
         return x[:, :: self.substeps]
+
+    def start(self, share: float) -> dict[str, float]:
+        """Start values: that share of the truth."""
+        return {name: share * value for name, value in self.truth.items()}
+
+    def score(self, result: FitResult) -> list[float]:
+        """Errors of the parameters in standard errors."""
+        return [(result.theta[name] - value) / result.std_error[name] for name, value in self.truth.items()]
 
     def with_truth(self, **values: float) -> ModelProblem:
         """The same problem with other true values."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -99,9 +99,9 @@ class Grid:
         return int(self.y.shape[1])
 
     @property
-    def samples(self) -> slice:
-        """Where the samples stand in `t` and `u`."""
-        return slice(0, self.n)
+    def first(self) -> FloatArray:
+        """The guess of the initial state, (n_states,)."""
+        return self.start if self.start.ndim == 1 else self.start[:, 0]
 
     def look_back(self, delay: float) -> LookBack:
         """How x(t - delay) and u(t - delay) come about at all samples and midpoints; delay in s."""
@@ -126,6 +126,12 @@ class Grid:
         return LookBack(stencil, History(query, *known[:2]), History(query, *known[2:]))
 
 
+def inputs_of(segment: Segment) -> FloatArray:
+    """The known inputs at the samples, (n_inputs, n); (0, n) where there are none."""
+    u = np.asarray(segment.u, dtype=float)
+    return u.reshape(0, np.size(segment.t)) if u.size == 0 else np.atleast_2d(u)
+
+
 def with_history(segment: Segment, x: FloatArray) -> Segment:
     """The segment with a history (n_states, n), what is known of its initial state as it was."""
     start = np.asarray(segment.x0, dtype=float)
@@ -144,8 +150,7 @@ def build_grid(segment: Segment, number: int) -> Grid:
     """
     t = np.asarray(segment.t, dtype=float)
     y = np.atleast_2d(np.asarray(segment.y, dtype=float))
-    u = np.asarray(segment.u, dtype=float)
-    u = u.reshape(0, t.size) if u.size == 0 else np.atleast_2d(u)
+    u = inputs_of(segment)
     x0 = np.asarray(segment.x0, dtype=float)
     _check(t, u, y, x0, number)
     interpolator = Interpolator(t)
@@ -203,6 +208,11 @@ def _halfway(
         "linear": 0.5 * (u[:, :-1] + u[:, 1:]),
         "cubic": interpolator.stencil(middle).apply(u) if "cubic" in hold else u[:, :-1],
     }
+    return as_held(ways, hold)
+
+
+def as_held(ways: Mapping[str, FloatArray], hold: Sequence[str]) -> FloatArray:
+    """Inputs (n_inputs, times), each as it is held, out of all of them in every way."""
     found = np.empty_like(ways["zero"])
     for row, kind in enumerate(hold):
         found[row] = ways[kind][row]

@@ -373,8 +373,7 @@ def _anchor(quadratic: Quadratic) -> Quadratic:
 
 def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
     """Initial state less its guess, in its size, (1, n_states)."""
-    start = grid.start if grid.start.ndim == 1 else grid.start[:, 0]
-    return ((x[:, 0] - start) / problem.size)[None]
+    return ((x[:, 0] - grid.first) / problem.size)[None]
 
 
 def _variance(problem: Problem, grid: Grid) -> FloatArray:

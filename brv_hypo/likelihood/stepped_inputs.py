@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.segment import Segment, holds
+from brv_hypo.likelihood.segment import Segment, holds, inputs_of
 
 # Share of the intervals over which such an input keeps its value exactly, at least: a fast motion rarely keeps it.
 _KEPT = 0.5
@@ -39,8 +39,7 @@ def stepped_inputs(segments: Sequence[Segment]) -> tuple[str, ...]:
 
 def _stepped_on_cubics(segment: Segment, number: int) -> dict[int, float]:
     """The rows of such inputs, with the share of the intervals over which each keeps its value."""
-    inputs = np.asarray(segment.u, dtype=float)
-    rows = np.atleast_2d(inputs) if inputs.size else inputs.reshape(0, 0)
+    rows = inputs_of(segment)
     kinds = holds(segment.hold, len(rows), number)
     return {
         row: float(np.mean(np.diff(values) == 0.0))

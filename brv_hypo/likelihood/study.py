@@ -106,7 +106,7 @@ def coverage(
     """Coverage over records that differ in their noise, started at 0.8 of the truth."""
     names = tuple(problem.truth)
     truth = np.array(list(problem.truth.values()))
-    start = {name: 0.8 * value for name, value in problem.truth.items()}
+    start = problem.start(0.8)
     errors, white, coloured, converged = [], [], [], []
     for segment in _records(problem, samples, trials, seed, correlation):
         result = fit(problem.dynamics, problem.outputs, [segment], start)
@@ -168,7 +168,7 @@ def growth_in_two_seconds(problem: ModelProblem) -> float:
 def delay(trials: int, seed: int, start: float, samples: int = 1000) -> DelayStudy:
     """The delay of 0.2 s, started at `start`, the other parameters 0.7 of the truth."""
     problem = lagging_body()
-    theta0 = {name: 0.7 * value for name, value in problem.truth.items()} | {"delay": start}
+    theta0 = problem.start(0.7) | {"delay": start}
     score, error, converged = [], [], []
     for segment in _records(problem, samples, trials, seed, 0.0):
         result = fit(problem.dynamics, problem.outputs, [segment], theta0, delays=problem.delays)
@@ -182,7 +182,7 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
     """The short period in turbulence; parameters start at 0.8 of the truth, process noise at twice it."""
     drive = np.array([0.005, 0.03])
     problem = replace(short_period(), process_noise=drive)
-    start = {name: 0.8 * value for name, value in problem.truth.items()}
+    start = problem.start(0.8)
     theta, process, measurement, iterations, seconds, converged = [], [], [], [], [], []
     for segment in _records(problem, samples, trials, seed, 0.0):
         began = time.perf_counter()
@@ -192,7 +192,7 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
         seconds.append(time.perf_counter() - began)
         converged.append(result.converged)
         iterations.append(result.iterations)
-        theta.append([(result.theta[k] - v) / result.std_error[k] for k, v in problem.truth.items()])
+        theta.append(problem.score(result))
         process.append((result.process_noise - drive) / result.process_noise_std_error)
         noise = np.sqrt(np.diag(result.noise_covariance))
         measurement.append((noise - problem.noise) / result.noise_std_error)
@@ -212,13 +212,13 @@ def tails(trials: int, seed: int, noise: Kind, samples: int = 300) -> tuple[Floa
     the truth, and the share that converged.
     """
     problem = short_period()
-    start = {name: 0.8 * value for name, value in problem.truth.items()}
+    start = problem.start(0.8)
     score, error, converged = [], [], []
     for child in np.random.SeedSequence(seed).spawn(trials):
         segment = with_outliers(problem, samples, child)
         result = fit(problem.dynamics, problem.outputs, [segment], start, noise=noise)
         converged.append(result.converged)
-        score.append([(result.theta[k] - v) / result.std_error[k] for k, v in problem.truth.items()])
+        score.append(problem.score(result))
         error.append([(result.theta[k] - v) / v for k, v in problem.truth.items()])
     return np.array(score), np.array(error), float(np.mean(converged))
 

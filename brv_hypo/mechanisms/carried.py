@@ -7,23 +7,22 @@ from functools import partial
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.loading import OWN
 from brv_hypo.mechanisms.registry import installed
 from brv_hypo.motion.perturbation import Perturbation, superposed
 
-# Effects of other distributions are hypotheses, tried where asked for: what is installed changes no result.
-_OWN_PACKAGE = "brv-hypo"
-
 
 def carried_effects() -> tuple[RecordEffect, ...]:
-    """The record effects of this distribution that are part of every hypothesis."""
-    items = (entry.item for entry in installed().values() if entry.package == _OWN_PACKAGE)
-    return tuple(item for item in items if isinstance(item, RecordEffect) and item.carried)
+    """The record effects of this distribution that are part of every hypothesis.
+
+    Those of other distributions are hypotheses, tried where asked for: what is installed changes no result.
+    """
+    return tuple(item for item in _own() if isinstance(item, RecordEffect) and item.carried)
 
 
 def carried_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
     """The mechanisms of this distribution whose coefficients the record's tolerances of the vehicle bound."""
-    own = (entry.item for entry in installed().values() if entry.package == _OWN_PACKAGE)
-    return tuple(item for item in own if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+    return tuple(item for item in _own() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
 
 
 def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
@@ -50,6 +49,11 @@ def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
         if (effect.name, component.name) in errors
     )
     return superposed(flight, changed)
+
+
+def _own() -> list[Mechanism | RecordEffect]:
+    """All that this distribution brings."""
+    return [entry.item for entry in installed().values() if entry.package == OWN]
 
 
 def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:

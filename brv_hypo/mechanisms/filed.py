@@ -28,13 +28,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import read_yaml
+from brv_hypo.files.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 
 FORMAT, VERSION = "brv-mechanism", 1
-SUFFIXES = (".yaml", ".yml")
 
 Quantity = Literal[
     "time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"
@@ -193,7 +192,7 @@ def mechanism_of(content: MechanismFile) -> FiledMechanism:
 
 def is_mechanism_file(name: str) -> bool:
     """Whether a mechanism's name is the path of a file."""
-    return name.endswith(SUFFIXES)
+    return name.endswith(YAML_ENDINGS)
 
 
 def read_mechanism(path: str | Path) -> FiledMechanism:
@@ -212,13 +211,6 @@ def read_mechanism(path: str | Path) -> FiledMechanism:
 
 def mechanism_text(content: MechanismFile) -> str:
     """The content as YAML; what is at its default is left out."""
-    data = content.model_dump(exclude_defaults=True)
+    data = content.model_dump(mode="json", exclude_defaults=True)
     header = {"format": FORMAT, "format_version": VERSION}
-    return yaml.safe_dump({**header, **_plain(data)}, sort_keys=False, width=100)
-
-
-def _plain(node: Any) -> Any:
-    """Tuples as lists, for YAML."""
-    if isinstance(node, dict):
-        return {key: _plain(value) for key, value in node.items()}
-    return [_plain(item) for item in node] if isinstance(node, list | tuple) else node
+    return yaml.safe_dump({**header, **data}, sort_keys=False, width=100)

@@ -13,7 +13,7 @@ from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.regular import check_regular
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.mechanisms.filed import SUFFIXES, read_mechanism
+from brv_hypo.mechanisms.filed import is_mechanism_file, read_mechanism
 from brv_hypo.mechanisms.isolation import answer, fault, guarded, known_as, plain
 
 OWN = "brv-hypo"  # this project's distribution: its plugins pass the conformance kit before every release
@@ -61,7 +61,7 @@ def load_file(path: str) -> Found:
     """
     check_regular(path, "a plugin (.py) or a mechanism (.yaml)")
     file = Path(path)
-    if file.suffix in SUFFIXES:
+    if is_mechanism_file(path):
         mechanism = read_mechanism(file)
         answer(mechanism.name, path, _check, mechanism, mechanism.name, path)
         return [mechanism], []

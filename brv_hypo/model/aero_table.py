@@ -26,7 +26,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import read_yaml
+from brv_hypo.files.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.files.printed import one_line
 from brv_hypo.files.regular import read_text
 from brv_hypo.flight.record import Flight
@@ -36,7 +36,6 @@ from brv_hypo.motion.motion import Motion
 _EXPECTED = "an aerodynamic table: mach, alpha or alpha_deg (may be left out), slope (1/rad), std_error (1/rad)"
 _CSV_BYTES = 1024 * 1024
 _MOST_PLACES = 400  # every place is an unknown of the regression
-_YAML = (".yaml", ".yml")
 
 
 class AeroTable(BaseModel):
@@ -138,7 +137,7 @@ def read_aero_table(path: str | Path) -> AeroTable:
     Raises UsageError that says what is wrong and where.
     """
     path = Path(path)
-    content = _of_yaml(path) if path.suffix in _YAML else _of_csv(path)
+    content = _of_yaml(path) if path.suffix in YAML_ENDINGS else _of_csv(path)
     try:
         return AeroTable.model_validate(content)
     except ValidationError as error:

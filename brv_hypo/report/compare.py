@@ -29,7 +29,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Texts(comparison.disagreements, "Disagreements"),
             Texts(rows.warning_texts(comparison), "Warnings", warning=True),
             *(Picture(chart) for chart in comparison_charts(comparison)),
-            _terms("baseline, fitted along with every hypothesis", comparison.baseline.terms),
+            term_table("baseline, fitted along with every hypothesis", comparison.baseline.terms),
             *terms,
             Table(headings, rows.criteria_rows(comparison), "criteria in whitened rates", shown="verbose"),
             Texts(rows.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),
@@ -41,7 +41,7 @@ def comparison_document(comparison: Comparison) -> Document:
 
 def _of_hypothesis(hypothesis: RankedHypothesis) -> list[Block]:
     """Terms, derived quantities and likelihood fit of one hypothesis."""
-    blocks: list[Block] = [_terms(hypothesis.mechanism, hypothesis.terms, hypothesis.knots)]
+    blocks: list[Block] = [term_table(hypothesis.mechanism, hypothesis.terms, knots=hypothesis.knots)]
     blocks.append(Texts(rows.knot_texts(hypothesis.knots), shown="verbose"))
     blocks.append(Texts(rows.derived_texts(hypothesis.derived), shown="verbose"))
     if hypothesis.ml is not None:
@@ -55,17 +55,13 @@ def likelihood_blocks(heading: str, fit: MaximumLikelihood) -> list[Block]:
     errors = Table(
         rows.ERROR_HEADINGS, rows.error_rows(fit.instrument), f"{heading}: errors of the record", shown="verbose"
     )
-    return [_terms(heading, fit.terms, fit.knots), Texts(derived, shown="verbose"), errors]
-
-
-def _terms(heading: str, terms: Sequence[TermEstimate], knots: Sequence[Knot] = ()) -> Table:
-    return term_table(heading, terms, "verbose", knots)
+    return [term_table(heading, fit.terms, knots=fit.knots), Texts(derived, shown="verbose"), errors]
 
 
 def term_table(
     heading: str,
     terms: Sequence[TermEstimate],
-    shown: Shown,
+    shown: Shown = "verbose",
     knots: Sequence[Knot] = (),
     most: int | None = None,
 ) -> Table:

@@ -13,7 +13,7 @@ from rich.text import Text
 from brv_hypo.flight.faults import RecordTrial
 from brv_hypo.flight.phases import Phase
 from brv_hypo.flight.quality import ChannelQuality, Inspection, Noise
-from brv_hypo.report.style import bullets, number, plain_table, warning_list
+from brv_hypo.report.style import bullets, number, plain_table
 
 NOTES = 6
 """Notes on how the record was made that the terminal shows; all of them with -v."""
@@ -33,7 +33,7 @@ def inspection_view(inspection: Inspection, trial: RecordTrial, *, verbose: bool
         *fault_lines(trial),
         bullets(phase_texts(inspection.phases), "Phases"),
         bullets(_shown_notes(inspection.notes, verbose), "Notes"),
-        warning_list(inspection.warnings),
+        bullets(inspection.warnings, "Warnings", "yellow"),
     )
 
 

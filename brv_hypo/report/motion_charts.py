@@ -100,19 +100,11 @@ def moment_chart(
 ) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
     scale = scale_of(*measured, *(values for m in models for values in m.moments))
-    panels = [
-        framed(
-            Panel(
-                f"{title}{scale.suffix}",
-                [
-                    _band(time, values, sigma, scale),
-                    Line(time, scale.drawn(values), "measured", "measured", dots=True),
-                    *(Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models),
-                ],
-            )
-        )
-        for k, (title, values) in enumerate(zip(titles, measured, strict=True))
+    under: list[list[Layer]] = [
+        [_band(time, values, sigma, scale), Line(time, scale.drawn(values), "measured", "measured", dots=True)]
+        for values in measured
     ]
+    panels = _panels(titles, scale, time, under, models)
     heading = "Moments, measured and modelled" if models else "Moments"
     beside = BESIDE if models else ""
     knots = "Dashed lines: knots of the model on top." if setting.knots else ""
@@ -130,20 +122,30 @@ def residual_chart(
 ) -> Chart:
     """What models leave of the moments, before a band of two standard deviations; the last one on top."""
     scale = scale_of(*(values for m in models for values in m.moments))
-    panels = [
+    band = _band(time, np.zeros(len(time)), sigma, scale)
+    panels = _panels(titles, scale, time, [[band] for _ in titles], models)
+    knots = "Dashed lines: knots." if setting.knots else ""
+    return setting.chart("residuals", heading, panels, caption(BESIDE, _GYROS, knots, cut_text(panels)))
+
+
+def _panels(
+    titles: Sequence[str],
+    scale: Scale,
+    x: Values,
+    under: Sequence[Sequence[Layer]],
+    models: Sequence[Drawn],
+    dots: bool = False,
+) -> list[Panel]:
+    """A panel for each moment: what lies `under` the models, and their moments over `x`."""
+    return [
         framed(
             Panel(
                 f"{title}{scale.suffix}",
-                [
-                    _band(time, np.zeros(len(time)), sigma, scale),
-                    *(Line(time, scale.drawn(m.moments[k]), m.role, m.name) for m in models),
-                ],
+                [*layers, *(Line(x, scale.drawn(m.moments[k]), m.role, m.name, dots=dots) for m in models)],
             )
         )
-        for k, title in enumerate(titles)
+        for k, (title, layers) in enumerate(zip(titles, under, strict=True))
     ]
-    knots = "Dashed lines: knots." if setting.knots else ""
-    return setting.chart("residuals", heading, panels, caption(BESIDE, _GYROS, knots, cut_text(panels)))
 
 
 def caption(*sentences: str) -> str:
@@ -194,18 +196,8 @@ def moment_by_alpha_chart(
     """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
     degrees = np.degrees(np.asarray(alpha))
     scale = scale_of(*measured, *(values for m in models for values in m.moments))
-    panels = [
-        framed(
-            Panel(
-                f"{title}{scale.suffix}",
-                [
-                    Line(degrees, scale.drawn(values), "measured", "measured", dots=True),
-                    *(Line(degrees, scale.drawn(m.moments[k]), m.role, m.name, dots=True) for m in models),
-                ],
-            )
-        )
-        for k, (title, values) in enumerate(zip((IN_PLANE, OUT_OF_PLANE), measured, strict=True))
-    ]
+    under = [[Line(degrees, scale.drawn(values), "measured", "measured", dots=True)] for values in measured]
+    panels = _panels((IN_PLANE, OUT_OF_PLANE), scale, degrees, under, models, dots=True)
     title = f"{heading} against angle of attack{setting.which}"
     return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
 

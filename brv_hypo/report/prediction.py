@@ -6,7 +6,7 @@ from brv_hypo.report.blocks import Document, Picture, Table, Texts
 from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
 from brv_hypo.report.compare import term_table
 from brv_hypo.report.motion_charts import BODY, TIME, scale_of
-from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
+from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
 from brv_hypo.report.style import interval, number
 from brv_hypo.residuals.prediction import Prediction
 
@@ -20,7 +20,6 @@ WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 def prediction_document(result: Prediction) -> Document:
     """Errors without the model, with it frozen and with it refitted; by region; the coefficients."""
     flight, sound = result.flight, result.record.sound
-    span = interval((flight.start_s, flight.stop_s))
     found_on = ", ".join(result.model.found_on)
     errors = [(name, number(value), _percent(100.0 * value / result.error.without)) for name, value in _errors(result)]
     regions = [
@@ -31,7 +30,7 @@ def prediction_document(result: Prediction) -> Document:
         )
         for region in result.regions
     ]
-    subtitle = [f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"]
+    subtitle = [flight_line(flight)]
     if found_on:
         subtitle.append(f"model found on {found_on}")
     return Document(

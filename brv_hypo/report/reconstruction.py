@@ -26,12 +26,6 @@ from brv_hypo.report.style import interval, number
 
 HEADINGS = ("history", "unit", "least", "greatest", "sigma (rms)")
 
-# Name, what it is (the values and their standard deviations), factor to the unit shown, unit.
-_QUANTITIES = (
-    ("angle of attack", "alpha", "alpha_sigma", np.degrees(1.0), "deg"),
-    ("windward meridian, turns added up", "windward_meridian", "phi_w_sigma", np.degrees(1.0), "deg"),
-)
-
 
 def reconstruction_line(result: Reconstruction) -> str:
     """The outcome in one line."""
@@ -68,15 +62,16 @@ def reconstruction_document(result: Reconstruction) -> Document:
 
 def history_rows(result: Reconstruction) -> list[tuple[str, ...]]:
     """One row for each history: range, and the rms of its standard deviation."""
-    rows: list[tuple[str, ...]] = []
-    for name, values, sigma, factor, unit in _QUANTITIES:
-        history, error = getattr(result.motion, values), getattr(result, sigma)
-        rows.append((name, unit, *_row(factor * history, factor * error)))
-    usable = result.moments.usable
+    motion, usable = result.motion, result.moments.usable
+    alpha = _row(np.degrees(motion.alpha), np.degrees(result.alpha_sigma))
+    meridian = _row(np.degrees(motion.windward_meridian), np.degrees(result.phi_w_sigma))
     plane, error = result.plane_moments[usable], result.moments.sigma[usable]
-    rows.append(("in-plane moment C_N'", "1", *_row(plane.real, error)))
-    rows.append(("out-of-plane moment C_Z'", "1", *_row(plane.imag, error)))
-    return rows
+    return [
+        ("angle of attack", "deg", *alpha),
+        ("windward meridian, turns added up", "deg", *meridian),
+        ("in-plane moment C_N'", "1", *_row(plane.real, error)),
+        ("out-of-plane moment C_Z'", "1", *_row(plane.imag, error)),
+    ]
 
 
 def reconstruction_charts(result: Reconstruction) -> list[Chart]:

@@ -11,9 +11,9 @@ from brv_hypo.files.printed import counted
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import (
-    CoefficientSeries,
     Comparison,
     DerivedEstimate,
+    FlightSummary,
     Knot,
     MaximumLikelihood,
     RecordSummary,
@@ -151,22 +151,15 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
     return lines
 
 
-def coefficient_texts(series: Iterable[CoefficientSeries]) -> list[str]:
-    """Between what values each coefficient lies and how well it is known, a line for each segment."""
-    return [
-        f"{each.name}: {number(min(each.value), 4)} to {number(max(each.value), 4)}, "
-        f"2 sigma at most {number(2.0 * max(each.std_error), 2)}"
-        for each in series
-    ]
+def flight_line(flight: FlightSummary) -> str:
+    """Title, samples, span and rate of a flight."""
+    span = interval((flight.start_s, flight.stop_s))
+    return f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
 
 
 def flight_texts(comparison: Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
-    lines = [
-        f"{flight.title or flight.path}: {flight.samples} samples, "
-        f"{interval((flight.start_s, flight.stop_s))} s, {flight.sample_rate_hz:.4g} Hz"
-        for flight in comparison.flights
-    ]
+    lines = [flight_line(flight) for flight in comparison.flights]
     if any(row.knots for row in comparison.ranking):
         told = comparison.flights[(comparison.reference_flight or 1) - 1]
         lines.append(

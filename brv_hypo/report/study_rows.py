@@ -22,7 +22,6 @@ COVERAGE_HEADINGS = (
     *(f"in {SIGMAS:g} sigma", "rms/sigma", "error"),
 )
 MISTAKE_HEADINGS = ("flight", "size", "effect", "ranked first", "verdict", "prob.", "lead")
-FAILURE_HEADINGS = ("flight", "status", "reason")
 FAULT_HEADINGS = ("fault of the record", "flights", "named", "wrong", "wrong, unwarned")
 
 
@@ -157,17 +156,9 @@ def mistake_rows(summary: StudySummary) -> Rows:
     ]
 
 
-
-
-
 def fault_rows(summary: StudySummary) -> Rows:
     """One row for each fault of the record: how often it is named, and what becomes of the verdict."""
     return [
         (row.fault, str(row.flights), ranged(row.named), ranged(row.wrong), ranged(row.unwarned))
         for row in summary.faults
     ]
-
-
-def failure_rows(summary: StudySummary) -> Rows:
-    """One row for each flight that failed."""
-    return [(item.key, item.status, item.reason) for item in summary.failures]

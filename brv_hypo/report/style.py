@@ -107,8 +107,3 @@ def bullets(messages: Iterable[str], heading: str, style: str = "dim") -> Render
     for message in dict.fromkeys(messages):
         grid.add_row(" -", message, style=style)
     return Group(Text(heading, style), grid) if grid.row_count else Group()
-
-
-def warning_list(messages: Iterable[str]) -> RenderableType:
-    """What limits the result."""
-    return bullets(messages, "Warnings", "yellow")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood
+from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.report.blocks import Block, Document, Picture, Table, Texts
 from brv_hypo.report.compare import term_table
-from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts
+from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
 from brv_hypo.report.style import interval, number, p_value, share
 from brv_hypo.report.trace_charts import trace_charts
 from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
@@ -27,10 +27,10 @@ def trace_document(result: Trace) -> Document:
         blocks.append(Texts((residual_text(left),), "Left over", bullets=False))
     stability = (result.static_stability,) if result.static_stability else ()
     blocks.append(Texts(stability, "Static stability of the model", bullets=False))
-    blocks.append(term_table("model, fitted to the whole record", result.model.terms, "verbose"))
+    blocks.append(term_table("model, fitted to the whole record", result.model.terms))
     if result.ml is not None:
         blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))
-        blocks.append(term_table("model, by maximum likelihood", result.ml.terms, "verbose"))
+        blocks.append(term_table("model, by maximum likelihood", result.ml.terms))
     blocks.append(Texts((*fault_texts(result.record), *result.caveats), "Warnings", warning=True))
     return Document(
         title=f"Residual traced: {name}",
@@ -44,12 +44,6 @@ def trace_document(result: Trace) -> Document:
 
 def _title(result: Trace) -> str:
     return "Found: " + (", ".join(result.findings) or "nothing") if result.record.sound else IN_DOUBT
-
-
-def flight_line(flight: FlightSummary) -> str:
-    """Title, samples, span and rate of a flight."""
-    span = interval((flight.start_s, flight.stop_s))
-    return f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
 
 
 def conclusion(result: Trace) -> str:

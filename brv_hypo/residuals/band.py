@@ -109,11 +109,12 @@ def band_of(
         inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
         model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,
         time_s=tuple(time[told].tolist()),
-        measured=_pair(measured.body[told]),
-        predicted=_pair(predicted[told]),
-        half_width=_pair(BAND_SIGMAS * sigma[told]),
+        measured=pair(measured.body[told]),
+        predicted=pair(predicted[told]),
+        half_width=pair(BAND_SIGMAS * sigma[told]),
     )
 
 
-def _pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Pitch and yaw of moments (n,), as a result holds them."""
     return tuple(values.real.tolist()), tuple(values.imag.tolist())

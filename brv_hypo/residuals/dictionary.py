@@ -230,45 +230,17 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
         hat = Factor(of=quantity, function="bump", at=at, width=width)
         where = f"around {_QUANTITY[quantity]} {at:.4g}"
         label = f"hat at {quantity} {at:.12g}"
-        found.append(
-            Entry(
-                f"a change of the stiffness {where}",
-                (
-                    FiledTerm(
-                        name=f"in_plane alpha, {label}",
-                        axis="in_plane",
-                        factors=(hat, *_alpha(1)),
-                        units="1/rad",
-                    ),
-                ),
-                follows=quantity,
-                form="a change of the stiffness",
-            )
+        slopes = (
+            FiledTerm(name=f"{axis} alpha, {label}", axis=axis, factors=(hat, *_alpha(1)), units="1/rad")
+            for axis in _PLANE
         )
-        found.append(
-            Entry(
-                f"an out-of-plane moment with alpha {where}",
-                (
-                    FiledTerm(
-                        name=f"out_of_plane alpha, {label}",
-                        axis="out_of_plane",
-                        factors=(hat, *_alpha(1)),
-                        units="1/rad",
-                    ),
-                ),
-                follows=quantity,
-                form="an out-of-plane moment with alpha",
-            )
-        )
-        found.append(
-            Entry(
-                f"a body-fixed moment {where}",
-                tuple(FiledTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY),
-                follows=quantity,
-                form="a body-fixed moment",
-            )
-        )
+        fixed = tuple(FiledTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY)
+        for form, terms in zip(_FORMS, (*((slope,) for slope in slopes), fixed), strict=True):
+            found.append(Entry(f"{form} {where}", terms, follows=quantity, form=form))
     return found
+
+
+_FORMS = ("a change of the stiffness", "an out-of-plane moment with alpha", "a body-fixed moment")
 
 
 def _alpha(power: int) -> tuple[Factor, ...]:

@@ -16,7 +16,7 @@ from brv_hypo.constants import (
     WHITE_CHANCE,
     WHITE_LAGS,
 )
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.record import ACCELEROMETERS, Flight
 from brv_hypo.motion.frames import plane_from_body
 from brv_hypo.motion.motion import SMOOTH, Motion
 from brv_hypo.regression.frame import remove_levels
@@ -163,7 +163,7 @@ def _correlations(
 ) -> tuple[Correlation, ...]:
     """The most telling correlations of the in-plane and out-of-plane residual with motion and record."""
     others = {name: getattr(motion, name) for name in ("time", "alpha", *SMOOTH)}
-    others |= {name: getattr(flight, name) for name in ("ax", "ay", "az")}
+    others |= {name: getattr(flight, name) for name in ACCELEROMETERS}
     found = []
     for moment in ("C_N'", "C_Z'"):
         own = channels[moment][usable]

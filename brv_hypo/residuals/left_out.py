@@ -77,7 +77,11 @@ class LeftOut:
         """Orthonormal directions (rows, columns) that the fit's own columns add to the basis."""
         if not fit.selected:
             return np.zeros((self.problem.rows.size, 0))
-        design = self.problem.design(fit.frame, fit.selected)
-        free = design - self._basis @ (self._basis.T @ design)
-        vectors, sizes, _ = np.linalg.svd(free / lengths(design), full_matrices=False)
-        return np.asarray(vectors[:, sizes > _SPENT], dtype=float)
+        return directions_beyond(self._basis, self.problem.design(fit.frame, fit.selected))
+
+
+def directions_beyond(basis: FloatArray, design: FloatArray) -> FloatArray:
+    """Orthonormal directions (rows, rank) of columns beyond a basis; what is mere rounding of unit columns is none."""
+    free = design - basis @ (basis.T @ design)
+    vectors, sizes, _ = np.linalg.svd(free / lengths(design), full_matrices=False)
+    return np.asarray(vectors[:, sizes > _SPENT], dtype=float)

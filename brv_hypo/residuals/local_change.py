@@ -45,7 +45,7 @@ class ChangedSchedule(Mechanism):
 
 
 @dataclass(frozen=True)
-class _Rest:
+class Rest:
     """The rows once all else is fitted: an orthonormal `basis` (rows, rank) of that, and what it leaves (rows,)."""
 
     problem: Problem
@@ -84,22 +84,10 @@ class _Change:
     column: FloatArray
 
 
-def find_local_change(
-    problem: Problem,
-    frame: RateFrame,
-    columns: Sequence[Column],
-    held: FloatArray,
-    others: FloatArray,
-    covariance: FloatArray,
-) -> LocalChange | None:
-    """The change of slope or damping, against before and after, that explains most; None where it may be chance.
-
-    `held` (columns,) and `others` (unknowns,) are frozen values, NaN where they are fitted here; `covariance` (held
-    columns, held columns) is that of the former. One flight.
-    """
-    frame = frame.with_mechanisms([ChangedSchedule()])
-    rest = _rest(problem, frame, columns, held, others, covariance)
-    times = frame.time[problem.rows.part.rows]
+def find_local_change(rest: Rest) -> LocalChange | None:
+    """The change of slope or damping, against before and after, that explains most; None where it may be chance."""
+    frame = rest.frame
+    times = frame.time[rest.problem.rows.part.rows]
     edges, anywhere = np.linspace(float(times.min()), float(times.max()), CHANGE_EDGES), slice(None)
     terms = ChangedSchedule().terms(frame.motions[0], {})
     change = max((rest.best(term, edges, anywhere, anywhere) for term in terms), key=lambda each: each.gain)
@@ -112,18 +100,20 @@ def find_local_change(
     return _told(rest, change, len(terms) * math.comb(CHANGE_EDGES, 2))
 
 
-def _rest(
+def rest_of(
     problem: Problem,
     frame: RateFrame,
     columns: Sequence[Column],
     held: FloatArray,
     others: FloatArray,
     covariance: FloatArray,
-) -> _Rest:
+) -> Rest:
     """What is fitted here with slope and damping, and the frozen coefficients by as much as they may err.
 
-    These have a row each for that.
+    `held` (columns,) and `others` (unknowns,) are frozen values, NaN where they are fitted here; `covariance` (held
+    columns, held columns) is that of the former, which have a row each for it. One flight.
     """
+    frame = frame.with_mechanisms([ChangedSchedule()])
     constants = np.full(2 * len(problem.rows.part.levels), np.nan)
     fixed = np.concatenate([held, constants, others])
     free = np.isnan(fixed)
@@ -140,7 +130,7 @@ def _rest(
     whole[design.shape[0] :, whole.shape[1] - known.size :] = np.eye(known.size)
     basis = np.asarray(np.linalg.qr(whole / lengths(whole))[0], dtype=float)
     response = _with_priors(response[:, np.newaxis], rows)[:, 0]
-    return _Rest(problem, frame, basis, response - basis @ (basis.T @ response))
+    return Rest(problem, frame, basis, response - basis @ (basis.T @ response))
 
 
 def _column(term: Term, course: TimeFunction) -> Column:
@@ -152,7 +142,7 @@ def _with_priors(rows: FloatArray, count: int) -> FloatArray:
     return np.concatenate([rows, np.zeros((count - rows.shape[0], rows.shape[1]))])
 
 
-def _told(rest: _Rest, change: _Change, searched: int) -> LocalChange | None:
+def _told(rest: Rest, change: _Change, searched: int) -> LocalChange | None:
     """The change with its errors; None where chance gives as much among so many."""
     if change.gain <= 0.0:
         return None

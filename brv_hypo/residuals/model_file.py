@@ -12,11 +12,10 @@ import yaml
 from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import read_json, read_yaml
+from brv_hypo.files.mappings import YAML_ENDINGS, read_json, read_yaml
 from brv_hypo.files.printed import one_line
 from brv_hypo.residuals.saved import SavedModel
 
-SUFFIXES = (".yaml", ".yml")
 _EXPECTED = "a model: what `trace --write-model` or `trace --json` wrote"
 
 
@@ -36,7 +35,7 @@ def read_model(path: Path) -> SavedModel:
 
 def read_structure(path: Path) -> SavedModel:
     """The model in a file, with coefficients or without. Raises UsageError where the file holds none."""
-    content = read_yaml(path, _EXPECTED) if path.suffix in SUFFIXES else read_json(path, _EXPECTED)
+    content = read_yaml(path, _EXPECTED) if path.suffix in YAML_ENDINGS else read_json(path, _EXPECTED)
     try:
         return SavedModel.model_validate(_definition(content))
     except ValidationError as error:

@@ -11,11 +11,9 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import NEAR_EQUAL_COSINE
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate
-
-_SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
+from brv_hypo.residuals.left_out import directions_beyond
 
 
 def near_equals(
@@ -25,7 +23,8 @@ def near_equals(
 
     An effect that is constant where it is tried may act at the times of another as well: `tried` are all that were.
     """
-    base = _basis(problem.design(problem.frame, problem.baseline))
+    design = problem.design(problem.frame, problem.baseline)
+    base = directions_beyond(np.zeros((design.shape[0], 0)), design)
     spans = {c.name: _span(problem, base, c, c.fit.selected) for c in candidates}
     found = {}
     for candidate in candidates:
@@ -59,10 +58,4 @@ def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
 
 def _span(problem: Problem, base: FloatArray, candidate: Candidate, columns: Sequence[Column]) -> FloatArray:
     """Orthonormal directions (rows, columns) of columns of a candidate's beyond the baseline and the nuisances."""
-    design = problem.design(candidate.fit.frame, columns)
-    return _basis(design - base @ (base.T @ design), lengths(design))
-
-
-def _basis(columns: FloatArray, scale: FloatArray | None = None) -> FloatArray:
-    vectors, sizes, _ = np.linalg.svd(columns / (lengths(columns) if scale is None else scale), full_matrices=False)
-    return np.asarray(vectors[:, sizes > _SPENT], dtype=float)
+    return directions_beyond(base, problem.design(candidate.fit.frame, columns))

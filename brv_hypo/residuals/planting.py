@@ -16,7 +16,7 @@ from brv_hypo.mechanisms.registry import find, record_effects
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.problem import given_column
+from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.baseline import is_bend, start_model, starting_columns, with_priors, without_bend
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import Baseline, TraceConfig
@@ -45,7 +45,7 @@ EFFECTS = (*MECHANISMS, *AERODYNAMIC, *RECORD)
 SCHEDULED = ("mach_stiffness", "reynolds_stiffness")
 
 # A coefficient is detected at this many of its standard errors in the whole regression.
-_LIMIT = 5.0
+DETECTED = 5.0
 _TIMES = (3.0, 10.0)  # detection limits between which a planted effect's size is drawn
 _MOST = 15.0  # tolerances that an instrument is planted to err by at most
 # Factors on roll rate and angle of attack of another flight.
@@ -224,12 +224,11 @@ def _limit_of(here: Look, entries: Sequence[tuple[str, list[tuple[Column, float]
         own = problem.design(frame, [column for column, _ in columns]) @ weights
         total = own if total is None else total + own
     assert total is not None
-    return _LIMIT / _free_length(here, total)
+    return DETECTED / free_length(problem, total)
 
 
-def _free_length(here: Look, column: FloatArray) -> float:
+def free_length(problem: Problem, column: FloatArray) -> float:
     """Length of a whitened column beyond what the baseline takes over."""
-    problem = here.problem
     design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
     return float(np.linalg.norm(column - basis @ (basis.T @ column)))
@@ -243,7 +242,7 @@ def _plant_record(
     for name, (_, planted) in here.components.items():
         if name.split(" ")[0] == effect:
             column = here.problem.design(here.problem.frame, [given_column(name)])[:, 0]
-            limits[name] = (planted.name, _LIMIT / max(_free_length(here, column), 1e-12))
+            limits[name] = (planted.name, DETECTED / max(free_length(here.problem, column), 1e-12))
     flight = here.seen.flights[0]
     sizes = {c.name: c.size for e in record_effects() if e.name == effect for c in e.components(flight)}
     fit = [name for name, (component, limit) in limits.items() if times * limit < _MOST * sizes[component]]

@@ -31,7 +31,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
-from brv_hypo.residuals.local_change import find_local_change
+from brv_hypo.residuals.local_change import find_local_change, rest_of
 from brv_hypo.residuals.model_error import error_at, lasting
 from brv_hypo.residuals.model_file import read_model
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
@@ -155,14 +155,15 @@ def _predict(
     beyond = task.left_before(content.error)
     known_by = covariance[np.ix_(known, known)]
     sigma = task.sigma(known_by, measured.noise, beyond)
-    change = find_local_change(task.problem, task.seen.frame, task.columns, task.held, task.others, known_by)
+    rest = rest_of(task.problem, task.seen.frame, task.columns, task.held, task.others, known_by)
+    change = find_local_change(rest)
     band = band_of(task.seen.frame.time, measured, left, sigma, beyond, flown)
     carried = _carried(flight)
     eased = task.eased(carried)
     remedy = _remedy(task, refit, carried)
     shares = Shares(
-        left=_beyond(errors.frozen, errors),
-        eased=_beyond(_mean_square(eased.moments(eased.solved(eased.held))), errors),
+        left=_beyond(errors.frozen, errors.without, errors.noise),
+        eased=_beyond(_mean_square(eased.moments(eased.solved(eased.held))), errors.without, errors.noise),
         frozen=_explained(measured, left, errors.noise, flown),
         own=_explained(measured, own, errors.noise, flown),
         flown=float(flown.mean()),
@@ -299,8 +300,9 @@ def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config:
     return model
 
 
-def _mean_square(moments: ResidualMoments) -> float:
-    return float(np.mean(np.abs(moments.body[moments.usable]) ** 2) / 2.0)
+def _mean_square(moments: ResidualMoments, kept: BoolArray | None = None) -> float:
+    """Of both coefficients, over all that are usable or over what is kept of them (rows,)."""
+    return float(np.mean(np.abs(moments.body[moments.usable if kept is None else kept]) ** 2) / 2.0)
 
 
 def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
@@ -339,10 +341,10 @@ def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, f
     kept = left.usable & flown
     if not np.any(kept):
         return 0.0
-    without, error = (float(np.mean(np.abs(each.body[kept]) ** 2) / 2.0) for each in (measured, left))
-    return 1.0 - max(error - noise, 0.0) / max(without - noise, 1e-300)
+    without, error = (_mean_square(each, kept) for each in (measured, left))
+    return 1.0 - _beyond(error, without, noise)
 
 
-def _beyond(error: float, errors: ErrorsOfPrediction) -> float:
+def _beyond(error: float, without: float, noise: float) -> float:
     """A mean square as a share of that without a model, noise aside."""
-    return max(error - errors.noise, 0.0) / max(errors.without - errors.noise, 1e-300)
+    return max(error - noise, 0.0) / max(without - noise, 1e-300)

@@ -19,16 +19,14 @@ from threadpoolctl import threadpool_limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.flight import load_flight
-from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
+from brv_hypo.flight.sources import flight_as_asked
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.columns import Column
 from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.baseline import is_bend
 from brv_hypo.residuals.candidates_at_step import Look, look
@@ -36,14 +34,12 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.model_file import read_structure
+from brv_hypo.residuals.planting import DETECTED, free_length
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel
-
-# A coefficient is detected at this many of its standard errors.
-_LIMIT = 5.0
 
 
 @dataclass(frozen=True)
@@ -174,10 +170,7 @@ def _course(onset: float | None) -> TimeFunction:
 
 def _limit_of(problem: Problem, column: FloatArray) -> float:
     """Detection limit of a whitened column's coefficient."""
-    design = problem.design(problem.frame, problem.baseline)
-    basis = np.linalg.qr(design / lengths(design))[0]
-    free = np.sqrt(problem.efficiency) * np.linalg.norm(column - basis @ (basis.T @ column))
-    return _LIMIT / float(free)
+    return DETECTED / float(np.sqrt(problem.efficiency) * free_length(problem, column))
 
 
 def found_in(base: Ground, flight: Flight) -> Trace:
@@ -215,9 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start", type=float, default=None)
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
-    flight = load_flight(given.flight).window(given.start, given.stop)
-    if given.instruments is not None:
-        flight = replace(flight, instruments=instruments_from(given.instruments, flight.instruments))
+    flight = flight_as_asked(given.flight, given.start, given.stop, given.instruments)
     base = standing_on(flight, read_structure(given.model)) if given.model else ground(flight, given.steps)
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)

@@ -157,19 +157,18 @@ def table(outcomes: Sequence[Outcome]) -> str:
     seen = [o for o in outcomes if all(times >= 1.0 for times in o.times)]
     for name in dict.fromkeys("+".join(o.effects) or "none" for o in seen):
         own = [o for o in seen if ("+".join(o.effects) or "none") == name]
-        planted = bool(own[0].effects) and not set(own[0].effects) & set(UNNAMED)
+        unnamed = bool(set(own[0].effects) & set(UNNAMED))
+        of_names = [
+            np.mean([o.first in o.effects for o in own]),
+            np.mean([o.first in o.effects or bool(set(o.effects) & set(o.alike)) for o in own]),
+            *(np.mean([set(o.effects) <= set(getattr(o, by)) for o in own]) for by in ("named", "added", "found")),
+        ]
         shares = [
-            np.mean([o.first in o.effects for o in own]) if planted else np.nan,
-            np.mean([o.first in o.effects or bool(set(o.effects) & set(o.alike)) for o in own])
-            if planted
-            else np.nan,
-            np.mean([set(o.effects) <= set(o.named) for o in own]) if planted else np.nan,
-            np.mean([set(o.effects) <= set(o.added) for o in own]) if planted else np.nan,
-            np.mean([set(o.effects) <= set(o.found) for o in own]) if planted else np.nan,
+            *(of_names if own[0].effects and not unnamed else [np.nan] * len(of_names)),
             np.mean([bool(o.added) for o in own]),
             np.mean([o.held_out < 1.2 * o.noise_floor for o in own]),
             np.mean([o.held_out / o.noise_floor for o in own]),
-            np.mean([bool(o.second_added) for o in own]) if set(own[0].effects) & set(UNNAMED) else np.nan,
+            np.mean([bool(o.second_added) for o in own]) if unnamed else np.nan,
         ]
         lines.append(f"{name:28s}{len(own):7d}" + "".join(f"{share:7.2f}" for share in shares))
     return "\n".join(lines)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import TOLD_DRAG, TOLD_MERIDIAN, TOLD_PER_CYCLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
@@ -20,6 +20,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.residuals.band import pair
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, filed
@@ -329,9 +330,9 @@ def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
     samples = seen.samples_of(number)[kept]
     return Picture(
         time_s=tuple(motion.time[samples].tolist()),
-        measured=_pair(measured.body[rows][kept]),
-        before=_pair(before.body[rows][kept]),
-        after=_pair(after.body[rows][kept]),
+        measured=pair(measured.body[rows][kept]),
+        before=pair(before.body[rows][kept]),
+        after=pair(after.body[rows][kept]),
         sigma=tuple(after.noise[rows][kept].tolist()),
         alpha_rad=tuple(motion.alpha[samples].tolist()),
         alpha_sigma_rad=tuple(reconstruction.alpha_sigma[samples].tolist()),
@@ -340,7 +341,3 @@ def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
         roll_rate_rad_s=tuple(motion.p[samples].tolist()),
         windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
     )
-
-
-def _pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    return tuple(values.real.tolist()), tuple(values.imag.tolist())

@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from brv_hypo.flight import load_flight
-from brv_hypo.flight.instruments import instruments_from
 from brv_hypo.flight.record import Flight
+from brv_hypo.flight.sources import flight_as_asked
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.result import Step, Trace
@@ -127,9 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start", type=float, default=None)
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
-    flight = load_flight(given.flight).window(given.start, given.stop)
-    if given.instruments is not None:
-        flight = replace(flight, instruments=instruments_from(given.instruments, flight.instruments))
+    flight = flight_as_asked(given.flight, given.start, given.stop, given.instruments)
     config = TraceConfig(baseline=given.baseline, max_steps=given.steps, maximum_likelihood=False)
     base = trace(flight, config)
     print(line("the record as it is", base), flush=True)

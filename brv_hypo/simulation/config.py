@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -168,17 +168,7 @@ class ScaledGaugeConfig(GaugeConfig):
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
-ALL_CHANNELS: tuple[Channel, ...] = (
-    "p",
-    "q",
-    "r",
-    "ax",
-    "ay",
-    "az",
-    "velocity",
-    "dynamic_pressure",
-    "altitude",
-)
+ALL_CHANNELS: tuple[Channel, ...] = get_args(Channel)
 
 
 class SpikesConfig(Section):

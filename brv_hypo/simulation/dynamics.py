@@ -128,7 +128,12 @@ class System:
         )
 
     def motion(
-        self, time: FloatArray, state: FloatArray, air: AirData, near: FloatArray, past: Past | None
+        self,
+        time: FloatArray,
+        state: FloatArray,
+        air: AirData,
+        near: FloatArray | float = 0.0,
+        past: Past | None = None,
     ) -> Motion:
         """What mechanisms see at this state; the meridian is the turn nearest to `near` (rad)."""
         xi_rate = (air.velocity_rate[1] + 1j * air.velocity_rate[2]) / air.speed - air.crossflow * (

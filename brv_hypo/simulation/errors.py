@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.record import Flight
+from brv_hypo.files.printed import meant
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight
 from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed
@@ -70,8 +70,7 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
         known = effect.plantable(flight)
         for component, value in values.items():
             if component not in known:
-                near = difflib.get_close_matches(component, known, n=1, cutoff=0.5)
-                hint = f"is '{near[0]}' meant?" if near else f"it has {', '.join(known)}"
+                hint = meant(component, known, f"it has {', '.join(known)}", cutoff=0.5)
                 raise UsageError(f"the record effect '{name}' has no component '{component}' ({hint}).")
             flight = effect.perturb(flight, component, value)
     return flight
@@ -112,8 +111,8 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
     state = initial_state(configs, equations)
     instant = per_flight(configs, "start", "time")
     air = equations.air_data(instant, state)
-    channels = dict(zip(("p", "q", "r"), state[RATES], strict=True))
-    channels |= dict(zip(("ax", "ay", "az"), air.specific_force, strict=True))
+    channels = dict(zip(GYROS, state[RATES], strict=True))
+    channels |= dict(zip(ACCELEROMETERS, air.specific_force, strict=True))
     channels |= {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
     records = []
     for i, config in enumerate(configs):
@@ -121,7 +120,7 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
         lasting: dict[str, Any] = {name: np.full(time.size, values[i]) for name, values in channels.items()}
         vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
         records.append(Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting))
-    motion = equations.motion(instant, state, air, np.zeros_like(air.speed), None)
+    motion = equations.motion(instant, state, air)
     return Start(tuple(records), motion, air.rotation)
 
 

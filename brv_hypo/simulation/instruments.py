@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.record import Flight, Vehicle
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight
 from brv_hypo.flight.schema import Record, VehicleRecord
 from brv_hypo.simulation.config import (
     GapConfig,
@@ -58,8 +58,8 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
         for name, child in zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True)
     }
     flight = with_errors(perfect(signals, config, time), instruments.errors)
-    channels = _triad(flight, ("p", "q", "r"), instruments.gyro.noise, streams["gyro"])
-    channels |= _triad(flight, ("ax", "ay", "az"), instruments.accelerometer.noise, streams["accelerometer"])
+    channels = _triad(flight, GYROS, instruments.gyro.noise, streams["gyro"])
+    channels |= _triad(flight, ACCELEROMETERS, instruments.accelerometer.noise, streams["accelerometer"])
     for name, gauge in _gauges(config).items():
         channels[name] = _gauge(getattr(flight, name), gauge, streams[name])
     for name in ("velocity", "dynamic_pressure"):
@@ -71,7 +71,7 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
     return Record(
         time=time,
         channels=channels,
-        vehicle=_declared(flight.vehicle),
+        vehicle=VehicleRecord(**vars(flight.vehicle)),
         instruments=instruments.declared(),
         planet=config.environment.planet,
         title=config.title,
@@ -88,8 +88,8 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
 
     vehicle = config.vehicle.declared()
     force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
-    channels = dict(zip(("p", "q", "r"), seen(signals.rates), strict=True))
-    channels |= dict(zip(("ax", "ay", "az"), seen(force), strict=True))
+    channels = dict(zip(GYROS, seen(signals.rates), strict=True))
+    channels |= dict(zip(ACCELEROMETERS, seen(force), strict=True))
     for name, gauge in _gauges(config).items():
         true = signals.rates[0] if name == "roll_rate_mag" else getattr(signals, name)
         channels[name] = seen(true, gauge.delay)
@@ -124,10 +124,6 @@ def _gauges(config: SimulationConfig) -> dict[str, GaugeConfig]:
     names = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
     carried = {name: getattr(config.instruments, name) for name in names}
     return {name: gauge for name, gauge in carried.items() if gauge is not None}
-
-
-def _declared(vehicle: Vehicle) -> VehicleRecord:
-    return VehicleRecord(**{name: getattr(vehicle, name) for name in VehicleRecord.model_fields})
 
 
 def _triad(

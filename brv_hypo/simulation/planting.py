@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -52,14 +52,11 @@ class Planted:
         return np.unique(np.concatenate([np.zeros(0), *found]))
 
 
-def planted(configs: Sequence[SimulationConfig]) -> tuple[Planted, ...]:
-    """The planted mechanisms of a batch; all its configurations plant the same ones, in the same order."""
-    return _all_in(configs, "mechanisms")
-
-
-def asymmetries(configs: Sequence[SimulationConfig]) -> tuple[Planted, ...]:
-    """The same of the vehicle's asymmetries."""
-    return _all_in(configs, "asymmetries")
+def planted(
+    configs: Sequence[SimulationConfig], place: Literal["mechanisms", "asymmetries"]
+) -> tuple[Planted, ...]:
+    """The mechanisms, or the vehicle's asymmetries, of a batch: all its configurations have the same, in one order."""
+    return tuple(_planted(configs, place, index) for index in range(len(getattr(configs[0], place))))
 
 
 def check_terms(items: Sequence[Planted], motion: Motion) -> None:
@@ -72,10 +69,6 @@ def check_terms(items: Sequence[Planted], motion: Motion) -> None:
                 f"mechanism '{item.mechanism.name}' has no term '{unknown[0]}'; its terms are "
                 f"{', '.join(known)}. Correct the key under `terms`."
             )
-
-
-def _all_in(configs: Sequence[SimulationConfig], place: str) -> tuple[Planted, ...]:
-    return tuple(_planted(configs, place, index) for index in range(len(getattr(configs[0], place))))
 
 
 def _planted(configs: Sequence[SimulationConfig], place: str, index: int) -> Planted:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.atmosphere import HIGHEST
 from brv_hypo.simulation.config import SimulationConfig
 from brv_hypo.simulation.dynamics import RATES, AirData, System
@@ -18,7 +17,7 @@ from brv_hypo.simulation.errors import drawn, wind_course
 from brv_hypo.simulation.instruments import Signals, recorded
 from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
 from brv_hypo.simulation.loading import ConfigSource, load_config
-from brv_hypo.simulation.planting import asymmetries, check_terms
+from brv_hypo.simulation.planting import check_terms, planted
 from brv_hypo.simulation.result import SimulatedFlight, Truth
 from brv_hypo.simulation.system import initial_state, system
 from brv_hypo.simulation.variation import numbers, varied
@@ -99,7 +98,7 @@ def flown(configs: Sequence[SimulationConfig], equations: System, progress: Prog
     begin = first.start.time
     state = initial_state(configs, equations)
     instant = np.full(len(configs), begin)
-    motion = _motion_alone(equations, instant, state, equations.air_data(instant, state))
+    motion = equations.motion(instant, state, equations.air_data(instant, state))
     check_terms(equations.planted, replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
     breaks = break_times(equations.planted, _other_breaks(equations), begin)
     on = grid(begin, first.step, first.samples, first.steps_per_sample, breaks)
@@ -107,11 +106,6 @@ def flown(configs: Sequence[SimulationConfig], equations: System, progress: Prog
         trajectory = integrate(equations, state, on, progress)
     _check(trajectory, equations)
     return trajectory
-
-
-def _motion_alone(equations: System, time: FloatArray, state: FloatArray, air: AirData) -> Motion:
-    """The motion without a past."""
-    return equations.motion(time, state, air, np.zeros_like(air.speed), None)
 
 
 def _other_breaks(equations: System) -> FloatArray:
@@ -150,9 +144,8 @@ def _truths(
     time = trajectory.nodes[chosen]
     here = AirData(**{name: value[..., chosen, :] for name, value in vars(air).items()})
     states = np.moveaxis(trajectory.states[chosen], 1, 0)
-    bare = replace(equations, planted=asymmetries(configs))
-    instants = time[:, None] * np.ones(len(configs))
-    motion = _motion_alone(bare, instants, states, here)
+    bare = replace(equations, planted=planted(configs, "asymmetries"))
+    motion = bare.motion(time[:, None] * np.ones(len(configs)), states, here)
     without = bare.plane_moments(motion)
     body = equations.body_moments(states, angular[:, chosen], here)
     plane = motion.to_plane(body[1] + 1j * body[2])

@@ -10,7 +10,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.config import AerodynamicsConfig, SimulationConfig
 from brv_hypo.simulation.dynamics import ATTITUDE, RATES, STATES, VELOCITY, SlopeCourse, System
-from brv_hypo.simulation.planting import asymmetries, planted
+from brv_hypo.simulation.planting import planted
 from brv_hypo.simulation.variation import per_flight
 from brv_hypo.simulation.wind import WindStep
 
@@ -35,7 +35,7 @@ def system(configs: Sequence[SimulationConfig]) -> System:
         spherical=first.environment.planet_shape == "spherical",
         density=None if tabulated else per_flight(configs, "environment", "constant_density"),
         wind_step=None if first.environment.wind_step is None else _wind_step(configs),
-        planted=(*asymmetries(configs), *planted(configs)),
+        planted=(*planted(configs, "asymmetries"), *planted(configs, "mechanisms")),
     )
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
+from brv_hypo.files.printed import meant
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
 from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig
@@ -46,8 +46,7 @@ class FaultDraws(Section):
         known = [fault.name for fault in planted_faults()]
         for kind in self.kinds or ():
             if kind not in known:
-                near = difflib.get_close_matches(kind, known, n=1, cutoff=0.4)
-                hint = f"is '{near[0]}' meant?" if near else f"known are {', '.join(known)}"
+                hint = meant(kind, known, f"known are {', '.join(known)}", cutoff=0.4)
                 raise ValueError(f"a known fault, not '{kind}' ({hint})")
         return self
 

@@ -12,7 +12,7 @@ from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import PlantedConfig, Section
 from brv_hypo.study.config import NONE, FaultDraws, InstrumentDraws, StudyConfig
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.planted_faults import fault_called, planted_faults
 
 FAULTS = 1  # number of the stream that faults are drawn from
 
@@ -88,8 +88,7 @@ def spoilt(record: Record, draw: Draw) -> Record:
     """The record with the fault that was drawn; itself where it is sound."""
     if not draw.fault:
         return record
-    fault = next(fault for fault in planted_faults() if fault.name == draw.fault)
-    return fault.spoil(record, np.random.default_rng([draw.seed, FAULTS]))
+    return fault_called(draw.fault).spoil(record, np.random.default_rng([draw.seed, FAULTS]))
 
 
 def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:

@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict
 
 from brv_hypo.study.draws import Draw
 
+EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
+
 
 class _Kept(BaseModel):
     model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
@@ -20,7 +22,7 @@ class Estimate(_Kept):
     """
 
     name: str
-    kind: Literal["theta", "knot", "coefficient", "derived"]
+    kind: EstimateKind
     units: str
     truth: float
     value: float | None = None

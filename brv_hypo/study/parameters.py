@@ -8,9 +8,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from brv_hypo.mechanisms import find
-from brv_hypo.ranking.result import Interval, RankedHypothesis, TermEstimate
+from brv_hypo.ranking.result import DerivedEstimate, Interval, RankedHypothesis, TermEstimate
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.outcome import Estimate
+from brv_hypo.study.outcome import Estimate, EstimateKind
 
 
 class _Regional(Protocol):
@@ -46,15 +46,7 @@ def _thetas(
         if declared[name].is_delay and leading is not None and leading.delay_s is not None:
             delay = leading.delay_s / declared[name].seconds
             found.sort(key=lambda item: abs(item.value - delay))
-        item = found[0] if found else None
-        yield Estimate(
-            name=name,
-            kind="theta",
-            units=declared[name].units,
-            truth=truth,
-            value=None if item is None else item.value,
-            std_error=None if item is None else item.std_error,
-        )
+        yield _estimate(name, "theta", declared[name].units, truth, found[0] if found else None)
 
 
 def _knots(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
@@ -65,14 +57,7 @@ def _knots(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]
             continue
         item = min(knots, key=lambda knot: abs(knot.value - truth), default=None)
         knots = [knot for knot in knots if knot is not item]
-        yield Estimate(
-            name=name,
-            kind="knot",
-            units="s",
-            truth=truth,
-            value=None if item is None else item.value,
-            std_error=None if item is None else item.std_error,
-        )
+        yield _estimate(name, "knot", "s", truth, item)
 
 
 def _coefficients(entry: PlantedConfig, terms: Sequence[TermEstimate]) -> Iterator[Estimate]:
@@ -80,14 +65,7 @@ def _coefficients(entry: PlantedConfig, terms: Sequence[TermEstimate]) -> Iterat
     for name, truth in entry.terms.items():
         label = name if entry.start is None else f"{entry.kind} in {name}"
         item = _nearest(entry, (term for term in terms if term.name == label))
-        yield Estimate(
-            name=name,
-            kind="coefficient",
-            units="" if item is None else item.units,
-            truth=truth,
-            value=None if item is None else item.value,
-            std_error=None if item is None else item.std_error,
-        )
+        yield _estimate(name, "coefficient", "" if item is None else item.units, truth, item)
 
 
 def _derived(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
@@ -95,17 +73,19 @@ def _derived(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimat
     unknown = np.zeros((len(entry.terms), len(entry.terms)))
     for truth in find(entry.mechanism, entry.options).derived(entry.terms, unknown):
         item = _nearest(entry, (item for item in fitted.derived if item.name == truth.name))
-        value = None if item is None else item.value
-        if value is not None and truth.units == "rad":
-            value = truth.value + float(np.angle(np.exp(1j * (value - truth.value))))
-        yield Estimate(
-            name=truth.name,
-            kind="derived",
-            units=truth.units,
-            truth=truth.value,
-            value=value,
-            std_error=None if item is None else item.std_error,
-        )
+        found = _estimate(truth.name, "derived", truth.units, truth.value, item)
+        if found.value is not None and truth.units == "rad":
+            turned = truth.value + float(np.angle(np.exp(1j * (found.value - truth.value))))
+            found = found.model_copy(update={"value": turned})
+        yield found
+
+
+def _estimate(
+    name: str, kind: EstimateKind, units: str, truth: float, item: TermEstimate | DerivedEstimate | None
+) -> Estimate:
+    """A planted value beside what the fit has of it, if anything."""
+    value, error = (None, None) if item is None else (item.value, item.std_error)
+    return Estimate(name=name, kind=kind, units=units, truth=truth, value=value, std_error=error)
 
 
 def _nearest(entry: PlantedConfig, items: Iterable[Item]) -> Item | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS
 from brv_hypo.flight.schema import Record
 
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
@@ -51,15 +52,14 @@ class PlantedFault:
 @cache
 def planted_faults() -> tuple[PlantedFault, ...]:
     """Every fault of the study."""
-    gyros, forces = ("p", "q", "r"), ("ax", "ay", "az")
-    found = [PlantedFault(f"sign of {n}", (n,), ("sign",), _scaled((n,), -1.0)) for n in (*gyros, *forces)]
+    found = [PlantedFault(f"sign of {n}", (n,), ("sign",), _scaled((n,), -1.0)) for n in INERTIAL_CHANNELS]
     found += [
         PlantedFault(f"{a} and {b} exchanged", (a, b), ("axes",), _swapped(a, b))
         for a, b in (("q", "r"), ("ay", "az"))
     ]
     for names, factor, large, small in (
-        (gyros, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
-        (forces, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
+        (GYROS, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
+        (ACCELEROMETERS, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
     ):
         for chosen in (*((name,) for name in names), names):
             for value, told in ((factor, large), (1.0 / factor, small)):
@@ -86,6 +86,11 @@ def planted_faults() -> tuple[PlantedFault, ...]:
         PlantedFault("az dead", ("az",), ("dead",), _scaled(("az",), 0.0)),
     ]
     return tuple(found)
+
+
+def fault_called(name: str) -> PlantedFault:
+    """The fault of that name."""
+    return next(fault for fault in planted_faults() if fault.name == name)
 
 
 def _changed(record: Record, changes: Channels) -> Record:

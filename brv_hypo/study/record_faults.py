@@ -51,7 +51,7 @@ def records(seed: int, flights: int) -> Iterator[Record]:
                     config.model_copy(update={"instruments": instruments}),
                     seeds=[int(random.integers(2**31))],
                     plant=planted,
-                    variations=_starts(config, 1, random),
+                    variations=_start(config, random),
                 )[0].record
 
 
@@ -97,16 +97,16 @@ def shows(record: Record, channels: Sequence[str]) -> bool:
     )
 
 
-def _starts(config: SimulationConfig, flights: int, random: np.random.Generator) -> dict[str, FloatArray]:
-    """Starts and noise, as factors on the configuration's own."""
+def _start(config: SimulationConfig, random: np.random.Generator) -> dict[str, FloatArray]:
+    """Start and noise of one flight, as factors on the configuration's own."""
 
     def factor(span: tuple[float, float]) -> FloatArray:
-        return np.asarray(np.exp(random.uniform(np.log(span[0]), np.log(span[1]), size=flights)))
+        return np.asarray(np.exp(random.uniform(np.log(span[0]), np.log(span[1]), size=1)))
 
     return {
         "start.alpha": config.start.alpha * factor(ALPHA),
         "start.roll_rate": config.start.roll_rate * factor(ROLL_RATE),
-        "start.windward_meridian": random.uniform(-np.pi, np.pi, size=flights),
+        "start.windward_meridian": random.uniform(-np.pi, np.pi, size=1),
         "instruments.gyro.noise": config.instruments.gyro.noise * factor(GYRO_NOISE),
     }
 

@@ -14,7 +14,7 @@ from brv_hypo.study.draws import Draw, flight_config, spoilt
 from brv_hypo.study.effect import effect_size
 from brv_hypo.study.outcome import Outcome
 from brv_hypo.study.parameters import estimates
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.planted_faults import fault_called
 
 
 def fly(study: StudyConfig, draw: Draw) -> Outcome:
@@ -69,8 +69,7 @@ def _named(draw: Draw, comparison: Comparison) -> bool | None:
     """Whether the fault that was planted is named, kind and channels; None for a sound record."""
     if not draw.fault:
         return None
-    fault = next(fault for fault in planted_faults() if fault.name == draw.fault)
-    return fault.named_by(comparison.record.faults)
+    return fault_called(draw.fault).named_by(comparison.record.faults)
 
 
 def _reason(error: Exception) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.errors import UsageError
@@ -71,9 +70,7 @@ def best_subsets(
     effort = Effort(kernel, threads, time_limit_s, progress, inform)
     _refuse_nonsense(max_terms, n_best, threads)
     frame = build_frame(X, y, forced, weights, groups, parents)
-    finisher = Finisher(
-        frame, held_out_blocks, None if point is None else np.asarray(point, dtype=np.float64)
-    )
+    finisher = Finisher(frame, held_out_blocks, point)
     board = Board(frame, min(max_terms, frame.rank), n_best)
     seed_board(board)
     result = finisher.result(board, search(board, effort))

@@ -61,16 +61,6 @@ class Constraints:
             return False
         return not (self.requires[members] & ~members).any() and not (self.excludes[members] & members).any()
 
-    def closure(self, candidate: int) -> list[int]:
-        """The candidate and all that it brings along."""
-        return [candidate, *np.flatnonzero(self.requires[candidate]).tolist()]
-
-
-def unconstrained(count: int) -> Constraints:
-    """No rules over ``count`` candidates."""
-    none = np.zeros((count, count), dtype=np.bool_)
-    return Constraints(none, none, np.ones(count, dtype=np.bool_))
-
 
 def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[int]:
     """Every column that a rule names."""

@@ -19,12 +19,12 @@ from brv_hypo.subset.result import Certificate, Subset, SubsetResult
 class Finisher:
     """Fits subsets of one frame in extended precision and evaluates their criteria."""
 
-    def __init__(self, frame: Frame, held_out_blocks: int | ArrayLike, point: FloatArray | None) -> None:
+    def __init__(self, frame: Frame, held_out_blocks: int | ArrayLike, point: ArrayLike | None) -> None:
         self._frame = frame
         n, p = frame.X.shape
-        if point is not None and point.shape != (p,):
-            raise UsageError(f"point has shape {point.shape}; expected ({p},): a value for every column of X")
-        self._point = point
+        self._point = None if point is None else np.asarray(point, dtype=np.float64)
+        if self._point is not None and self._point.shape != (p,):
+            raise UsageError(f"point has shape {self._point.shape}; expected ({p},): a value for every column of X")
         self._blocks = (
             contiguous_blocks(n, held_out_blocks)
             if isinstance(held_out_blocks, int)

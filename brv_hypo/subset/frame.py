@@ -69,7 +69,6 @@ class Frame:
 
     X: FloatArray
     y: FloatArray
-    weights: FloatArray | None
     forced: tuple[int, ...]
     candidates: IntArray
     R: FloatArray
@@ -153,7 +152,7 @@ def build_frame(
     independent, involved = dependencies(R, noise)
     rank = len(independent)
     return Frame(
-        X=X_given, y=y_given, weights=w, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
+        X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
         rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=_condition(R, rank),
         set_aside=tuple(aliases), dependent=tuple(free[list(each)] for each in involved),
         constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
@@ -292,12 +291,11 @@ def _named(
         weights = np.asarray(np.linalg.lstsq(X[:, base] / scale, X[:, last], rcond=None)[0], dtype=np.float64)
         length = float(np.linalg.norm(X[:, last]))
         left = float(np.linalg.norm(X[:, last] - X[:, base] @ (weights / scale)))
-        terms = np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0)
-        named = [(c, w) for c, w, t in zip(base, weights / scale, terms, strict=True) if t]
+        named = _combination(base, weights, scale)
         if left <= ROUNDING_MULTIPLE * EPS * (length + float(np.abs(weights).sum())):
-            aliases.append(Alias(last, tuple((int(c), float(w)) for c, w in named)))
+            aliases.append(Alias(last, named))
             continue
-        together = (*(int(c) for c, _ in named if c not in forced), last)
+        together = (*(c for c, _ in named if c not in forced), last)
         refused.append(
             Refusal(
                 together,
@@ -310,11 +308,12 @@ def _named(
     return aliases, tuple(refused)
 
 
-def _combination(columns: Sequence[int], weights: FloatArray) -> tuple[tuple[int, float], ...]:
-    largest = np.abs(weights).max(initial=0.0)
-    return tuple(
-        (int(c), float(w)) for c, w in zip(columns, weights, strict=True) if abs(w) > NAMED_TERM * largest
-    )
+def _combination(
+    columns: Sequence[int], weights: FloatArray, scale: FloatArray | float = 1.0
+) -> tuple[tuple[int, float], ...]:
+    """The terms that count of a combination of columns, its weights (columns,) being those of columns over `scale`."""
+    kept = np.flatnonzero(np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0))
+    return tuple((int(columns[i]), float(w)) for i, w in zip(kept, (weights / scale)[kept], strict=True))
 
 
 def _representatives(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.errors import UsageError
@@ -52,9 +51,7 @@ def stepwise(
             f"f_remove={f_remove} exceeds f_enter={f_enter}: a column could enter and leave for ever"
         )
     frame = build_frame(X, y, forced, weights, groups, parents)
-    finisher = Finisher(
-        frame, held_out_blocks, None if point is None else np.asarray(point, dtype=np.float64)
-    )
+    finisher = Finisher(frame, held_out_blocks, point)
     board = Board(frame, min(max_terms, frame.rank), 1)
     steps = 0
     for subset in _path(frame, board.max_size, f_enter, f_remove, frame.y.size):

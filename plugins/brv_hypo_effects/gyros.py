@@ -4,52 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
-from brv_hypo_effects.triads import sheared, turned
+from brv_hypo_effects.triads import TriadBias, TriadScale, sheared, turned
 
 _GYROS = ("p", "q", "r")
 _PAIRS = ("yz", "xz", "xy")
 
 
-class GyroBias(RecordEffect):
+class GyroBias(TriadBias):
     """A constant added to each rate gyro."""
 
     name = "gyro_bias"
     title = "bias of the rate gyros"
     claims = "a rate gyro reads a constant too much"
     source = "report, Appendix B"
-    kind = "instrument"
-
-    def components(self, flight: Flight) -> tuple[Component, ...]:
-        """One bias for each gyro."""
-        sizes = flight.instruments.gyro_bias
-        return tuple(Component(name, "rad/s", size) for name, size in zip(_GYROS, sizes, strict=True))
-
-    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with `value` rad/s more on that gyro."""
-        return replace(flight, **{component: getattr(flight, component) + value})
+    axes = _GYROS
+    units = "rad/s"
 
 
-class GyroScale(RecordEffect):
+class GyroScale(TriadScale):
     """A scale error of each rate gyro."""
 
     name = "gyro_scale"
     title = "scale error of the rate gyros"
     claims = "a rate gyro reads a constant factor too much"
     source = "report, Appendix B"
-    kind = "instrument"
-
-    def components(self, flight: Flight) -> tuple[Component, ...]:
-        """One scale error for each gyro."""
-        sizes = flight.instruments.gyro_scale
-        return tuple(Component(name, "1", size) for name, size in zip(_GYROS, sizes, strict=True))
-
-    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with that gyro's reading larger by the share `value`."""
-        return replace(flight, **{component: getattr(flight, component) * (1.0 + value)})
+    axes = _GYROS
 
 
 class GyroMisalignment(RecordEffect):

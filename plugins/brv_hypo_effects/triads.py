@@ -4,10 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import Component, RecordEffect
+
+
+class Triad(RecordEffect):
+    """One error of each of three sensors, or body axes; `flight.instruments` has the sizes under the effect's name."""
+
+    kind = "instrument"
+    axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
+    """Names of the components; behind the `prefix`, of their channels."""
+    prefix: ClassVar[str] = ""
+    units: ClassVar[str]
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """One of each sensor, or about or along each axis."""
+        sizes = getattr(flight.instruments, self.name)
+        return tuple(Component(axis, self.units, size) for axis, size in zip(self.axes, sizes, strict=True))
+
+
+class TriadBias(Triad):
+    """A constant added to each of the sensors."""
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with `value` more on that channel."""
+        channel = f"{self.prefix}{component}"
+        return replace(flight, **{channel: getattr(flight, channel) + value})
+
+
+class TriadScale(Triad):
+    """A scale error of each of the sensors."""
+
+    units = "1"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that channel larger by the share `value`."""
+        channel = f"{self.prefix}{component}"
+        return replace(flight, **{channel: getattr(flight, channel) * (1.0 + value)})
 
 
 def turned(flight: Flight, channels: Sequence[str], axis: str, angle: float) -> Flight:

@@ -87,8 +87,8 @@ def test_only_regular_files_are_opened(tmp_path, kind):
         path.mkdir()
     elif kind == "a device":
         path.symlink_to("/dev/zero")
-    with pytest.raises(FlightRecordError, match=kind):
-        read_text(path, "text", 10, FlightRecordError)
+    with pytest.raises(UsageError, match=kind):
+        read_text(path, "text", 10)
 
 
 @given(texts())

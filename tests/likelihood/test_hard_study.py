@@ -60,20 +60,17 @@ def test_what_is_deceived_has_converged_below_the_best() -> None:
     found = TrapStudy(
         log_likelihood=np.array([100.0, 99.5, 50.0, 50.0]),
         converged=np.array([True, True, True, False]),
-        first_log_likelihood=np.array([50.0, 50.0, 100.0, 100.0]),
-        first_converged=np.array([True, False, True, False]),
         best=100.0,
     )
-    assert found.solved().tolist() == [True, True, False, False]
-    assert found.deceived().tolist() == [False, False, True, False]
-    assert found.deceived(first=True).tolist() == [True, False, False, False]
+    assert found.solved.tolist() == [True, True, False, False]
+    assert found.deceived.tolist() == [False, False, True, False]
 
 
 @pytest.mark.slow
 def test_a_stall_that_the_model_lacks_traps_the_first_beginning_alone() -> None:
-    found = trapped(4.0, starts=3, seed=2)
-    assert found.solved().all()
-    assert not found.solved(first=True).any()
+    whole, first_alone = trapped(4.0, starts=3, seed=2)
+    assert whole.solved.all()
+    assert not first_alone.solved.any()
 
 
 def test_gaps_and_missing_samples_are_what_they_say() -> None:
