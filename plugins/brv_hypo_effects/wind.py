@@ -8,7 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import WIND_HALF_WAVES, WIND_STEP_CLOSER, WIND_STEP_INSTANTS
+from brv_hypo.constants import (
+    WIND_HALF_WAVE_HEIGHT,
+    WIND_HALF_WAVES,
+    WIND_MOST_HALF_WAVES,
+    WIND_STEP_CLOSER,
+    WIND_STEP_INSTANTS,
+)
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
@@ -21,6 +27,12 @@ def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
     wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
     wind[:, _AXES[axis]] -= speed
     return replace(flight, wind=wind)
+
+
+def _half_waves(flight: Flight) -> int:
+    """How many of them a wind makes over the record: more where it passes through more of the atmosphere."""
+    passed = 0.0 if flight.altitude is None else float(np.nanmax(flight.altitude) - np.nanmin(flight.altitude))
+    return min(max(WIND_HALF_WAVES, int(passed / WIND_HALF_WAVE_HEIGHT)), WIND_MOST_HALF_WAVES)
 
 
 class Wind(RecordEffect):
@@ -38,7 +50,7 @@ class Wind(RecordEffect):
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """Cosines and sines of 1, 2, ... half waves along body axes y and z of the first sample, rms the tolerance."""
-        shares = 1.0 / np.arange(1.0, WIND_HALF_WAVES + 1.0)
+        shares = 1.0 / np.arange(1.0, _half_waves(flight) + 1.0)
         shares /= np.sqrt(np.sum(shares**2))
         return tuple(
             Component(f"{axis} {shape}{wave}", "m/s", float(share * flight.instruments.wind[place]))
@@ -51,7 +63,8 @@ class Wind(RecordEffect):
         """The record with that much of one half wave left unaccounted for."""
         axis, wave = component.split()
         place = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
-        return _with_wind(flight, axis, value * _SHAPES[wave[:-1]](np.pi * int(wave[-1]) * place))
+        count = wave.removeprefix("s")
+        return _with_wind(flight, axis, value * _SHAPES[wave[: -len(count)]](np.pi * int(count) * place))
 
 
 class WindStep(RecordEffect):
