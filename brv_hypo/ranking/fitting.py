@@ -10,6 +10,8 @@ from functools import cached_property
 from brv_hypo.constants import (
     LINEARISATIONS,
     LINEARISED_AGAIN,
+    SEARCH_HOPELESS,
+    SEARCH_OUT_OF_REACH,
     SETTLED_ERRORS,
     SETTLED_FALL,
     STANDING_PROBABILITY,
@@ -30,11 +32,12 @@ from brv_hypo.regression.fit import (
     narrower,
     plainer,
     renewed,
+    scanned,
     scanned_finely,
 )
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.search import on_grid
+from brv_hypo.regression.search import OnGrid, on_grid
 from brv_hypo.regression.uncertainty import with_covariance, with_design
 
 Progress = Callable[[str], None]
@@ -86,10 +89,15 @@ def _linearised(
 ) -> Fitted:
     """The fits in a problem linearised about the leader: knots and delays come from where they lie.
 
-    Two of the leader's knots that came to one place become one.
+    Those that stay out of reach keep theirs. Two of the leader's knots that came to one place become one.
     """
     at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-    moved = [scanned_finely(problem, renewed(problem, fit)) for fit in at]
+    there = [renewed(problem, fit, ()) for fit in at]
+    reach = likeliest(there).information + SEARCH_OUT_OF_REACH
+    moved = [
+        scanned_finely(problem, renewed(problem, fit)) if stays.information <= reach else stays
+        for fit, stays in zip(at, there, strict=True)
+    ]
     leader = likeliest(moved)
     moved = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
     return Fitted(problem, moved, replace(settings, taken=point.taken), likeliest(fits).rss)
@@ -125,8 +133,20 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     for each in first:
         say(f"fitting {each.name}")
         rival = min((fit.information for fit in fits), default=math.inf)
-        fits.append(fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
+        fits.append(_without_hope(problem, each, rival) or _searched(problem, each, rival, grids.get(each.name)))
     return fits
+
+
+def _searched(problem: Problem, rough: HypothesisFit, rival: float, grid: OnGrid | None) -> HypothesisFit:
+    return fit_hypothesis(problem, rough.name, rough.mechanisms, rival, grid)
+
+
+def _without_hope(problem: Problem, rough: HypothesisFit, rival: float) -> HypothesisFit | None:
+    """The rough fit, its knots and delays scanned, where even that leaves it hopelessly behind; None elsewhere."""
+    if not rough.mechanisms or rough.information <= rival + SEARCH_HOPELESS:
+        return None
+    fit = scanned(problem, rough)
+    return replace(fit, ended_early=True) if fit.information > rival + SEARCH_HOPELESS else None
 
 
 def _about_leader(found: Fitted) -> LinearisationPoint | None:

@@ -198,6 +198,11 @@ def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROU
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
+def scanned(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same columns, in time order, with their knots and delays scanned and refined."""
+    return settled(problem, fit, _in_order(problem, fit), ())
+
+
 def held(problem: Problem, fit: HypothesisFit, frame: RateFrame, steps: tuple[Steps, ...]) -> HypothesisFit:
     """The same columns refined in a frame whose C_mw stays as it is."""
     known = frozenset(fit.selected)
