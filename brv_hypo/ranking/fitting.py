@@ -28,6 +28,7 @@ from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import (
     HypothesisFit,
     fit_hypothesis,
+    fit_on_grid,
     likeliest,
     narrower,
     plainer,
@@ -37,6 +38,7 @@ from brv_hypo.regression.fit import (
 )
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import SETTLED
 from brv_hypo.regression.search import OnGrid, on_grid
 from brv_hypo.regression.uncertainty import with_covariance, with_design
 
@@ -93,9 +95,9 @@ def _linearised(
     """
     at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
     there = [renewed(problem, fit, ()) for fit in at]
-    reach = likeliest(there).information + SEARCH_OUT_OF_REACH
+    first = likeliest(there)
     moved = [
-        scanned_finely(problem, renewed(problem, fit)) if stays.information <= reach else stays
+        scanned_finely(problem, renewed(problem, fit)) if _in_reach(stays, first) else stays
         for fit, stays in zip(at, there, strict=True)
     ]
     leader = likeliest(moved)
@@ -120,12 +122,11 @@ def _something_stands(found: Fitted, other_prior: float) -> bool:
 
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
-    """Every hypothesis searched; the likeliest of a rough search first, so that those without hope can end early."""
+    """Every hypothesis searched; the likeliest on the grid first, so that those without hope can end early."""
     say("searching on the grid of knots and delays")
-    rough = replace(problem, refine=False, max_terms=problem.exact_terms)
     grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
     first = sorted(
-        (fit_hypothesis(rough, *each, grid=grids.get(each[0])) for each in hypotheses.items()),
+        (fit_on_grid(problem, *each, grids.get(each[0])) for each in hypotheses.items()),
         key=lambda fit: fit.information,
     )
     problem = _with_efficiency(problem, renewed(problem, likeliest(first)))
@@ -168,18 +169,29 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
 def _with_errors(found: Fitted) -> Fitted:
     """The fits with the uncertainty of their coefficients, and the problem at the sample size that goes with it."""
     leader = likeliest(found.fits)
-    anew = {fit.name: converged(found.problem, fit) for fit in found.fits}
-    problem = _with_efficiency(found.problem, anew[leader.name])
-    return replace(found, problem=problem, fits=[with_design(problem, _bounded(problem, fit)) for fit in anew.values()])
+    anew = [(converged if _in_reach(fit, leader) else _at_rest)(found.problem, fit) for fit in found.fits]
+    there = next(fit for fit in anew if fit.name == leader.name)
+    problem = _with_efficiency(found.problem, there)
+    return replace(found, problem=problem, fits=[with_design(problem, _bounded(problem, fit, there)) for fit in anew])
 
 
-def _bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
+    """Whether a fit may still come near the leader."""
+    return fit.information <= leader.information + SEARCH_OUT_OF_REACH
+
+
+def _at_rest(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit where the steps of its knots and delays end, C_mw as the fit found it."""
+    return renewed(problem, fit, SETTLED)
+
+
+def _bounded(problem: Problem, fit: HypothesisFit, leader: HypothesisFit) -> HypothesisFit:
     """The fit with covariance and the price of its bounds; a plainer one where the terms beyond bring less than that.
 
     Two knots that nearly meet may hold a value of any size between them, for next to nothing.
     """
     own = _priced(problem, fit)
-    if own.bound_cost == 0.0 or not problem.refine:
+    if own.bound_cost == 0.0 or not problem.refine or not _in_reach(fit, leader):
         return own
     plain = likeliest([own, *(_priced(problem, each) for each in narrower(problem, fit))])
     return own if plain is own else likeliest([own, _priced(problem, converged(problem, plain))])
