@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from brv_hypo.arrays import FloatArray
 
@@ -38,6 +39,14 @@ def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -
     along = np.einsum("...ji,...j->...i", directions, right * scale)
     along = np.where(kept, along / np.where(kept, size, 1.0), 0.0)
     return np.asarray(np.einsum("...ij,...j->...i", directions, along) * scale, dtype=float)
+
+
+def inverted(triangle: FloatArray) -> FloatArray:
+    """Inverse (k, k) of the triangular factor of unit columns; directions that are rounding drop out."""
+    inverse, singular = dtrtri(triangle)
+    if not singular and np.linalg.norm(triangle) * np.linalg.norm(inverse) < 1.0 / _CUTOFF:
+        return np.asarray(inverse, dtype=float)
+    return np.asarray(np.linalg.pinv(triangle, rcond=_CUTOFF), dtype=float)
 
 
 def covariance_of(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:

@@ -23,7 +23,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.histories import AT_ONCE
-from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.linear import inverted, lengths
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
@@ -154,9 +154,8 @@ class WhitenedRows:
     @cached_property
     def unknowns(self) -> FloatArray:
         """What makes constants and nuisances of coordinates in the basis (unknowns, unknowns)."""
-        left, singular, right = np.linalg.svd(self._factors[1])
-        inverse = np.where(singular > _CUTOFF * singular[0], 1.0 / np.maximum(singular, 1e-300), 0.0)
-        return np.asarray((right.T * inverse) @ left.T / lengths(self.nuisance_design)[:, np.newaxis], dtype=float)
+        inverse = inverted(self._factors[1])
+        return np.asarray(inverse / lengths(self.nuisance_design)[:, np.newaxis], dtype=float)
 
     @cached_property
     def _factors(self) -> tuple[FloatArray, FloatArray]:
