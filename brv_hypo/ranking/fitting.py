@@ -204,4 +204,4 @@ def _priced(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:
     """The problem with the effective share of samples that the leader's residual shows."""
-    return replace(problem, efficiency=problem.efficiency_of(leader.residual))
+    return problem.at_efficiency(problem.efficiency_of(leader.residual))
