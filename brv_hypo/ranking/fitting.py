@@ -39,7 +39,7 @@ from brv_hypo.regression.fit import (
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import SETTLED
-from brv_hypo.regression.search import OnGrid, on_grid
+from brv_hypo.regression.search import on_grid
 from brv_hypo.regression.uncertainty import with_covariance, with_design
 
 Progress = Callable[[str], None]
@@ -134,12 +134,9 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     for each in first:
         say(f"fitting {each.name}")
         rival = min((fit.information for fit in fits), default=math.inf)
-        fits.append(_without_hope(problem, each, rival) or _searched(problem, each, rival, grids.get(each.name)))
+        fit = _without_hope(problem, each, rival)
+        fits.append(fit or fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
     return fits
-
-
-def _searched(problem: Problem, rough: HypothesisFit, rival: float, grid: OnGrid | None) -> HypothesisFit:
-    return fit_hypothesis(problem, rough.name, rough.mechanisms, rival, grid)
 
 
 def _without_hope(problem: Problem, rough: HypothesisFit, rival: float) -> HypothesisFit | None:

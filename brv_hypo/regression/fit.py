@@ -203,7 +203,8 @@ def fit_on_grid(problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], 
         return solved(Reduced(rough, rough.frame), name, mechanisms, rough.baseline, 0)
     start, count = Reduced(rough, grid.frame), grid.offered.count
     chosen = [(*problem.baseline, *subsets[0][1]) for size, subsets in sorted(grid.best.items()) if size]
-    return likeliest([_settled(start, name, mechanisms, columns, count, frozenset()) for columns in chosen])
+    found = [_settled(start, name, mechanisms, columns, count, frozenset()) for columns in chosen]
+    return replace(likeliest(found), grid=grid.factors)
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
