@@ -36,8 +36,8 @@ def crossflow(alpha: FloatArray, phi_w: FloatArray) -> ComplexArray:
 
 def effective(xi: ComplexArray) -> ComplexArray:
     """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
-    size = np.maximum(np.abs(xi), 1e-12)
-    return np.asarray(xi * (angle_of_attack(xi) / size))
+    size = np.abs(xi)
+    return np.asarray(xi * (np.arcsin(np.minimum(size, 1.0)) / np.maximum(size, 1e-12)))
 
 
 def angle_rates(xi: ComplexArray, xi_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -69,7 +69,7 @@ def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> 
     for record, start in moved:
         impulse = _with_wind(record, found[id(record.force), id(record.attitude)])
         velocity = _velocity(record, start, impulse)
-        crossflows.append(body_crossflow(record, velocity) / np.linalg.norm(velocity, axis=1))
+        crossflows.append(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
     return crossflows
 
 

@@ -10,6 +10,8 @@ from functools import cached_property
 from brv_hypo.constants import (
     LINEARISATIONS,
     LINEARISED_AGAIN,
+    SEARCH_HOPELESS,
+    SEARCH_OUT_OF_REACH,
     SETTLED_ERRORS,
     SETTLED_FALL,
     STANDING_PROBABILITY,
@@ -26,14 +28,17 @@ from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import (
     HypothesisFit,
     fit_hypothesis,
+    fit_on_grid,
     likeliest,
     narrower,
     plainer,
     renewed,
+    scanned,
     scanned_finely,
 )
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import SETTLED
 from brv_hypo.regression.search import on_grid
 from brv_hypo.regression.uncertainty import with_covariance, with_design
 
@@ -86,10 +91,15 @@ def _linearised(
 ) -> Fitted:
     """The fits in a problem linearised about the leader: knots and delays come from where they lie.
 
-    Two of the leader's knots that came to one place become one.
+    Those that stay out of reach keep theirs. Two of the leader's knots that came to one place become one.
     """
     at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-    moved = [scanned_finely(problem, renewed(problem, fit)) for fit in at]
+    there = [renewed(problem, fit, ()) for fit in at]
+    first = likeliest(there)
+    moved = [
+        scanned_finely(problem, renewed(problem, fit)) if _in_reach(stays, first) else stays
+        for fit, stays in zip(at, there, strict=True)
+    ]
     leader = likeliest(moved)
     moved = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
     return Fitted(problem, moved, replace(settings, taken=point.taken), likeliest(fits).rss)
@@ -112,12 +122,11 @@ def _something_stands(found: Fitted, other_prior: float) -> bool:
 
 
 def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
-    """Every hypothesis searched; the likeliest of a rough search first, so that those without hope can end early."""
+    """Every hypothesis searched; the likeliest on the grid first, so that those without hope can end early."""
     say("searching on the grid of knots and delays")
-    rough = replace(problem, refine=False, max_terms=problem.exact_terms)
     grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
     first = sorted(
-        (fit_hypothesis(rough, *each, grid=grids.get(each[0])) for each in hypotheses.items()),
+        (fit_on_grid(problem, *each, grids.get(each[0])) for each in hypotheses.items()),
         key=lambda fit: fit.information,
     )
     problem = _with_efficiency(problem, renewed(problem, likeliest(first)))
@@ -125,8 +134,17 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     for each in first:
         say(f"fitting {each.name}")
         rival = min((fit.information for fit in fits), default=math.inf)
-        fits.append(fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
+        fit = _without_hope(problem, each, rival)
+        fits.append(fit or fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
     return fits
+
+
+def _without_hope(problem: Problem, rough: HypothesisFit, rival: float) -> HypothesisFit | None:
+    """The rough fit, its knots and delays scanned, where even that leaves it hopelessly behind; None elsewhere."""
+    if not rough.mechanisms or rough.information <= rival + SEARCH_HOPELESS:
+        return None
+    fit = scanned(problem, rough)
+    return replace(fit, ended_early=True) if fit.information > rival + SEARCH_HOPELESS else None
 
 
 def _about_leader(found: Fitted) -> LinearisationPoint | None:
@@ -148,18 +166,29 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
 def _with_errors(found: Fitted) -> Fitted:
     """The fits with the uncertainty of their coefficients, and the problem at the sample size that goes with it."""
     leader = likeliest(found.fits)
-    anew = {fit.name: converged(found.problem, fit) for fit in found.fits}
-    problem = _with_efficiency(found.problem, anew[leader.name])
-    return replace(found, problem=problem, fits=[with_design(problem, _bounded(problem, fit)) for fit in anew.values()])
+    anew = [(converged if _in_reach(fit, leader) else _at_rest)(found.problem, fit) for fit in found.fits]
+    there = next(fit for fit in anew if fit.name == leader.name)
+    problem = _with_efficiency(found.problem, there)
+    return replace(found, problem=problem, fits=[with_design(problem, _bounded(problem, fit, there)) for fit in anew])
 
 
-def _bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
+    """Whether a fit may still come near the leader."""
+    return fit.information <= leader.information + SEARCH_OUT_OF_REACH
+
+
+def _at_rest(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit where the steps of its knots and delays end, C_mw as the fit found it."""
+    return renewed(problem, fit, SETTLED)
+
+
+def _bounded(problem: Problem, fit: HypothesisFit, leader: HypothesisFit) -> HypothesisFit:
     """The fit with covariance and the price of its bounds; a plainer one where the terms beyond bring less than that.
 
     Two knots that nearly meet may hold a value of any size between them, for next to nothing.
     """
     own = _priced(problem, fit)
-    if own.bound_cost == 0.0 or not problem.refine:
+    if own.bound_cost == 0.0 or not problem.refine or not _in_reach(fit, leader):
         return own
     plain = likeliest([own, *(_priced(problem, each) for each in narrower(problem, fit))])
     return own if plain is own else likeliest([own, _priced(problem, converged(problem, plain))])
@@ -172,4 +201,4 @@ def _priced(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 
 def _with_efficiency(problem: Problem, leader: HypothesisFit) -> Problem:
     """The problem with the effective share of samples that the leader's residual shows."""
-    return replace(problem, efficiency=problem.efficiency_of(leader.residual))
+    return problem.at_efficiency(problem.efficiency_of(leader.residual))

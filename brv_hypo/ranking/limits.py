@@ -149,8 +149,8 @@ def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: floa
 
     def over_regions(products: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
-        apart = products.reshape(count, terms, count, terms)
-        return np.asarray(np.einsum("ri,iajb,rj->rab", held, apart, held, optimize=True), dtype=float)
+        first = (held @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
+        return np.asarray(np.sum(first * held[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
 
     information = over_regions(batch.products(batch)) / variance
     before = np.diagonal(over_regions(batch.rows.T @ batch.rows), axis1=1, axis2=2)

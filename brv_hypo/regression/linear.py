@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from brv_hypo.arrays import FloatArray
 
@@ -40,15 +41,28 @@ def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -
     return np.asarray(np.einsum("...ij,...j->...i", directions, along) * scale, dtype=float)
 
 
+def inverted(triangle: FloatArray) -> FloatArray:
+    """Inverse (k, k) of the triangular factor of unit columns; directions that are rounding drop out."""
+    inverse, singular = dtrtri(triangle)
+    if not singular and np.linalg.norm(triangle) * np.linalg.norm(inverse) < 1.0 / _CUTOFF:
+        return np.asarray(inverse, dtype=float)
+    return np.asarray(np.linalg.pinv(triangle, rcond=_CUTOFF), dtype=float)
+
+
 def covariance_of(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:
     """Covariance (columns, columns) of the coefficients at the effective sample size."""
     scale = lengths(design)
-    variance = float(residual @ residual) / max(samples - design.shape[1], 1) / efficiency
+    variance = variance_of(residual, samples - design.shape[1], efficiency)
     triangle = np.linalg.qr(design / scale, mode="r")  # has the same singular values, and is small
     _, singular, right = np.linalg.svd(triangle, full_matrices=False)
     kept = singular > 1e-10 * singular[0]
     inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
     return np.asarray(variance * (right.T * inverse**2) @ right / np.outer(scale, scale), dtype=float)
+
+
+def variance_of(residual: FloatArray, free: int, efficiency: float) -> float:
+    """Of what is left, with so many samples more than coefficients, at the effective sample size."""
+    return float(residual @ residual) / max(free, 1) / efficiency
 
 
 def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:

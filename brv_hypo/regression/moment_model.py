@@ -53,7 +53,7 @@ class MomentModel:
     def about(self, moved: MovedRecord, usual: MovedRecord) -> MomentModel:
         """The same about the motion of a record that differs little from the usual one."""
         changes = {name: change[:, 0] for name, change in self._differences([moved], [usual]).items()}
-        return replace(self, motion=recorded(_changed(self.motion, changes)))
+        return replace(self, motion=recorded(_changed(self.motion, changes, _quantities(self.motion))))
 
     def usual(self, kept: FloatArray) -> ComplexArray:
         """C_m + i C_n at the nodes (m, records).
@@ -92,12 +92,12 @@ class MomentModel:
     def _slopes_by(self, ago: float) -> dict[str, ComplexArray]:
         """Slopes (m,) by each quantity so many seconds before."""
         there = self.motion.delayed(ago)
-        found = {}
-        for name, value in _quantities(there).items():
+        found, own = {}, _quantities(there)
+        for name, value in own.items():
             step = MOMENT_SLOPE_STEP * np.fmax(np.abs(value), 1.0)  # of what is not known, one
             ends = []
             for sign in (1.0, -1.0):
-                moved = _changed(there, {name: sign * step})
+                moved = _changed(there, {name: sign * step}, own)
                 if ago > 0.0:
                     moved = replace(self.motion, history=_Past(self.motion, set(), (ago, moved)))
                 ends.append(np.sum(self._moments(moved), axis=0))
@@ -200,9 +200,8 @@ def _quantities(motion: Motion) -> dict[str, FloatArray]:
     return {**_parts(*_crossflow(motion)), **{name: getattr(motion, name) for name in _READ}}
 
 
-def _changed(motion: Motion, changes: Mapping[str, FloatArray]) -> Motion:
-    """A motion with so much more (m,) of some quantities; its past stays."""
-    own = _quantities(motion)
+def _changed(motion: Motion, changes: Mapping[str, FloatArray], own: Mapping[str, FloatArray]) -> Motion:
+    """A motion with so much more (m,) of some quantities than its `own`; its past stays."""
     more: dict[str, Any] = {name: own[name] + change for name, change in changes.items()}
     read = {name: value for name, value in more.items() if name in _READ}
     if len(read) == len(more):

@@ -23,12 +23,12 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.histories import AT_ONCE
-from brv_hypo.regression.linear import lengths, solve_scaled
+from brv_hypo.regression.linear import inverted, lengths
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
 GIVEN = "given"
-# Singular values of the baseline's unit columns that count, of the largest.
+# Singular values of unit columns that count, of the largest.
 _CUTOFF = 1e-12
 
 
@@ -149,8 +149,19 @@ class WhitenedRows:
     @cached_property
     def basis(self) -> FloatArray:
         """Orthonormal columns that span constants and nuisances (rows, unknowns)."""
-        design = self.nuisance_design
-        return np.asarray(np.linalg.qr(design / lengths(design))[0], dtype=float)
+        return self._factors[0]
+
+    @cached_property
+    def unknowns(self) -> FloatArray:
+        """What makes constants and nuisances of coordinates in the basis (unknowns, unknowns)."""
+        inverse = inverted(self._factors[1])
+        return np.asarray(inverse / lengths(self.nuisance_design)[:, np.newaxis], dtype=float)
+
+    @cached_property
+    def _factors(self) -> tuple[FloatArray, FloatArray]:
+        """Of the unknowns' unit columns: orthonormal ones (rows, unknowns) and the triangle."""
+        orthonormal, triangle = np.linalg.qr(self.nuisance_design / lengths(self.nuisance_design))
+        return np.asarray(orthonormal, dtype=float), np.asarray(triangle, dtype=float)
 
     def projected(self, rows: FloatArray) -> FloatArray:
         """Rows (rows, columns) with constants and nuisances projected out."""
@@ -298,10 +309,22 @@ class Problem:
         """The same under another noise."""
         return replace(self, rows=replace(self.rows, noise=noise))
 
+    def at_efficiency(self, efficiency: float) -> Problem:
+        """The same at another effective share of samples; what was found of its rows already goes with it."""
+        out = replace(self, efficiency=efficiency)
+        for name in ("response", "raw_response", "_own_baseline"):
+            if name in vars(self):
+                vars(out)[name] = vars(self)[name]
+        return out
+
     def solution(self, frame: RateFrame, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,), fitted together."""
-        values = solve_scaled(self.whole_design(frame, columns), self.raw_response)
-        return values[: len(columns)], values[len(columns) + 2 * len(self.rows.part.levels) :]
+        design = self.raw_design(frame, columns)
+        scale = lengths(design)
+        found = np.linalg.lstsq(self.rows.projected(design) / scale, self.response, rcond=_CUTOFF)[0]
+        values = np.asarray(found / scale, dtype=float)
+        others = self.rows.unknowns @ (self.rows.basis.T @ (self.raw_response - design @ values))
+        return values, others[2 * len(self.rows.part.levels) :]
 
     def left(
         self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray

@@ -245,7 +245,8 @@ class LinearisedFlight:
         """The residual of records at a crossflow but for the moments, the factors (n, records) of these, and how much
         they keep (see `MomentModel.usual`).
         """
-        turns = {id(record.spin_angle): np.exp(1j * record.spin_angle) for record, _ in moved}
+        angles = {id(record.spin_angle): record.spin_angle for record, _ in moved}
+        turns = {key: np.exp(1j * angle) for key, angle in angles.items()}
         derotations = [turns[id(record.spin_angle)] for record, _ in moved]
         scales = [record.moment_scale for record, _ in moved]
         factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.regression.fit import DesignMoment, HypothesisFit
-from brv_hypo.regression.linear import covariance_of
+from brv_hypo.regression.linear import covariance_of, variance_of
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import prediction_slopes
 
@@ -40,10 +42,19 @@ def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     always = TimeFunction("constant")
     columns = tuple(Column(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
     sizes = np.array([items[k].size for k in shared])
-    count = len(fit.columns)
-    design = problem.whole_design(fit.frame, fit.columns)
-    which = [*range(count), *(design.shape[1] - len(items) + k for k in shared)]
-    whole = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    scale = np.append(np.ones(count), sizes)
-    covariance = scale[:, None] * whole[np.ix_(which, which)] * scale
+    covariance = _with_unknowns(problem, fit, sizes, [2 * len(problem.rows.part.levels) + k for k in shared])
     return replace(fit, design=DesignMoment(columns, sizes * others[shared], covariance))
+
+
+def _with_unknowns(problem: Problem, fit: HypothesisFit, sizes: FloatArray, chosen: Sequence[int]) -> FloatArray:
+    """Covariance (columns + chosen,) squared of the coefficients and then some unknowns, of these sizes."""
+    rows, design = problem.rows, problem.raw_design(fit.frame, fit.columns)
+    samples = problem.samples - rows.basis.shape[1]
+    known = covariance_of(rows.projected(design), fit.residual, samples, problem.efficiency)
+    made = sizes[:, np.newaxis] * rows.unknowns[chosen]
+    follow = np.concatenate([np.eye(len(fit.columns)), -made @ (rows.basis.T @ design)])
+    covariance = follow @ known @ follow.T
+    own = slice(len(fit.columns), None)
+    variance = variance_of(fit.residual, samples - len(fit.columns), problem.efficiency)
+    covariance[own, own] += variance * made @ made.T
+    return np.asarray(covariance, dtype=float)

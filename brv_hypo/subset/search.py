@@ -24,8 +24,8 @@ SCHUR_CONDITION = 2e5
 # The same where Schur complements are asked for by name: beyond, their H has no digits left.
 SCHUR_BREAKDOWN = 1e7
 KERNELS = ("auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens")
-# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs, to the compiler or
-# to the disk alone.
+# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs, to the compiler (in
+# one search) or to the disk alone (in all searches of a process).
 COMPILING_NODES, LOADING_NODES = 8000, 1000
 # Seconds that a time limit must leave for the compiled kernel to be worth sending for.
 COMPILE_ALLOWANCE_S = 10.0
@@ -45,6 +45,16 @@ class Effort:
     def __post_init__(self) -> None:
         if self.kernel not in KERNELS:
             raise UsageError(f"kernel {self.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
+
+
+@dataclass
+class _Visited:
+    """Nodes that numpy visited in this process."""
+
+    nodes: int = 0
+
+
+_visited = _Visited()
 
 
 def search(board: Board, effort: Effort) -> Certificate:
@@ -80,7 +90,7 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
 
     Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
     """
-    budget = _numpy_budget(effort, deadline)
+    budget = _numpy_budget(effort, deadline) - (_visited.nodes if kernel_on_disk() else 0)
     nodes = 0
 
     def spend() -> None:
@@ -108,6 +118,7 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
             tree.run(piece, triangular=triangular)
         except StopSearchError:
             stopped = True
+    _visited.nodes += nodes
     return nodes, tree.open_subtrees + left, triangular
 
 
