@@ -9,13 +9,13 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import RecordEffect
-from brv_hypo.mechanisms.registry import find
+from brv_hypo.mechanisms.registry import find_installed
 from tests.chains import trimmed
 
 
 @pytest.fixture(scope="module")
 def wind() -> RecordEffect:
-    found = find("wind")
+    found = find_installed("wind")
     assert isinstance(found, RecordEffect)
     return found
 
