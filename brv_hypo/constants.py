@@ -316,9 +316,9 @@ COMMON_SLOWEST = 0.02  # pace of a Mach number over its mean: where it stands st
 # metres of height, as waves in the atmosphere have vertical wavelengths of some kilometres, but no more than are worth
 # their columns. Judgement; Opportunity's entry passes 43 km: its held-out error before any step is 3.7e-8 with 5, 2.2,
 # 1.9, 1.6 and 1.7e-8 with 16, 20, 24 and 32.
-WIND_HALF_WAVES = 5
+WIND_HALF_WAVES = 5  # at least
 WIND_HALF_WAVE_HEIGHT = 2000.0  # m
-WIND_MOST_HALF_WAVES = 24
+WIND_MOST_HALF_WAVES = 24  # at most
 # Instants at which a step of the wind is tried first: the attitude's own errors follow all of it but what happens
 # within a part of a second, so that one a grid's step away looks like nothing (with 16, `tests.independent.loop_study`
 # had 3 of 4 misnamed).
