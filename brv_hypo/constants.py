@@ -372,8 +372,8 @@ SEARCH_FINE_SCANS = 3  # of the parameters of the model settled on, while they g
 # A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
 SEARCH_OUT_OF_REACH = 400.0
 SEARCH_SIZES_TRIED = 3
-# Behind another from which its best on the grid, refined, stands for it. Judgement: of 21 flights none named, or held to
-# be equivalent, anything else for it.
+# Behind another from which its best on the grid, refined, stands for it. Judgement: of 21 flights none had another name
+# or other equivalents for it.
 SEARCH_HOPELESS = 1000.0
 SEARCH_EXCHANGES = 2  # of knots for the best others, of which each gains
 SEARCH_FINER_KNOTS = 4  # intervals of one between two knots where a single choice is made anew
@@ -428,6 +428,10 @@ COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and 
 # 192026).
 MOST_LINEARISATIONS = 4
 SETTLED_ERRORS = 2.0
+# Times the noise's mean square that a baseline may leave, whose fit is believed to tell errors of the record. Of six
+# strong effects that were "none adequate" (165540, 165832, 166030, 166078, 166361, 320212: 2.5 to 5,800 times) five are
+# named; flights on which it leaves 1.6 times or less are told better about its fit.
+BASELINE_BELIEVED = 2.0
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5

@@ -9,6 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
+    BASELINE_BELIEVED,
     COLOURED,
     COMPARED_SMALLEST,
     MOST_LINEARISATIONS,
@@ -70,7 +71,8 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
 
     What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
     again where what the data say of them is taken out, until they say the same. How loud the instruments' noise is at
-    the frequencies of the motion is known once the motion is taken out.
+    the frequencies of the motion is known once the motion is taken out. Where the baseline leaves far more than noise,
+    what it says of the errors is of something that it lacks, and leads astray: the record is taken as it stands.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < COMPARED_SMALLEST:
@@ -83,8 +85,11 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     )
     problem = _problem(reconstructions, settings, config)
     settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
-    found = errors_found(problem)
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
+    standing = problem.under(settled_noise(problem))
+    if _left_by_baseline(standing) > BASELINE_BELIEVED:
+        return standing, replace(_as_loud(standing, settings), taken=taken)
+    found = errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
         point = baseline_point(problem, found)
         records = cleaned(problem, point, reconstructions, settings)
@@ -96,6 +101,12 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
             break
         settings = heard
     return problem, replace(settings, taken=taken)
+
+
+def _left_by_baseline(problem: Problem) -> float:
+    """Mean square of what the baseline leaves, over that of the noise."""
+    left = problem.projected_baseline(problem.frame).left
+    return float(left @ left) / problem.samples
 
 
 def _as_loud(problem: Problem, settings: Settings) -> Settings:
