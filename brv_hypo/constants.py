@@ -437,7 +437,7 @@ BASELINE_BELIEVED = 2.0
 COLOURED = 1.5
 LINEARISED_AGAIN = 2400.0  # fall of 2 ln L that the leader brings, from which the problem is linearised about it
 SETTLED_FALL = 12.0  # fall of 2 ln L of what the leader leaves, below which another linearisation has changed nothing
-LINEARISATIONS = 2  # about what explains much of the flight, while that lowers what is left
+LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_N0
 SLOPE_DEGREE = 3  # and of that of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola
 # Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows

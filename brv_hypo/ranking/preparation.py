@@ -86,9 +86,10 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     problem = _problem(reconstructions, settings, config)
     settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
-    standing = problem.under(settled_noise(problem))
-    if _left_by_baseline(standing) > BASELINE_BELIEVED:
-        return standing, replace(_as_loud(standing, settings), taken=taken)
+    if not _believed(_as_heard(problem)):
+        standing = _as_heard(_problem(reconstructions, settings, config))  # with the bend, which takes its part
+        if not _believed(standing):
+            return standing, replace(_as_loud(standing, settings), taken=taken)
     found = errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
         point = baseline_point(problem, found)
@@ -103,10 +104,15 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     return problem, replace(settings, taken=taken)
 
 
-def _left_by_baseline(problem: Problem) -> float:
-    """Mean square of what the baseline leaves, over that of the noise."""
+def _as_heard(problem: Problem) -> Problem:
+    """The problem under the noise that the record shows in it."""
+    return problem.under(settled_noise(problem))
+
+
+def _believed(problem: Problem) -> bool:
+    """Whether the baseline leaves little more than noise."""
     left = problem.projected_baseline(problem.frame).left
-    return float(left @ left) / problem.samples
+    return float(left @ left) < BASELINE_BELIEVED * problem.samples
 
 
 def _as_loud(problem: Problem, settings: Settings) -> Settings:
@@ -183,8 +189,7 @@ def about(
 ) -> Problem:
     """The problem of records at a linearisation point, under the noise that they have."""
     motions = [each.motion for each in records]
-    problem = _problem([each.reconstruction for each in records], settings, config, point, motions)
-    return problem.under(settled_noise(problem))
+    return _as_heard(_problem([each.reconstruction for each in records], settings, config, point, motions))
 
 
 def _problem(

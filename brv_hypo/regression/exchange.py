@@ -20,7 +20,7 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     Bounds of coefficients are left aside, as they are in the search. Two knots that came to one place become one; the
     others may still stand where the grid has them, which a finer scan mends.
     """
-    fit = renewed(problem, fit)
+    given, fit = fit, renewed(problem, fit)
     for _ in range(SEARCH_EXCHANGES if problem.refine else 0):
         tried = [
             settled(problem, fit, (*problem.baseline, *columns), kept)
@@ -31,7 +31,7 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
         if not gains(best, fit):
             break
         fit = scanned_finely(problem, plainer(problem, best))
-    return fit
+    return likeliest([fit, given])
 
 
 def _without_each(selected: Sequence[Column]) -> Iterator[tuple[tuple[Column, ...], tuple[Column, ...]]]:
