@@ -14,7 +14,6 @@ from tests.independent.joint import fly_pair, machs
 from tests.independent.mechanisms import LISTED
 from tests.ranking.pulse import problem
 
-
 # What the fits state of the edges that they know least, s.
 EDGE_SIGMA = 0.0245
 
