@@ -25,8 +25,6 @@ def trace_document(result: Trace) -> Document:
         blocks += _step(step)
     if left is not None:
         blocks.append(Texts((residual_text(left),), "Left over", bullets=False))
-    stability = (result.static_stability,) if result.static_stability else ()
-    blocks.append(Texts(stability, "Static stability of the model", bullets=False))
     blocks.append(term_table("model, fitted to the whole record", result.model.terms))
     if result.ml is not None:
         blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))
@@ -51,7 +49,8 @@ def conclusion(result: Trace) -> str:
     doubt = "" if result.record.sound else CONTRADICTED.format(told="found")
     found = f"Found: {', '.join(result.findings)}." if result.findings else "Nothing was found."
     hinted = f"Hints, no findings: {', '.join(result.hints)}." if result.hints else ""
-    return " ".join(part for part in (doubt, found, hinted, _ending(result), result.unexplained) if part)
+    told = (doubt, found, hinted, result.static_stability, _ending(result), result.unexplained)
+    return " ".join(part for part in told if part)
 
 
 def _ending(result: Trace) -> str:
