@@ -25,6 +25,7 @@ from brv_hypo.motion.kept_rows import KeptRows, all_rows, blocks, kept_rows, spa
 from brv_hypo.motion.noise import white_noise_level
 from brv_hypo.motion.perturbation import Perturbation, perturbed, superposed
 from brv_hypo.motion.splines import running_integral
+from brv_hypo.motion.wind import across_impulse
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
@@ -255,15 +256,16 @@ def _drift(
     seen = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
     velocity = np.einsum("nij,nj->ni", smooth.attitude, seen)
     before = smooth.force_inertial
-    drift = np.zeros((smooth.time.size, 3, len(records)))
+    impulses = np.zeros((smooth.time.size, 3, len(records)))
     moved = [
         k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude
     ]
     if moved:
         pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
-        drift[:, :, moved] = running_integral(smooth.time, pulls)
+        impulses[:, :, moved] = running_integral(smooth.time, pulls)
+    impulses -= np.stack([_wind(record) - _wind(smooth) for record in records], axis=2)
+    drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulses)
     for k, record in enumerate(records):
-        drift[:, :, k] -= _wind(record) - _wind(smooth)
         if record.attitude is not smooth.attitude:
             drift[:, :, k] += velocity
             drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity

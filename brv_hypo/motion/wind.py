@@ -93,6 +93,15 @@ def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:
     return out
 
 
+def across_impulse(direction: FloatArray, impulse: FloatArray) -> FloatArray:
+    """The part of impulses (n, 3, k) m/s that acted across the velocity, of direction (n, 3), and has turned it."""
+    steps, along = np.diff(impulse, axis=0), 0.5 * (direction[1:] + direction[:-1])
+    steps -= along[:, :, np.newaxis] * np.einsum("ni,nik->nk", along, steps)[:, np.newaxis]
+    out = np.zeros_like(impulse)
+    np.cumsum(steps, axis=0, out=out[1:])
+    return out
+
+
 def force_impulse(record: InertialRecord) -> FloatArray:
     """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
     return _with_wind(record, running_integral(record.time, record.force_inertial))

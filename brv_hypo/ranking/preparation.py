@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -62,17 +63,23 @@ class Settings:
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried."""
-    return settled(reconstructions, config)[0]
+    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried.
+
+    It is linearised about the baseline's fit, whatever that leaves.
+    """
+    return settled(reconstructions, config, math.inf)[0]
 
 
-def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
-    """What `prepare` gives, and how the flights are to be reconstructed.
+def settled(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, believed: float = BASELINE_BELIEVED
+) -> tuple[Problem, Settings]:
+    """What the hypotheses share, and how the flights are to be reconstructed.
 
     What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
     again where what the data say of them is taken out, until they say the same. How loud the instruments' noise is at
-    the frequencies of the motion is known once the motion is taken out. Where the baseline leaves far more than noise,
-    what it says of the errors is of something that it lacks, and leads astray: the record is taken as it stands.
+    the frequencies of the motion is known once the motion is taken out. Where the baseline leaves more than `believed`
+    times the noise's mean square, what it says of the errors is of something that it lacks, and leads astray: the
+    record is taken as it stands.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < COMPARED_SMALLEST:
@@ -86,9 +93,9 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     problem = _problem(reconstructions, settings, config)
     settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
-    if not _believed(_as_heard(problem)):
+    if _left_by_baseline(_as_heard(problem)) > believed:
         standing = _as_heard(_problem(reconstructions, settings, config))  # with the bend, which takes its part
-        if not _believed(standing):
+        if _left_by_baseline(standing) > believed:
             return standing, replace(_as_loud(standing, settings), taken=taken)
     found = errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
@@ -109,10 +116,10 @@ def _as_heard(problem: Problem) -> Problem:
     return problem.under(settled_noise(problem))
 
 
-def _believed(problem: Problem) -> bool:
-    """Whether the baseline leaves little more than noise."""
+def _left_by_baseline(problem: Problem) -> float:
+    """Mean square of what the baseline leaves, over that of the noise."""
     left = problem.projected_baseline(problem.frame).left
-    return float(left @ left) < BASELINE_BELIEVED * problem.samples
+    return float(left @ left) / problem.samples
 
 
 def _as_loud(problem: Problem, settings: Settings) -> Settings:

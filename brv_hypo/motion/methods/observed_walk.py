@@ -27,6 +27,7 @@ from brv_hypo.motion.observations import Stretch, TieModel
 from brv_hypo.motion.random_walk import Columns, Tie, WalkEquations, WalkSolution, walk_equations
 from brv_hypo.motion.wind import (
     WindStart,
+    across_impulse,
     body_crossflow,
     direction_by_impulse,
     force_impulse,
@@ -266,12 +267,15 @@ class TiedWalk:
 class _Drift:
     """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
 
-    `responses` have the drift of the errors in the axes of the first sample.
+    `responses` have the drift of the errors in the axes of the first sample. Gravity turns the velocity by what of it
+    is across the velocity at each instant.
     """
 
     def __init__(self, record: InertialRecord, responses: EffectResponses, axes: _Axes) -> None:
-        self._time, self._responses, self._axes = record.time, responses, axes
-        self._whole = self._of(slice(0, self._time.size)) if len(blocks(self._time.size)) == 1 else None
+        self._responses, self._axes = responses, axes
+        identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
+        self._fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
+        self._whole = self._of(slice(0, record.time.size)) if len(blocks(record.time.size)) == 1 else None
 
     def __getitem__(self, rows: slice) -> ComplexArray:
         return self._of(rows) if self._whole is None else self._whole[rows]
@@ -279,7 +283,7 @@ class _Drift:
     def _of(self, rows: slice) -> ComplexArray:
         second, third = (axis[rows] for axis in self._axes)
         out = np.empty((second.shape[0], _GRAVITY + len(self._responses.effects)), dtype=complex)
-        out[:, :_GRAVITY] = self._time[rows, np.newaxis] * (second + 1j * third)
+        out[:, :_GRAVITY] = np.einsum("ni,nij->nj", second + 1j * third, self._fallen[rows])
         across = np.stack([second, third], axis=1) @ self._responses.rows.all_of(self._responses.drift, rows)
         np.negative(across[:, 0], out=out.real[:, _GRAVITY:])
         np.negative(across[:, 1], out=out.imag[:, _GRAVITY:])
@@ -288,7 +292,7 @@ class _Drift:
     def of(self, unknowns: FloatArray) -> ComplexArray:
         """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
         of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[_GRAVITY:]))
-        moved = self._time[:, np.newaxis] * unknowns[:_GRAVITY] - of_errors
+        moved = self._fallen @ unknowns[:_GRAVITY] - of_errors
         second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
         return np.asarray(second + 1j * third)
 
