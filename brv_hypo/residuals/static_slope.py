@@ -11,7 +11,7 @@ from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.constants import STABLE_SIGMAS, TOLD_SLOPES
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.filed import FiledMechanism
-from brv_hypo.model.columns import Column
+from brv_hypo.model.columns import Column, Theta
 from brv_hypo.motion.motion import Motion
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.result import StaticSlope
@@ -54,18 +54,16 @@ def _slopes(seen: Seen, motion: Motion, columns: Sequence[Column], number: int, 
     """d C_N'/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
     out = np.zeros((motion.time.size, len(columns)))
     more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))
+    known: dict[tuple[str, Theta], dict[str, FloatArray]] = {}
     for j, column in enumerate(columns):
-        mechanism = seen.frame.mechanisms[column.mechanism]
+        mechanism, key = seen.frame.mechanisms[column.mechanism], (column.mechanism, column.theta)
         if not (column.acts_on(number) and _is_static(mechanism)):
             continue
-        ends = (_term(mechanism, column, each) for each in (more, less))
-        out[:, j] = (next(ends) - next(ends)) / _STEP * column.course(motion.course_time)
+        if key not in known:
+            ends = (mechanism.terms(each, dict(column.theta)) for each in (more, less))
+            known[key] = {high.name: (high.in_plane - low.in_plane) / _STEP for high, low in zip(*ends, strict=True)}
+        out[:, j] = known[key][column.term] * column.course(motion.course_time)
     return out
-
-
-def _term(mechanism: Mechanism, column: Column, motion: Motion) -> FloatArray:
-    """The in-plane moment (n,) of a column's term, as if it had always acted."""
-    return next(t.in_plane for t in mechanism.terms(motion, dict(column.theta)) if t.name == column.term)
 
 
 def _is_static(mechanism: Mechanism) -> bool:
