@@ -37,6 +37,7 @@ from brv_hypo.regression.build import (
     baseline_columns,
     baseline_point,
     build_problem,
+    carrying,
     errors_found,
     farthest_apart,
 )
@@ -92,10 +93,11 @@ def settled(
         tuple(ReconstructionConfig(method=config.method) for _ in reconstructions), shared_time(reconstructions)
     )
     problem = _problem(reconstructions, settings, config)
-    settings = replace(settings, static=_static_of(problem), bend=_bend_of(problem))
+    bend = _bend_of(problem)
+    settings = replace(settings, static=_static_of(problem), bend=bend)
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
     if len(reconstructions) == 1 and _left_by_baseline(_as_heard(problem)) > believed:
-        standing = _as_heard(_problem(reconstructions, settings, config))  # with the bend, which takes its part
+        standing = _as_heard(carrying(problem, bend))  # which takes its part
         if _left_by_baseline(standing) > believed:
             return standing, replace(_as_loud(standing, settings), taken=taken)
     found = errors_found(problem)

@@ -23,7 +23,7 @@ from brv_hypo.regression.frame import RateFrame, whiten
 from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.noise import first_noise
-from brv_hypo.regression.nuisance import Errors, nuisances
+from brv_hypo.regression.nuisance import Errors, nuisances, with_shared
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import difference
@@ -88,6 +88,13 @@ def build_problem(
     rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
     given = frame.with_mechanisms([GivenColumns()])
     return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+
+
+def carrying(problem: Problem, mechanism: Mechanism) -> Problem:
+    """The problem that carries one more mechanism of which all flights have the same, linearised as it was."""
+    frame = problem.frame.with_mechanisms([mechanism])
+    nuisances = with_shared(problem.rows.nuisances, frame, mechanism)
+    return replace(problem, frame=frame, rows=replace(problem.rows, nuisances=nuisances))
 
 
 def point_of(

@@ -158,8 +158,8 @@ def _columns(values: ComplexArray) -> ComplexArray:
 
 
 def side_by_side(rows: Sequence[Rows]) -> Rows:
-    """Histories as columns."""
-    return Rows(np.stack([r.rates for r in rows], axis=1), np.stack([r.force for r in rows], axis=1))
+    """Histories, or columns of them, as columns."""
+    return Rows(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
 
 
 def whole(frame: RateFrame, seen: BoolArray) -> Part:

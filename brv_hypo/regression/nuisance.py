@@ -7,7 +7,7 @@ motion; those that the record's tolerances bound have that Gaussian prior.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -146,14 +146,22 @@ def nuisances(
             if mechanism.of_each_flight(linearised.record.flight):
                 for item, rates in _tolerated(frame, number, mechanism):
                     add(item, Rows(rates, np.zeros_like(rates)))
-    for mechanism in vehicle:
-        if not mechanism.of_each_flight(flights[0].record.flight):
-            for item, rates in _tolerated(frame, None, mechanism):
-                add(item, Rows(rates, np.zeros_like(rates)))
     tied = np.array(list(noise), dtype=np.int64)
-    return Nuisances(
+    carried = Nuisances(
         tuple(items), Histories(kept, side_by_side(rows)), tied, Histories(kept, side_by_side(list(noise.values())))
     )
+    for mechanism in vehicle:
+        if not mechanism.of_each_flight(flights[0].record.flight):
+            carried = with_shared(carried, frame, mechanism)
+    return carried
+
+
+def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nuisances:
+    """Those, and what the tolerance of a mechanism allows that all flights share."""
+    kept = known.histories.rows
+    more = [(item, kept.of(rates)) for item, rates in _tolerated(frame, None, mechanism) if np.any(rates)]
+    rows = side_by_side([known.histories.kept, *(Rows(rates, np.zeros_like(rates)) for _, rates in more)])
+    return replace(known, items=(*known.items, *(item for item, _ in more)), histories=Histories(kept, rows))
 
 
 def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion import reconstruct
+from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import prepare
+from brv_hypo.ranking.preparation import Settings, _problem, prepare
+from brv_hypo.regression.build import carrying
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.problem import Problem
@@ -44,6 +46,19 @@ def problem(seed: int) -> Problem:
 def at_half_the_rate() -> Problem:
     """The flight as it is, for what its noise has no part in."""
     return prepared()
+
+
+def test_one_more_mechanism_is_carried_as_if_it_had_been_from_the_start() -> None:
+    """The bend does not act where the motion is linearised."""
+    made = reconstruct(nominal(USUAL_RATE_HZ).flight)
+    settings, config = Settings((ReconstructionConfig(),), None), CompareConfig()
+    first = _problem([made], settings, config)
+    bend = StaticBend(slope=0.5)
+    expected = _problem([made], replace(settings, bend=bend), config)
+    found = carrying(first, bend)
+    assert repr(found.rows.nuisances.items) == repr(expected.rows.nuisances.items)
+    np.testing.assert_allclose(found.rows.nuisance_design, expected.rows.nuisance_design, rtol=1e-12, atol=1e-12)
+    assert set(found.frame.mechanisms) == set(expected.frame.mechanisms)
 
 
 def carried(found: Nuisances) -> dict[str, int]:
