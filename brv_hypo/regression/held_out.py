@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.model.columns import Column
@@ -281,7 +281,7 @@ def _factor(products: FloatArray) -> FloatArray:
 
 def _lowered(factor: FloatArray, rows: FloatArray, transposed: bool = False) -> FloatArray:
     """The inverse of a Cholesky factor, or of its transpose, times something."""
-    found = solve_triangular(factor, rows, trans="T" if transposed else "N", lower=True, check_finite=False)
+    found, _ = dtrtrs(factor.T, rows, lower=False, trans=not transposed)  # wants columns: of the upper factor
     return np.asarray(found, dtype=float)
 
 
