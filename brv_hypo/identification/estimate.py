@@ -78,7 +78,9 @@ def _search(
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     iterations = 0
     if _misfit(problem) > IDENTIFIED_POOR_START:
-        first = problem.solve(fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, progress=progress)
+        first = problem.solve(
+            fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, errors=False, progress=progress
+        )
         iterations += first.iterations
         problem = _refreshed(problem, first)
     found = problem.solve(progress=progress)

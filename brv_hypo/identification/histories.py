@@ -13,9 +13,9 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.identification.model import Shapes, point
 from brv_hypo.identification.problem import Problem
 from brv_hypo.identification.result import Identification
+from brv_hypo.identification.shapes import Shapes, point
 from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Delayed
 from brv_hypo.likelihood.interpolation import Interpolator

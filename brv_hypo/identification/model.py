@@ -13,19 +13,15 @@ q_inf, S / m are the true ones; zeta is V times the true direction, V as measure
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.polynomial.legendre import legval
+from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.identification.knots import averaged, kink, on_grid, placed
 from brv_hypo.identification.moments import MomentModel, Values
-from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
+from brv_hypo.identification.nodes import ROW, Context
 from brv_hypo.identification.readings import alpha_over_sine, lever_force
 from brv_hypo.identification.record_errors import (
     ACCELEROMETERS,
@@ -36,13 +32,13 @@ from brv_hypo.identification.record_errors import (
     MOMENTS,
     PRESSURE_ERROR,
     RATIO_ERROR,
+    READ,
     ROLL_RATE_ERROR,
     SPEED_ERROR,
 )
+from brv_hypo.identification.shapes import Memory, Point, Shapes, point
 from brv_hypo.identification.structure import of_flight
 from brv_hypo.likelihood import Delayed
-from brv_hypo.model.columns import Column
-from brv_hypo.model.common_time import OwnTime
 from brv_hypo.motion.frames import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion
@@ -53,91 +49,8 @@ FORCE_BEND = "C_Nalpha3_force"
 """1/rad^3: what the normal-force slope gains with the square of alpha."""
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
-_REMEMBERED = 6
-T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class Point:
-    """States and inputs at some instants (n,), as complex pairs; `time` s."""
-
-    time: FloatArray
-    omega: ComplexArray
-    zeta: ComplexArray
-    u: FloatArray
-
-    def input(self, name: str) -> FloatArray:
-        """One input (n,)."""
-        return np.asarray(self.u[ROW[name]])
-
-    @property
-    def to_body(self) -> ComplexArray:
-        """exp(-i Phi): turns de-rolled pairs into body axes."""
-        return np.asarray(np.exp(-1j * self.input("roll")))
-
-
-class Memory(Generic[T]):
-    """The last few results by key: most parameters leave the columns as they are, and a moved state only one
-    motion.
-    """
-
-    def __init__(self) -> None:
-        self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
-
-    def __call__(self, key: tuple[object, ...], compute: Callable[[], T]) -> T:
-        """The result for `key`, computed where it is not known."""
-        if key not in self._known:
-            self._known[key] = compute()
-            if len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
-        return self._known[key]
-
-
-@dataclass(frozen=True)
-class Shapes:
-    """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n)
-    rad/s^2.
-    """
-
-    columns: tuple[Column, ...]
-    acceleration: ComplexArray
-    in_plane: ComplexArray
-    motion: Motion
-    past: tuple[Motion, ...]
-    here: Point
-    own: OwnTime | None = None
-
-    @cached_property
-    def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
-        """The accelerations times their courses (columns, n), as `kink` has them where a knot lies between nodes; the
-        columns with a knot, and what the angular rate lacks there per unit of each (columns with a knot, n), rad/s.
-        """
-        time, half, u = self.here.time, self.here.input("half"), self.here.u
-        on_grid_too, knotted = self.acceleration.copy(), [j for j, c in enumerate(self.columns) if has_knot(c)]
-        lacking = np.empty((len(knotted), time.size), dtype=complex)
-        for k, j in enumerate(knotted):
-            row, shape = SLOPES + 4 * k, self.acceleration[j]
-            here = placed(self.columns[j].course, time, half, self.own)
-            first, second = kink(*here)
-            slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
-            on_grid_too[j] = on_grid(*here) * shape - first * slope + second * curvature
-            lacking[k] = first * shape - 2.0 * second * slope
-        return on_grid_too, knotted, lacking
-
-    def averaged(self, block: float) -> ComplexArray:
-        """The accelerations (columns, n) times what a block of so many seconds sees of their courses."""
-        if block not in self._averaged:
-            out = self.acceleration.copy()
-            for own, column in zip(out, self.columns, strict=True):
-                if has_knot(column):
-                    course, time, _ = placed(column.course, self.here.time, self.here.input("half"), self.own)
-                    own *= averaged(course, time, block)
-            self._averaged[block] = out
-        return self._averaged[block]
-
-    @cached_property
-    def _averaged(self) -> dict[float, ComplexArray]:
-        return {}
+Part = ComplexArray | complex
+"""What a complex pair gains, (n,) or the same everywhere."""
 
 
 @dataclass(frozen=True)
@@ -201,6 +114,75 @@ class VehicleModel:
             force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
         return _rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
 
+    def dynamics_slopes(
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
+    ) -> dict[str, FloatArray]:
+        """Derivatives (4, n) of the dynamics by the parameters and courses that they are affine in, by name: those of
+        coefficients, forces, gravity and errors that add, but for what changes the columns themselves.
+        """
+        here, context = point(x, u, t), self._context(u)
+        names = self.moments.structure.names
+        courses, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        share, slower = self._moment_share(context, theta), 1.0 + _error(SPEED_ERROR, context, theta)
+        lacking = np.zeros_like(courses)
+        lacking[knotted] = 1j * _forward(here) * missing
+        pushed = self._force_scale(here, context, theta) * self._force_shapes(here, context)
+        turned = zip((*names, *_own(MOMENTS, context)), (*share * courses, *_both(np.conj(here.to_body))), strict=True)
+        gained = zip(
+            (*names, *self.forces, *_own((*GRAVITY, *CROSSFLOW), context)),
+            (*share * lacking, *slower * pushed, *slower * _gravity_axes(here), *_both(slower)),
+            strict=True,
+        )
+        return self._slopes(dict(turned), dict(gained), _own(READ, context), here)
+
+    def outputs_slopes(
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
+    ) -> dict[str, FloatArray]:
+        """The same of the outputs."""
+        here, context = point(x, u, t), self._context(u)
+        names, arm = self.moments.structure.names, context.vehicle.accelerometer_position
+        turned = np.zeros((len(names), t.size), dtype=complex)
+        if any(arm):
+            averaged = self.shapes(here, theta, delayed or {}).averaged(context.block)
+            turned = _swung(arm, averaged * (self._moment_share(context, theta) * here.to_body))
+        pushed = self._force_scale(here, context, theta) * here.to_body * self._force_shapes(here, context)
+        gained = zip(
+            (*names, *self.forces, *_own((*MOMENTS, *ACCELEROMETERS), context)),
+            (*turned, *pushed, *_swung(arm, _both(1.0)), *_both(1.0)),
+            strict=True,
+        )
+        read = zip(_own(GYROS, context), _both(1.0), strict=True)
+        return self._slopes(dict(read), dict(gained), _own((*GRAVITY, *CROSSFLOW, SPEED_ERROR), context), here)
+
+    def _slopes(
+        self, first: Mapping[str, Part], second: Mapping[str, Part], none: Sequence[str], here: Point
+    ) -> dict[str, FloatArray]:
+        """Rows (4, n) of what two pairs gain by each name, `none` by some; without those that change the columns."""
+        felt = {*self.moments.shape_parameters, *self.rate_parameters(self._context(here.u).flight)}
+        return {
+            name: _rows(*(np.broadcast_to(pair.get(name, 0.0), here.time.size) for pair in (first, second)))
+            for name in {**first, **second, **dict.fromkeys(none)}
+            if name not in felt
+        }
+
+    def rate_parameters(self, flight: int) -> tuple[str, ...]:
+        """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
+        feel these.
+        """
+        if not self.moments.uses_rates:
+            return ()
+        return (*self.forces, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
+
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
         context = self._context(here.u)
@@ -225,8 +207,8 @@ class VehicleModel:
 
         What noise leaves in the inputs does too little to the rates for a mechanism to feel it.
         """
-        rates = self._rate_values(context, theta) if self.moments.uses_rates else ()
-        key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, rates)
+        rates = (np.asarray(theta.get(name, 0.0)).tobytes() for name in self.rate_parameters(context.flight))
+        key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, *rates)
         return self._motions(key, lambda: self._moving(at, context, theta))
 
     def _coefficients(self, theta: Values) -> FloatArray:
@@ -245,25 +227,35 @@ class VehicleModel:
         return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration + tolerated)
 
     def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
-        forward = np.sqrt(np.maximum(here.input("speed") ** 2 - np.abs(here.zeta) ** 2, 0.0))
         error = self._roll_rate_error(context, theta)
-        size = [theta[of_flight(name, context.flight)] for name in GRAVITY]
-        first = ROW["gravity_xy"]
-        gravity = size @ here.u[first : first + 3] + 1j * (size @ here.u[first + 3 : first + 6])
+        gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ _gravity_axes(here)
         gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
         gained = gained + self._force(here, context, theta)
         slower = 1.0 + _error(SPEED_ERROR, context, theta)
-        return np.asarray(1j * forward * here.omega + 1j * error * here.zeta + slower * gained)
+        return np.asarray(1j * _forward(here) * here.omega + 1j * error * here.zeta + slower * gained)
 
     def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
+        slope = np.array([theta[name] for name in self.forces]) @ self._force_shapes(at, context)
+        return np.asarray(self._force_scale(at, context, theta) * slope)
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Names of all that the normal-force slope is linear in."""
+        return (*self.force_names, FORCE_BEND)
+
+    def _force_shapes(self, at: Point, context: Context) -> FloatArray:
+        """What each of `forces` adds to the slope per unit (forces, n)."""
+        drift = legvander(self.scaled(context.course_time(at.time)), len(self.force_names) - 1)
+        return np.stack([*drift.T, angle_of_attack(at.zeta / at.input("speed")) ** 2])
+
+    def _force_scale(self, at: Point, context: Context, theta: Values) -> ComplexArray:
+        """Specific force per unit of the slope (n,), m/s^2."""
         xi = at.zeta / at.input("speed")
         vehicle = context.vehicle
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
         scale = scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta))
-        slope = legval(self.scaled(context.course_time(at.time)), [theta[name] for name in self.force_names])
-        slope = slope + theta[FORCE_BEND] * angle_of_attack(xi) ** 2
-        return np.asarray(-scale * slope * alpha_over_sine(xi) * xi)
+        return np.asarray(-scale * alpha_over_sine(xi) * xi)
 
     def scaled(self, time: FloatArray) -> FloatArray:
         """Times that courses are told in from -1 to 1 over the span."""
@@ -280,12 +272,6 @@ class VehicleModel:
     def _moment_share(self, context: Context, theta: Values) -> FloatArray | float:
         """True angular acceleration per unit coefficient over the declared one (n,)."""
         return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
-
-    def _rate_values(self, context: Context, theta: Values) -> tuple[object, ...]:
-        """Parameters that change the rates of alpha and of the meridian at given states."""
-        gravity = (theta[of_flight(name, context.flight)] for name in GRAVITY)
-        errors = (np.asarray(_error(name, context, theta)).tobytes() for name in RATE_ERRORS)
-        return (*(theta[name] for name in (*self.force_names, FORCE_BEND)), *gravity, *errors)
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
         theta = {**theta, **_without_noise(context.flight)}
@@ -315,9 +301,31 @@ class VehicleModel:
         )
 
 
-def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
-    """States (4, n) and inputs as pairs."""
-    return Point(time, x[0] + 1j * x[1], x[2] + 1j * x[3], u)
+def _forward(at: Point) -> FloatArray:
+    """Speed along the body's axis (n,), m/s."""
+    return np.asarray(np.sqrt(np.maximum(at.input("speed") ** 2 - np.abs(at.zeta) ** 2, 0.0)))
+
+
+def _gravity_axes(at: Point) -> ComplexArray:
+    """What gravity along each axis of the first sample adds across the body in de-rolled axes, (3, n)."""
+    first = ROW["gravity_xy"]
+    return np.asarray(at.u[first : first + 3] + 1j * at.u[first + 3 : first + 6])
+
+
+def _both(part: ComplexArray | FloatArray | float) -> ComplexArray:
+    """What a pair gains by its first and by its second member, by so much each."""
+    return np.array([part, 1j * part])
+
+
+def _swung(arm: tuple[float, float, float], omega_rate: ComplexArray) -> ComplexArray:
+    """What accelerometers on this arm read of an angular acceleration alone, m/s^2."""
+    none = np.zeros(1)
+    return lever_force(arm, none.astype(complex), omega_rate, none, none)
+
+
+def _own(names: Sequence[str], context: Context) -> list[str]:
+    """Names of a flight's own parameters or courses."""
+    return [of_flight(name, context.flight) for name in names]
 
 
 def _without_noise(flight: int) -> dict[str, float]:

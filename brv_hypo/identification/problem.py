@@ -14,13 +14,14 @@ from brv_hypo.constants import BENT, FREE_GRAVITY, IDENTIFIED_KNOT_REACH, IDENTI
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.model import FORCE_BEND, GRAVITY, RATE_ERRORS, VehicleModel
+from brv_hypo.identification.model import FORCE_BEND, GRAVITY, VehicleModel
 from brv_hypo.identification.moments import MomentModel, uses_rates
 from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
 from brv_hypo.identification.record_errors import Tolerated
 from brv_hypo.identification.structure import Structure, input_course, of_flight, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
+from brv_hypo.likelihood.given import PartlyGiven
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
@@ -108,14 +109,9 @@ class Problem:
         What changes rates of which a mechanism's columns are functions is not.
         """
         courses = {course.name for record in self.records for course in record.segment.courses}
-        forces = {*self.model.force_names, FORCE_BEND}
-        affine = {*self.structure.names, *forces, *courses, *self._of_flights(GRAVITY)}
-        if self.model.moments.uses_rates:
-            affine -= {*forces, *self._of_flights((*GRAVITY, *RATE_ERRORS))}
-        return frozenset(affine)
-
-    def _of_flights(self, names: Sequence[str]) -> set[str]:
-        return {of_flight(name, flight) for name in names for flight in self.flights}
+        gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
+        felt = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
+        return frozenset({*self.structure.names, *self.model.forces, *courses, *gravity} - felt)
 
     @property
     def _knot_reach(self) -> float:
@@ -129,12 +125,15 @@ class Problem:
         max_iterations: int | None = None,
         near_start: bool = True,
         fixed: Sequence[str] = (),
+        errors: bool = True,
         progress: Callable[[Progress], None] | None = None,
     ) -> FitResult:
-        """Maximum likelihood; `noise` (4, 4) is B where it is to be held, `fixed` the parameters that are."""
+        """Maximum likelihood; `noise` (4, 4) is B where it is to be held, `fixed` the parameters that are; without
+        `errors` those are unknown.
+        """
         return fit(
-            self.model.dynamics,
-            self.model.outputs,
+            PartlyGiven(self.model.dynamics, self.model.dynamics_slopes),
+            PartlyGiven(self.model.outputs, self.model.outputs_slopes),
             self.segments(),
             self.theta,
             bounds=self.bounds,
@@ -150,6 +149,7 @@ class Problem:
             tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
             fixed=fixed,
+            errors=errors,
             progress=progress,
         )
 

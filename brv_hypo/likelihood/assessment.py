@@ -67,7 +67,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
     pull = _influence(iterate, innovations)
-    segments, loose = _sensitivities(outcome if pull is None else _flattened(outcome, pull))
+    segments, loose = _sensitivities(outcome if pull is None else _flattened(outcome, pull), options.errors)
     rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
     if pull is not None:
         rows = tuple(
@@ -195,12 +195,14 @@ def _covariances(
     return white, coloured
 
 
-def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
+def _sensitivities(outcome: Outcome, wanted: bool) -> tuple[Segments, Segments]:
     """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
 
-    The second is empty where nothing had to be tied.
+    The second is empty where nothing had to be tied; both where they are not `wanted`.
     """
     problem, iterate = outcome.problem, outcome.iterate
+    if not wanted:
+        return (), ()
     try:
         return outcome.segments or sensitivities(problem, iterate), ()
     except SingularStatesError:

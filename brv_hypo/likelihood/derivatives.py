@@ -18,7 +18,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.course import SampledCourse
-from brv_hypo.likelihood.given import Given, plain
+from brv_hypo.likelihood.given import Given, PartlyGiven, plain
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
@@ -102,7 +102,7 @@ def jacobian(
 
     `names` are the parameters to differentiate by; `scale` gives the size of each for central differences;
     in those of `affine`, or in the courses of these names, the function is, so that one difference is exact. What a
-    `Given` function knows is taken from it.
+    `Given` or `PartlyGiven` function knows is taken from it.
     """
     n_states = points.x.shape[0]
     theta = _with_courses(points, theta)
@@ -112,8 +112,8 @@ def jacobian(
     value: list[FloatArray] = []
     by_state: FloatArray | None = None
     known: Mapping[str, FloatArray] = {}
-    if isinstance(function, Given):
-        by_state, known = function.at(points.x, points.u, theta, points.t)
+    if isinstance(function, (Given, PartlyGiven)):
+        by_state, known = _call(function.at, points.x, points, theta, points.delayed)
 
     def derivative(
         move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False

@@ -61,6 +61,7 @@ def fit(
     tolerance: float = 1e-5,
     near_start: bool = False,
     mesh_steps: int | None = None,
+    errors: bool = True,
     tied: Mapping[str, Tie] | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> FitResult:
@@ -113,6 +114,8 @@ def fit(
         mesh_steps: steps of the dynamics between samples; None raises them from 1 until the estimated effect of the
             discretisation is below a tenth of every standard error, and says so in the status where 32 are not
             enough; with `near_start` it stays at 1.
+        errors: False leaves the errors of the estimates unknown, which saves a linearisation where the search ends
+            before it converges.
         tied: parameters that follow from others, tied ones before them included, name to function of the others by
             name; the functions see them in theta, the result carries them with their errors.
         progress: called after each iteration.
@@ -133,6 +136,7 @@ def fit(
         tolerance=tolerance,
         noise="full" if noise == "full" else "diagonal",
         student=noise == "student",
+        errors=errors,
         estimate_noise=noise_covariance is None,
         estimate_process_noise=estimate_process_noise,
         progress=progress,

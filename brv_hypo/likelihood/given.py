@@ -58,6 +58,24 @@ class Given:
         return by_state.transpose(2, 0, 1), {name: value.T for name, value in by_parameter.items()}
 
 
+@dataclass(frozen=True)
+class PartlyGiven:
+    """A function (x, u, theta, t[, delayed]) -> (m, n) with `slopes`, taken as right: its derivatives (m, n) by some
+    parameters and courses, by name.
+    """
+
+    function: Callable[..., Any]
+    slopes: Callable[..., Mapping[str, FloatArray]]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function."""
+        return self.function(*arguments)
+
+    def at(self, *arguments: Any) -> tuple[None, dict[str, FloatArray]]:
+        """No derivatives by states, and those by parameters and courses, (n, m)."""
+        return None, {name: value.T for name, value in self.slopes(*arguments).items()}
+
+
 def with_given(function: Callable[..., Any], derivatives: Derivatives | None, what: str) -> Callable[..., Any]:
     """The function with its derivatives, where there are any."""
     return function if derivatives is None else Given(function, derivatives, what)

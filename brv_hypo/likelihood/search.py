@@ -79,7 +79,7 @@ class Progress:
 @dataclass(frozen=True)
 class Options:
     """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal. `draft`: where the
-    mesh is too coarse, the fit goes on on a finer one.
+    mesh is too coarse, the fit goes on on a finer one; `errors`: those of the estimates are wanted.
     """
 
     max_iterations: int
@@ -91,6 +91,7 @@ class Options:
     progress: Callable[[Progress], None] | None = None
     mesh_steps: int = 1
     draft: bool = False
+    errors: bool = True
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import Course, FitResult, Segment, fit
+from brv_hypo.likelihood.given import PartlyGiven
 
 TRUTH = {"w2": 9.0, "damping": 0.3, "bias": 0.1}
 START = {"w2": 7.0, "damping": 0.0, "bias": 0.0}
@@ -73,6 +74,18 @@ def test_the_fit_is_the_same(noise: Any) -> None:
     same(fitted(process_noise=noise, dynamics_jacobian=counted, outputs_jacobian=of_angle), plain)
     assert calls > 5
     same(fitted(process_noise=noise, dynamics_jacobian=lambda *a: (by_hand(*a)[0], {})), plain)
+
+
+def test_the_fit_is_the_same_where_some_derivatives_are_known() -> None:
+    known = PartlyGiven(pendulum, lambda *arguments: {"damping": by_hand(*arguments)[1]["damping"]})
+    same(fit(known, angle, [SEGMENT], START), fitted())
+
+
+def test_without_errors_the_search_is_the_same() -> None:
+    found, expected = fitted(errors=False, max_iterations=2), fitted(max_iterations=2)
+    assert found.theta == expected.theta
+    assert found.log_likelihood == expected.log_likelihood
+    assert not np.isfinite(list(found.std_error.values())).any()
 
 
 def test_ties_and_courses_follow() -> None:
