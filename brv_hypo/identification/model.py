@@ -179,7 +179,7 @@ class VehicleModel:
         """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
         feel these.
         """
-        if not self.moments.uses_rates:
+        if self.moments.rates == "unused":
             return ()
         return (*self.forces, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +18,10 @@ from brv_hypo.model.common_time import OwnTime
 from brv_hypo.motion.motion import Motion
 
 Values = Mapping[str, float]
+RateUse = Literal["unused", "affine", "other"]
 Known = dict[tuple[str, Theta], dict[str, Term]]
+
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -46,13 +50,11 @@ class UnknownDelayError(ValueError):
 
 @dataclass(frozen=True)
 class MomentModel:
-    """What the columns of a structure are at any motion; `uses_rates`: whether rates of alpha or meridian
-    matter to them.
-    """
+    """What the columns of a structure are at any motion; `rates`: how they change with those of alpha and meridian."""
 
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
-    uses_rates: bool = True
+    rates: RateUse = "other"
 
     @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
@@ -115,15 +117,20 @@ class MomentModel:
         return [known[column.mechanism, column.theta][column.term] for column in columns]
 
 
-def uses_rates(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism], motion: Motion) -> bool:
-    """Whether any column changes with the rates of alpha or of the meridian, tried on a recorded motion."""
-    other = replace(
-        motion, alpha_rate=motion.alpha_rate + 1.0, windward_meridian_rate=motion.windward_meridian_rate + 1.0
-    )
+def use_of_rates(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism], motion: Motion) -> RateUse:
+    """How the columns change with the rates of alpha and of the meridian, tried on a recorded motion."""
+    rng, found = np.random.default_rng(0), set()
+    changes = {name: rng.standard_normal(motion.time.size) for name in ("alpha_rate", "windward_meridian_rate")}
+    motions = [
+        replace(motion, **{name: getattr(motion, name) + times * change for name, change in changes.items()})
+        for times in (0.0, 1.0, 2.0)
+    ]
     for mechanism, theta in {(column.mechanism, column.theta) for column in columns}:
-        both = (mechanisms[mechanism].terms(m, dict(theta)) for m in (motion, other))
-        for term, changed in zip(*both, strict=True):
-            same = np.array_equal(term.in_plane, changed.in_plane)
-            if not same or not np.array_equal(term.out_of_plane, changed.out_of_plane):
-                return True
-    return False
+        each = (mechanisms[mechanism].terms(m, dict(theta)) for m in motions)
+        now, once, twice = (np.array([(term.in_plane, term.out_of_plane) for term in terms]) for terms in each)
+        if not np.array_equal(now, once):
+            bent = np.max(np.abs(twice - 2.0 * once + now), initial=0.0)
+            # A mechanism with parameters may multiply what C_mw has of the rates by what it has itself.
+            straight = bent <= _ROUNDING * np.max(np.abs(once - now)) and not mechanisms[mechanism].parameters()
+            found.add("affine" if straight else "other")
+    return "other" if "other" in found else "affine" if found else "unused"

@@ -15,10 +15,10 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.config import IdentificationConfig
 from brv_hypo.identification.model import FORCE_BEND, GRAVITY, VehicleModel
-from brv_hypo.identification.moments import MomentModel, uses_rates
+from brv_hypo.identification.moments import MomentModel, use_of_rates
 from brv_hypo.identification.nodes import NodeRecord, node_records
 from brv_hypo.identification.placing import block_size, delays_of
-from brv_hypo.identification.record_errors import Tolerated
+from brv_hypo.identification.record_errors import ROLL_RATE_ERROR, Tolerated
 from brv_hypo.identification.structure import Structure, input_course, of_flight, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.given import PartlyGiven
@@ -110,8 +110,10 @@ class Problem:
         """
         courses = {course.name for record in self.records for course in record.segment.courses}
         gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
-        felt = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
-        return frozenset({*self.structure.names, *self.model.forces, *courses, *gravity} - felt)
+        bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
+        if self.model.moments.rates == "affine":
+            bent = {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square is felt on the lever
+        return frozenset({*self.structure.names, *self.model.forces, *courses, *gravity} - bent)
 
     @property
     def _knot_reach(self) -> float:
@@ -174,7 +176,7 @@ def build_problem(
     structure = structure_of(columns, frame.mechanisms, *span, config.refine)
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
     model = VehicleModel(
-        MomentModel(structure, frame.mechanisms, uses_rates(columns, frame.mechanisms, frame.motions[0])),
+        MomentModel(structure, frame.mechanisms, use_of_rates(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
         forces,
         span,
