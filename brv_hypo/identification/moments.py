@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification.knots import on_grid, placed
+from brv_hypo.identification.shapes import Memory
 from brv_hypo.identification.structure import Structure
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.columns import Column, Theta
@@ -55,6 +56,7 @@ class MomentModel:
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
     rates: RateUse = "other"
+    _known: Memory[tuple[Motion, Known]] = field(default_factory=Memory, compare=False, repr=False)
 
     @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
@@ -73,15 +75,13 @@ class MomentModel:
     ) -> tuple[tuple[Column, ...], ComplexArray]:
         """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
         columns = self.structure.at(theta)
-        known: Known = {}
         earlier = {
-            delay: self._with_in_plane_moment(motion, theta, columns, half, own, {})
-            for delay, motion in past.items()
+            delay: self._with_in_plane_moment(motion, theta, columns, half, own) for delay, motion in past.items()
         }
-        motion = self._with_in_plane_moment(now, theta, columns, half, own, known)
+        motion = self._with_in_plane_moment(now, theta, columns, half, own)
         if earlier:
             motion = replace(motion, history=Past(earlier))
-        terms = self._terms(columns, motion, known)
+        terms = self._terms(columns, motion, dict(self._wind_fixed_terms(now)))
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
 
     def _wind_fixed(self, columns: Sequence[Column]) -> list[tuple[str, Column]]:
@@ -95,17 +95,20 @@ class MomentModel:
         columns: Sequence[Column],
         half: FloatArray,
         own: OwnTime | None,
-        known: Known,
     ) -> Motion:
-        """C_mw of Eq. 5.1 from the wind-fixed columns; their terms go into `known`."""
+        """C_mw of Eq. 5.1 from the wind-fixed columns."""
         fixed = self._wind_fixed(columns)
-        terms = self._terms([column for _, column in fixed], motion, known)
+        terms = self._terms([column for _, column in fixed], motion, self._wind_fixed_terms(motion))
         moment = np.zeros_like(motion.alpha)
         for (name, column), term in zip(fixed, terms, strict=True):
             here = placed(column.course, motion.time, half, own)
             weight = 1.0 if column.course.kind == "constant" else on_grid(*here)
             moment = moment + theta[name] * weight * term.in_plane
         return replace(motion, in_plane_moment=moment)
+
+    def _wind_fixed_terms(self, motion: Motion) -> Known:
+        """Terms of wind-fixed columns that were evaluated on this motion already."""
+        return self._known((id(motion),), lambda: (motion, {}))[1]
 
     def _terms(self, columns: Sequence[Column], motion: Motion, known: Known) -> list[Term]:
         """The term of each column; a mechanism is asked once for each of its thetas."""
