@@ -103,7 +103,7 @@ class Problem:
         return frozenset(name for name in self.theta if any(other in name for other in others))
 
     @property
-    def _affine(self) -> frozenset[str]:
+    def affine(self) -> frozenset[str]:
         """Parameters and courses in which moments and readings are affine: coefficients, errors of the record.
 
         What changes rates of which a mechanism's columns are functions is not.
@@ -142,7 +142,7 @@ class Problem:
             priors=self.priors,
             delays=self.structure.delays,
             reach=dict.fromkeys(self.structure.knots, self._knot_reach),
-            affine=self._affine,
+            affine=self.affine,
             noise=self.config.noise,
             noise_covariance=noise,
             first_noise=self.first_noise,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.identification import IdentificationConfig
+from brv_hypo.identification.model import GRAVITY
 from brv_hypo.identification.problem import Problem, build_problem
 from brv_hypo.identification.study import flights, trial
 from brv_hypo.likelihood.collocation import start_points
-from brv_hypo.likelihood.derivatives import evaluate, jacobian
+from brv_hypo.likelihood.derivatives import Function, Points, evaluate, jacobian
 from brv_hypo.likelihood.given import PartlyGiven
 from brv_hypo.likelihood.segment import build_grid
 
@@ -28,40 +30,61 @@ def problem(case: str) -> Problem:
     return build_problem(work.frame, work.columns, work.values, IdentificationConfig())
 
 
-@pytest.mark.parametrize("case", ["bodyfixed", "damping", "sticking"])
-@settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_slopes_are_those_of_differences(case: str, seed: int) -> None:
-    """At any states and values near the start; every course moves as its weights do."""
+def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
+    """A problem, and states and values near its start; what moves columns stays."""
     made, rng = problem(case), np.random.default_rng(seed)
-    scale = {name: max(abs(value), 1.0) for name, value in made.theta.items()}
     movers = {mover.name for mover in made.structure.movers}
     theta = {
-        name: value + (0.0 if name in movers else 0.1 * scale[name] * rng.standard_normal())
+        name: value + (0.0 if name in movers else 0.1 * max(abs(value), 1.0) * rng.standard_normal())
         for name, value in made.theta.items()
     }
     points = start_points(build_grid(made.segments()[0], 0), theta, made.structure.delays)
     points.x[:] *= 1.0 + 0.1 * rng.standard_normal((4, 1))
-    names = tuple(name for name in theta if name not in movers)
-    known: set[str] = set()
-    for function, slopes in (
-        (made.model.dynamics, made.model.dynamics_slopes),
-        (made.model.outputs, made.model.outputs_slopes),
-    ):
+    return made, points, theta
+
+
+def agree(function: Function, other: Function, points: Points, theta: dict[str, float], affine: frozenset[str]) -> None:
+    """By parameters and weights of courses; `affine` those that one difference is taken by of the first."""
+    scale = {name: max(abs(value), 1.0) for name, value in theta.items()}
+    found = jacobian(function, points, theta, tuple(theta), "central", scale, affine)
+    expected = jacobian(other, points, theta, tuple(theta), "central", scale)
+    np.testing.assert_array_equal(found.value, evaluate(other, points, theta))
+    largest = np.abs(expected.by_parameter).max(axis=0, keepdims=True)
+    allowed = 1e-6 * largest + 1e-8 * largest.max(axis=2, keepdims=True)
+    apart = np.any(np.abs(found.by_parameter - expected.by_parameter) > allowed, axis=(0, 1))
+    assert not [name for name, wrong in zip(theta, apart, strict=True) if wrong]
+
+
+@pytest.mark.parametrize("case", ["bodyfixed", "damping", "sticking"])
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_slopes_are_those_of_differences(case: str, seed: int) -> None:
+    made, points, theta = moved(case, seed)
+    model, known = made.model, set()
+    for function, slopes in ((model.dynamics, model.dynamics_slopes), (model.outputs, model.outputs_slopes)):
         partly = PartlyGiven(function, slopes)
-        expected = jacobian(function, points, theta, names, "central", scale)
-        found = jacobian(partly, points, theta, names, "central", scale)
-        np.testing.assert_array_equal(found.value, evaluate(function, points, theta))
-        size = np.abs(expected.by_parameter).max(axis=(0, 2), keepdims=True)
-        own = np.abs(expected.by_parameter).max(axis=0, keepdims=True)
-        apart = np.abs(found.by_parameter - expected.by_parameter)
-        assert np.all(apart <= 1e-6 * own + 1e-8 * size), [
-            name for k, name in enumerate(names) if np.any((apart - 1e-6 * own - 1e-8 * size)[:, :, k] > 0.0)
-        ]
-        known |= set(partly.at(points.x, points.u, _with_courses(points, theta), points.t, points.delayed)[1])
+        agree(partly, function, points, theta, frozenset())
+        known |= set(partly.at(points.x, points.u, with_courses(points, theta), points.t, points.delayed)[1])
     assert {f"{name} [flight 0]" for name in NEVER_FELT} <= known
-    assert not known & set(made.model.moments.shape_parameters)
+    assert not known & set(model.moments.shape_parameters)
 
 
-def _with_courses(points, theta):
+@settings(max_examples=5, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_one_difference_is_enough_by_what_columns_are_affine_in(seed: int) -> None:
+    made, points, theta = moved("damping", seed)
+    affine = frozenset(made.model.rate_parameters(0)) & made.affine
+    assert f"{GRAVITY[0]} [flight 0]" in affine
+    for function in (made.model.dynamics, made.model.outputs):
+        agree(function, function, points, theta, affine)
+
+
+@pytest.mark.parametrize(
+    ("case", "use"), [("bodyfixed", "unused"), ("sticking", "unused"), ("damping", "affine"), ("lag", "other")]
+)
+def test_what_the_columns_make_of_rates(case: str, use: str) -> None:
+    assert problem(case).model.moments.rates == use
+
+
+def with_courses(points: Points, theta: dict[str, float]) -> dict[str, Any]:
     return {course.name: course.at(theta) for course in points.courses} | theta
