@@ -8,7 +8,8 @@
         nodes.py         flight records to block means, smooth inputs and start states
         structure.py     names: coefficients, delays, knots
         moments.py       the columns at the estimated motion; knots.py: knots between nodes
-        model.py         equations of motion and of measurement (Section 4.4)
+        shapes.py        states and inputs at some instants, and what the coefficients multiply there
+        model.py         equations of motion and of measurement (Section 4.4), and derivatives that they know
         readings.py      what noise-free instruments would read of a fitted motion
         record_errors.py errors of record, vehicle and air within their tolerances, linearised on it
         problem.py       start values, priors, bounds, and the call of the likelihood
