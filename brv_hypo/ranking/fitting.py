@@ -10,8 +10,10 @@ from functools import cached_property
 from brv_hypo.constants import (
     LINEARISATIONS,
     LINEARISED_AGAIN,
+    LINEARISED_IN_VAIN,
     SEARCH_HOPELESS,
     SEARCH_OUT_OF_REACH,
+    SEARCHED_AGAIN,
     SETTLED_ERRORS,
     SETTLED_FALL,
     STANDING_PROBABILITY,
@@ -65,24 +67,46 @@ def searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
-    problem, settings = settled(reconstructions, config)
-    found = Fitted(problem, _fitted(problem, hypotheses, say), settings)
-    del problem  # large, and about to be replaced
-    for anew in (True, False):
-        for _ in range(LINEARISATIONS):
-            point = _about_leader(found)
-            records = None if point is None else cleaned(found.problem, point, reconstructions, found.settings)
-            if point is None or records is None:
-                break
-            say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
-            fits, settings = found.fits, found.settings
-            del found
-            found = _linearised(about(point, records, settings, config), fits, settings, point)
-        found = _with_errors(found)
-        if not (anew and _something_stands(found, config.other_prior)):
+    found = _with_errors(_relinearised(_first(reconstructions, config, hypotheses, say), reconstructions, config, say))
+    for _ in range(SEARCHED_AGAIN):
+        if not _something_stands(found, config.other_prior):
             break
+        before = likeliest(found.fits).information
         say("searching again where the problem is linear now")
-        found = _searched_again(found, hypotheses, say)
+        found = _with_errors(_relinearised(_searched_again(found, hypotheses, say), reconstructions, config, say))
+        if likeliest(found.fits).information > before - SETTLED_FALL:
+            break
+    return found
+
+
+def _first(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
+) -> Fitted:
+    """Every hypothesis fitted in the problem as it is prepared."""
+    problem, settings = settled(reconstructions, config)
+    return Fitted(problem, _fitted(problem, hypotheses, say), settings)
+
+
+def _relinearised(
+    found: Fitted, reconstructions: Sequence[Reconstruction], config: CompareConfig, say: Progress
+) -> Fitted:
+    """The fits in a problem linearised about the leader, until that lowers what is left no more.
+
+    Where something else stands beside the leader, a linearisation that lowers it not at once may do so with the next.
+    """
+    patience = LINEARISED_IN_VAIN
+    for _ in range(LINEARISATIONS):
+        point = _about_leader(found)
+        if point is not None and not _has_fallen(found):
+            patience -= 1
+            point = point if patience >= 0 and _something_stands(found, config.other_prior) else None
+        records = None if point is None else cleaned(found.problem, point, reconstructions, found.settings)
+        if point is None or records is None:
+            break
+        say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
+        fits, settings = found.fits, found.settings
+        del found  # its problem is large, and about to be replaced
+        found = _linearised(about(point, records, settings, config), fits, settings, point)
     return found
 
 
@@ -151,16 +175,19 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
     """The leader's fit, where errors of second order about the last point may show: they would pose as something else.
 
     What a large moment does to the motion is not small, nor are errors of the record that differ from those about which
-    the problem is linear. None where what the leader leaves has not become less by the last.
+    the problem is linear.
     """
     leader = likeliest(found.fits)
     null = next(fit for fit in found.fits if not fit.mechanisms)
-    if leader.rss > found.rss - SETTLED_FALL:
-        return None
     fit = converged(found.problem, leader)
     point = point_of(found.problem, fit.frame, fit.columns, fit.mechanisms)
     far = farthest_apart(found.problem, found.settings.taken, point.taken) >= SETTLED_ERRORS
     return point if far or null.rss - leader.rss > LINEARISED_AGAIN else None
+
+
+def _has_fallen(found: Fitted) -> bool:
+    """Whether what the leader leaves has become less by the last linearisation."""
+    return likeliest(found.fits).rss <= found.rss - SETTLED_FALL
 
 
 def _with_errors(found: Fitted) -> Fitted:

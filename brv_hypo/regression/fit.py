@@ -155,11 +155,11 @@ def fit_hypothesis(
 ) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
-    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far
-    with the best further term; the least extended BIC after refinement decides. A last search runs on the
-    refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early where it stays
-    far behind `best_rival`, the least criterion of the others so far. `grid` is the search on the grid where it is
-    known already.
+    The best subset of each size on the grid of knots and delays is refined, and so are the best model so far
+    with the best further term, and the best episodes; the least extended BIC after refinement decides. A last
+    search runs on the refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early
+    where it stays far behind `best_rival`, the least criterion of the others so far. `grid` is the search on the
+    grid where it is known already.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
@@ -188,6 +188,7 @@ def fit_hypothesis(
         if worse == SEARCH_PATIENCE or behind:
             break
     assert best is not None
+    best = likeliest([best, *map(settle, grid.episodes)])
     if best.information > best_rival + SEARCH_OUT_OF_REACH:
         return replace(best, ended_early=True, grid=grid.factors)
     return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
@@ -202,8 +203,8 @@ def fit_on_grid(problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], 
     if grid is None:
         return solved(Reduced(rough, rough.frame), name, mechanisms, rough.baseline, 0)
     start, count = Reduced(rough, grid.frame), grid.offered.count
-    chosen = [(*problem.baseline, *subsets[0][1]) for size, subsets in sorted(grid.best.items()) if size]
-    found = [_settled(start, name, mechanisms, columns, count, frozenset()) for columns in chosen]
+    chosen = [*(subsets[0][1] for size, subsets in sorted(grid.best.items()) if size), *grid.episodes]
+    found = [_settled(start, name, mechanisms, (*rough.baseline, *columns), count, frozenset()) for columns in chosen]
     return replace(likeliest(found), grid=grid.factors)
 
 

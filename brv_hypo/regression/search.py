@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -131,13 +132,14 @@ class GridFactors:
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
-    `best`: for each number of columns above 0, (RSS, columns), the least first.
+    `best`: for each number of columns above 0, (RSS, columns), the least first. `episodes`: columns, at finer knots.
     """
 
     frame: RateFrame
     offered: Offers
     factors: GridFactors
     best: Mapping[int, tuple[Subset, ...]]
+    episodes: Sequence[tuple[Column, ...]]
 
 
 def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEARCH_BEST) -> OnGrid:
@@ -149,7 +151,7 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
         tuple(_factor(reduced, (), columns) for columns in sets) for sets in (offered.single, offered.joint)
     )
     factors = GridFactors(single, joint, problem.exact_terms)
-    return OnGrid(frame, offered, factors, factors.best(n_best))
+    return OnGrid(frame, offered, factors, factors.best(n_best), episodes(problem, frame, mechanisms))
 
 
 def _rss(subset: Subset) -> float:
@@ -186,9 +188,7 @@ def in_place_of(
     problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism], kept: tuple[Column, ...], size: int
 ) -> list[tuple[Column, ...]]:
     """The model's columns that are kept with so many others: the best two sets of all on offer at finer knots."""
-    places = np.arange(problem.knots.size)
-    finer = np.interp(np.linspace(0, places[-1], SEARCH_FINER_KNOTS * places[-1] + 1), places, problem.knots)
-    offered = offers(replace(problem, knots=finer), frame, mechanisms)
+    offered = offers(_with_finer_knots(problem), frame, mechanisms)
     reduced = Reduced(problem, frame)
     found = [
         subset
@@ -197,6 +197,33 @@ def in_place_of(
         if len(subset[1]) == size
     ]
     return [(*kept, *chosen) for _, chosen in sorted(found, key=_rss)[:2]]
+
+
+def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Column, ...]]:
+    """The best sets of columns in which all terms of a mechanism jump at one of finer knots, and at two.
+
+    Between the knots of the grid a jump looks like ramps, and a search that begins with those stays with them.
+    """
+    if len(mechanisms) > 1 or "ramp" not in mechanisms[0].time_variation:
+        return []
+    offered = offers(_with_finer_knots(problem), frame, mechanisms)
+    reduced = Reduced(problem, frame)
+    best: dict[int, Subset] = {}
+    for offer in offered.joint or offered.single:
+        jumps = [column for column in offer if column.course.kind == "jump"]
+        changes = _together(jumps, lambda column: (column.theta, column.course))
+        pairs = [[*one, *other] for one, other in itertools.combinations(changes, 2)]
+        triangle = reduced.triangle(reduced.batch(jumps))
+        for rss, columns in (*_best_group(triangle, jumps, changes), *_best_group(triangle, jumps, pairs)):
+            if len(columns) <= problem.max_terms and rss < best.get(len(columns), (math.inf,))[0]:
+                best[len(columns)] = rss, columns
+    return [columns for _, columns in best.values()]
+
+
+def _with_finer_knots(problem: Problem) -> Problem:
+    places = np.arange(problem.knots.size)
+    finer = np.interp(np.linspace(0, places[-1], SEARCH_FINER_KNOTS * places[-1] + 1), places, problem.knots)
+    return replace(problem, knots=finer)
 
 
 def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
@@ -260,16 +287,30 @@ def _compatible(
 
 def _single(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column], size: int) -> list[Subset]:
     """(RSS, columns) of the best column or vector of `size` components beside the forced columns."""
+    groups = [group for group in _together(offered, lambda column: column.choice) if len(group) == size]
+    return _best_group(reduced.triangle(reduced.batch((*forced, *offered))), offered, groups)
+
+
+def _together(columns: Sequence[Column], key: Callable[[Column], object]) -> list[list[int]]:
+    """The places of columns that have a key in common, for each key."""
     groups: dict[object, list[int]] = {}
-    for j, column in enumerate(offered):
-        groups.setdefault(column.choice, []).append(j)
-    members = np.array([group for group in groups.values() if len(group) == size])
+    for place, column in enumerate(columns):
+        groups.setdefault(key(column), []).append(place)
+    return list(groups.values())
+
+
+def _best_group(triangle: FloatArray, offered: Sequence[Column], groups: Sequence[Sequence[int]]) -> list[Subset]:
+    """(RSS, columns) of the best of some groups of what is on offer, all as large.
+
+    `triangle` has the columns on offer and the response last; columns that are forced stand before those.
+    """
+    members = np.array(groups)
     if not members.size:
         return []
-    triangle = reduced.triangle(reduced.batch((*forced, *offered)))
-    squares = np.sum(triangle[:, len(forced) : -1] ** 2, axis=0)[members]
+    forced = triangle.shape[1] - 1 - len(offered)
+    squares = np.sum(triangle[:, forced:-1] ** 2, axis=0)[members]
     # Below the forced columns' rows, a triangular factor holds what these leave of the others.
-    free, left = triangle[len(forced) :, len(forced) : -1], triangle[len(forced) :, -1]
+    free, left = triangle[forced:, forced:-1], triangle[forced:, -1]
     vectors = free[:, members].transpose(1, 2, 0)
     right = vectors @ left
     falls = np.sum(right * solve_normal(vectors @ vectors.transpose(0, 2, 1), right, squares), axis=1)

@@ -161,3 +161,19 @@ def test_a_wind_along_the_track_is_no_damping() -> None:
     made = drawn_flight(301036, 36, "mixed", 1.0, 5, True, True)
     assert made.truth == "none"
     assert said(made).winner == "none"
+
+
+@pytest.mark.parametrize(("seed", "truth"), [(345005, "sticking"), (345015, "bodyfixed")])
+def test_what_is_found_in_linearisations_that_lower_nothing_at_once_is_named(seed: int, truth: str) -> None:
+    """Strong effects with industrial instruments, of which something smooth was left: "none adequate"."""
+    made = drawn_flight(seed, seed - 345000, "mixed", 1.0, 5, True, True)
+    assert made.truth == truth
+    assert said(made).winner == truth
+
+
+@pytest.mark.parametrize("seed", [350002, 350014, 350212])
+def test_jumps_between_knots_are_no_ramps(seed: int) -> None:
+    """Asymmetric flow that comes and goes: from ramps at the knots of the grid the search led to ramps elsewhere."""
+    made = drawn_flight(seed, seed - 350000, "tactical", 1.0, 0)
+    assert made.truth == "inplane"
+    assert said(made).winner == "inplane"
