@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from threadpoolctl import threadpool_limits
+
 from brv_hypo.constants import (
     TRIAL_AXIAL_SIGMAS,
     TRIAL_AXIAL_WITHIN,
@@ -59,7 +61,8 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     except FlightRecordError as error:
         unusable = _fault(flight, "record", "unusable", str(error))
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
-    found = (*faults, *_contradictions(averaged(masked)))
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
+        found = (*faults, *_contradictions(averaged(masked)))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
