@@ -581,6 +581,7 @@ DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 # others come before it (tests.independent.descriptions).
 DESCRIBED_TIMED = 3
 DESCRIBED_STRETCHES = 8
+DESCRIBED_CLIMB = 1.0  # fall of the sum of squares by which a neighbour has to explain more: as much as noise gives one
 DESCRIBED_NEIGHBOURS = 1.5  # spacings within which two entries are one
 DESCRIBED_FREE = 1e-4  # of a column's length, that the model has to leave of it
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
