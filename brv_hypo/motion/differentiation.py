@@ -70,7 +70,7 @@ def differentiate(
         value[a:b], value_gain[a:b] = _filter(order, half_width, 0)(piece)
         rate[a:b], rate_gain[a:b] = _filter(order, half_width, 1)(piece)
         interior[a + half_width : b - half_width] = True
-    weights = _middle(order, half_width)
+    weights = middle_weights(order, half_width)
     correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
     return Derivative(
         signal=signal,
@@ -123,7 +123,7 @@ def _filter(order: int, half_width: int, derivative: int) -> _Filter:
 
 
 @lru_cache(maxsize=256)
-def _middle(order: int, half_width: int) -> FloatArray:
+def middle_weights(order: int, half_width: int) -> FloatArray:
     """Weights (2 half_width + 1,) of the derivative per sample in the middle of the window."""
     return _filter(order, half_width, 1).middle
 
@@ -140,7 +140,7 @@ def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> F
     width = 2 * half_width + 1
     if width < _WIDE:
         return np.asarray(savgol_filter(rows, width, order, 1, step))
-    weights = _middle(order, half_width).reshape((1,) * (rows.ndim - 1) + (-1,))
+    weights = middle_weights(order, half_width).reshape((1,) * (rows.ndim - 1) + (-1,))
     out = np.empty_like(rows)
     out[..., half_width:-half_width] = oaconvolve(rows, weights[..., ::-1], mode="valid", axes=-1) / step
     for end, own in ((slice(width), slice(half_width)), (slice(-width, None), slice(-half_width, None))):
@@ -165,7 +165,7 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
                 _squared_bias(parts, difference, sigma, margin)
                 for difference, margin in zip(against, (0.0, DERIVATIVE_DOUBT), strict=True)
             )
-            weights = _middle(order, half_width)
+            weights = middle_weights(order, half_width)
             error = DERIVATIVE_BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
             if error < best:
                 best, choice = error, (order, half_width, bias)
@@ -191,10 +191,10 @@ def _half_widths(smallest: int, longest: int) -> list[int]:
 @lru_cache(maxsize=256)
 def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
     """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
-    weights = _middle(order, half_width)
-    narrowest = _middle(DERIVATIVE_ORDERS[-1], DERIVATIVE_ORDERS[-1] // 2)
+    weights = middle_weights(order, half_width)
+    narrowest = middle_weights(DERIVATIVE_ORDERS[-1], DERIVATIVE_ORDERS[-1] // 2)
     found = []
-    for reference in (_middle(order + 2, half_width), narrowest):
+    for reference in (middle_weights(order + 2, half_width), narrowest):
         widest = max(weights.size, reference.size)
         wide = [np.pad(each, (widest - each.size) // 2) for each in (weights, reference)]
         found.append(wide[0] - wide[1])

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy import stats
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.constants import MODEL_ERROR_SIGMAS, MODEL_ERROR_WEIGHTS
+from brv_hypo.constants import MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.filed import FiledMechanism
 from brv_hypo.model.columns import Column
@@ -59,8 +60,12 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArr
     share = effective_samples(parts) / sum(part.size for part in parts)
     # Of a mean square with so many degrees of freedom, were it noise alone.
     errors = noises * np.sqrt(2.0 / np.maximum([2.0 * share * rows.size for rows in kept], 1.0))
-    excess, error = weights @ (squares - noises), np.sqrt(weights**2 @ errors**2)
-    return np.asarray(np.where(excess > MODEL_ERROR_SIGMAS * error, excess, 0.0), dtype=float)
+    found, noise, error = weights @ squares, weights @ noises, np.sqrt(weights**2 @ errors**2)
+    # Weighted means are nearly such a mean square again (Satterthwaite, Biometrics 2:110, 1946); of all of them, the
+    # largest exceeds what chance gives one.
+    freedom = 2.0 * (noise / error) ** 2
+    most = noise * stats.chi2.isf(MODEL_ERROR_CHANCE / len(weights), freedom) / freedom
+    return np.asarray(np.where(found > most, found - noise, 0.0), dtype=float)
 
 
 def _near(count: int) -> FloatArray:

@@ -229,9 +229,14 @@ def _limit_of(here: Look, entries: Sequence[tuple[str, list[tuple[Column, float]
 
 def free_length(problem: Problem, column: FloatArray) -> float:
     """Length of a whitened column beyond what the baseline takes over."""
+    return float(np.linalg.norm(free_part(problem, column)))
+
+
+def free_part(problem: Problem, column: FloatArray) -> FloatArray:
+    """A whitened column (rows,) less what the baseline takes over of it."""
     design = problem.design(problem.frame, problem.baseline)
     basis = np.linalg.qr(design / lengths(design))[0]
-    return float(np.linalg.norm(column - basis @ (basis.T @ column)))
+    return np.asarray(column - basis @ (basis.T @ column), dtype=float)
 
 
 def _plant_record(

@@ -26,6 +26,7 @@ from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.residuals.attitude_noise import noise_share
 from brv_hypo.residuals.band import band_of, predictive_sigma
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
@@ -40,6 +41,7 @@ from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, 
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import ModelError, SavedModel
+from brv_hypo.residuals.static_slope import slopes_at
 from brv_hypo.residuals.summary import term_estimates
 from brv_hypo.settings import settings_of
 
@@ -128,6 +130,14 @@ class _Task:
         fitted = np.isnan(np.concatenate([self.held, self.others]))
         return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise, beyond)
 
+    def noise(self, measured: ResidualMoments, values: FloatArray) -> FloatArray:
+        """1-sigma (rows,) of the gyros' noise in the residual moments, the coefficients being `values` (columns,)."""
+        record, motion = self.problem.records[0], self.seen.reconstructions[0].motion
+        slopes = slopes_at(self.seen, motion, self.columns, 0, motion.alpha) @ values
+        stiffness = (slopes * record.moment_scale)[self.seen.samples_of(0)]
+        modes = self.problem.rows.nuisances.tied.size // 2
+        return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
+
     def left_before(self, error: ModelError | None) -> FloatArray:
         """What the model left on stretches held out where it was found, 1-sigma at each row (rows,)."""
         mach = self.seen.reconstructions[0].motion.mach[self.seen.samples_of(0)]
@@ -154,7 +164,7 @@ def _predict(
     flown = _flown(content.flown, task.seen)
     beyond = task.left_before(content.error)
     known_by = covariance[np.ix_(known, known)]
-    sigma = task.sigma(known_by, measured.noise, beyond)
+    sigma = task.sigma(known_by, task.noise(measured, frozen.values), beyond)
     rest = rest_of(task.problem, task.seen.frame, task.columns, task.held, task.others, known_by)
     change = find_local_change(rest)
     band = band_of(task.seen.frame.time, measured, left, sigma, beyond, flown)

@@ -34,7 +34,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.model_file import read_structure
-from brv_hypo.residuals.planting import DETECTED, free_length
+from brv_hypo.residuals.planting import DETECTED, free_length, free_part
 from brv_hypo.residuals.planting_on_record import with_moment
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
@@ -96,7 +96,8 @@ def planted(
         flight = with_moment(base.flight, base.state, item, values.tolist(), begin)
     told = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, values, strict=True))
     told += "" if begin is None else f" from {begin:.0f} s"
-    return flight, f"{told}, {_times_there(asked, flight, item, values, begin):.1f} limits on the motion that it makes"
+    there, shown = limits_there(asked, flight, item, values, begin)
+    return flight, f"{told}, {there:.1f} limits on the motion that it makes, of which the record shows {shown:.1f}"
 
 
 def _unbent(base: Ground) -> Ground:
@@ -105,10 +106,15 @@ def _unbent(base: Ground) -> Ground:
     return standing_on(base.flight, base.model.model_copy(update={"columns": columns, "bend": None}))
 
 
-def _times_there(
+def limits_there(
     base: Ground, flight: Flight, item: Mechanism, values: FloatArray, onset: float | None
-) -> float:
-    """How many detection limits the planted moment is on the record that it made: it acts on the changed motion."""
+) -> tuple[float, float]:
+    """How many detection limits the planted moment is on the record that it made, and how many that record shows.
+
+    It acts on the changed motion. The first counts what the model leaves as noise, which no moment goes with. On a
+    record that the model does not explain, what is left and what is fitted along may take up the planted moment, or
+    give as much again: the second is what there is of it beside the model, at its time and with its terms.
+    """
     model = restored(base.model, (flight,))
     names = [term.name for term in item.terms(base.state.seen.reconstructions[0].motion, {})]
     own = tuple(Column(item.name, name, (), _course(onset), "1") for name in names)
@@ -121,7 +127,10 @@ def _times_there(
         problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
         others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
         moment = problem.design(problem.frame, last) @ values
-        return 1.0 / _limit_of(replace(problem, baseline=others), moment)
+        problem = replace(problem, baseline=others)
+        there, left = 1.0 / _limit_of(problem, moment), free_part(problem, problem.response)
+        free = free_part(problem, moment)
+        return there, there * float(free @ left) / float(free @ free)
 
 
 def _with_error(

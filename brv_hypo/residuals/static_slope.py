@@ -35,7 +35,7 @@ def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
     at_zero, at_flown = (
-        _with_error(_slopes(seen, motion, found.columns, number, alpha)[places], found)
+        _with_error(slopes_at(seen, motion, found.columns, number, alpha)[places], found)
         for alpha in (np.zeros_like(everywhere), everywhere)
     )
     return StaticSlope(
@@ -50,7 +50,7 @@ def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
     )
 
 
-def _slopes(seen: Seen, motion: Motion, columns: Sequence[Column], number: int, alpha: FloatArray) -> FloatArray:
+def slopes_at(seen: Seen, motion: Motion, columns: Sequence[Column], number: int, alpha: FloatArray) -> FloatArray:
     """d C_N'/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
     out = np.zeros((motion.time.size, len(columns)))
     more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))

@@ -43,6 +43,14 @@ def test_an_effect_that_no_plugin_has_is_described(seed: int, truth: str) -> Non
     found = descriptions.fly(seed, truth)
     assert isinstance(found, descriptions.Outcome)
     assert found.described
+
+
+@pytest.mark.thorough
+def test_a_turn_that_is_described_predicts_a_sister() -> None:
+    """Its rate was told a quarter too slow, over two thirds of its time."""
+    found = descriptions.fly(334018, "rotating")
+    assert isinstance(found, descriptions.Outcome)
+    assert found.lowers
     assert found.lowers
 
 

@@ -10,8 +10,9 @@ from brv_hypo.flight import Flight
 from brv_hypo.mechanisms import Mechanism, find
 from brv_hypo.residuals import TraceConfig, record_study, trace
 from brv_hypo.residuals.fitted_model import State, settled_state
+from brv_hypo.residuals.planting import DETECTED
 from brv_hypo.residuals.planting_on_record import with_moment
-from brv_hypo.residuals.record_study import Ground, found_in, ground, line, planted
+from brv_hypo.residuals.record_study import Ground, found_in, ground, limits_there, line, planted
 from brv_hypo.residuals.restore import restored
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
@@ -76,6 +77,23 @@ def test_nothing_is_planted_before_its_onset(state: State) -> None:
 def test_what_turns_the_vehicle_too_far_is_refused(state: State) -> None:
     with pytest.raises(UnanswerableError, match="would turn the vehicle to"):
         with_moment(trimmed().flight, state, find("trim"), [1.0, 0.0])
+
+
+@pytest.mark.thorough
+def test_beside_noise_a_record_shows_as_many_limits_as_are_planted(base: Ground) -> None:
+    flight = with_moment(base.flight, base.state, find("magnus"), [MAGNUS])
+    there, shown = limits_there(base, flight, find("magnus"), np.array([MAGNUS]), None)
+    assert there > 5.0
+    assert shown == pytest.approx(there, abs=3.0 / DETECTED)
+
+
+@pytest.mark.thorough
+def test_where_the_record_has_the_opposite_of_it_nothing_shows(base: Ground) -> None:
+    other = ground(with_moment(base.flight, base.state, find("magnus"), [-MAGNUS]), 0)
+    flight = with_moment(other.flight, other.state, find("magnus"), [MAGNUS])
+    there, shown = limits_there(other, flight, find("magnus"), np.array([MAGNUS]), None)
+    assert there > 5.0
+    assert abs(shown) < 0.2 * there
 
 
 @pytest.mark.slow
