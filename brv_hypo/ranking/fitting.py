@@ -13,7 +13,6 @@ from brv_hypo.constants import (
     LINEARISED_IN_VAIN,
     SEARCH_HOPELESS,
     SEARCH_OUT_OF_REACH,
-    SEARCHED_AGAIN,
     SETTLED_ERRORS,
     SETTLED_FALL,
     STANDING_PROBABILITY,
@@ -68,15 +67,10 @@ def searched(
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
     found = _with_errors(_relinearised(_first(reconstructions, config, hypotheses, say), reconstructions, config, say))
-    for _ in range(SEARCHED_AGAIN):
-        if not _something_stands(found, config.other_prior):
-            break
-        before = likeliest(found.fits).information
-        say("searching again where the problem is linear now")
-        found = _with_errors(_relinearised(_searched_again(found, hypotheses, say), reconstructions, config, say))
-        if likeliest(found.fits).information > before - SETTLED_FALL:
-            break
-    return found
+    if not _something_stands(found, config.other_prior):
+        return found
+    say("searching again where the problem is linear now")
+    return _with_errors(_relinearised(_searched_again(found, hypotheses, say), reconstructions, config, say))
 
 
 def _first(
