@@ -438,10 +438,11 @@ COLOURED = 1.5
 LINEARISED_AGAIN = 2400.0  # fall of 2 ln L that the leader brings, from which the problem is linearised about it
 SETTLED_FALL = 12.0  # fall of 2 ln L of what the leader leaves, below which another linearisation has changed nothing
 LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
-# Linearisations that may lower nothing, where something else stands beside the leader: a flight with industrial
-# instruments is found in steps of which some lower nothing. Of four strong effects that were "none adequate" two are
-# named (345005, 345015; not 345028, 345032); a second and a third further search found none.
+# Linearisations that may lower nothing, and further searches, where something else stands beside the leader: a flight
+# with industrial instruments is found in steps of which some lower nothing. Of four strong effects that were "none
+# adequate" three are named (345005, 345015, 345028, the last in the second search; not 345032, in three).
 LINEARISED_IN_VAIN = 2
+SEARCHED_AGAIN = 2
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_N0
 SLOPE_DEGREE = 3  # and of that of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola
 # Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows

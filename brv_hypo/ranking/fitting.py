@@ -13,6 +13,7 @@ from brv_hypo.constants import (
     LINEARISED_IN_VAIN,
     SEARCH_HOPELESS,
     SEARCH_OUT_OF_REACH,
+    SEARCHED_AGAIN,
     SETTLED_ERRORS,
     SETTLED_FALL,
     STANDING_PROBABILITY,
@@ -67,10 +68,15 @@ def searched(
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
     found = _with_errors(_relinearised(_first(reconstructions, config, hypotheses, say), reconstructions, config, say))
-    if not _something_stands(found, config.other_prior):
-        return found
-    say("searching again where the problem is linear now")
-    return _with_errors(_relinearised(_searched_again(found, hypotheses, say), reconstructions, config, say))
+    for _ in range(SEARCHED_AGAIN):
+        if not _something_stands(found, config.other_prior):
+            break
+        say("searching again where the problem is linear now")
+        again = _searched_again(found, hypotheses, say)
+        if likeliest(again.fits).information > likeliest(found.fits).information - SETTLED_FALL:
+            break
+        found = _with_errors(_relinearised(again, reconstructions, config, say))
+    return found
 
 
 def _first(
@@ -127,9 +133,10 @@ def _searched_again(found: Fitted, hypotheses: Hypotheses, say: Progress) -> Fit
     """The likelier of each hypothesis as it was and as the problem about the leader has it, knots exchanged."""
     fits = found.fits
     if math.isfinite(found.rss):
-        anew = {fit.name: fit for fit in _fitted(found.problem, hypotheses, say)}
+        anew = {fit.name: fit for fit in _fitted(found.problem, hypotheses, say, hopeless=math.inf)}
         fits = [likeliest([fit, anew[fit.name]]) for fit in fits]
-    return replace(found, fits=[exchanged(found.problem, fit) for fit in fits])
+    leader = likeliest(fits)
+    return replace(found, fits=[exchanged(found.problem, fit) if _in_reach(fit, leader) else fit for fit in fits])
 
 
 def _something_stands(found: Fitted, other_prior: float) -> bool:
@@ -139,8 +146,10 @@ def _something_stands(found: Fitted, other_prior: float) -> bool:
     return chances[OTHER] >= STANDING_PROBABILITY
 
 
-def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
-    """Every hypothesis searched; the likeliest on the grid first, so that those without hope can end early."""
+def _fitted(
+    problem: Problem, hypotheses: Hypotheses, say: Progress, hopeless: float = SEARCH_HOPELESS
+) -> list[HypothesisFit]:
+    """Every hypothesis searched; the likeliest on the grid first, so that those so far behind can end early."""
     say("searching on the grid of knots and delays")
     grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
     first = sorted(
@@ -152,17 +161,17 @@ def _fitted(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[Hyp
     for each in first:
         say(f"fitting {each.name}")
         rival = min((fit.information for fit in fits), default=math.inf)
-        fit = _without_hope(problem, each, rival)
+        fit = _without_hope(problem, each, rival + hopeless)
         fits.append(fit or fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
     return fits
 
 
-def _without_hope(problem: Problem, rough: HypothesisFit, rival: float) -> HypothesisFit | None:
-    """The rough fit, its knots and delays scanned, where even that leaves it hopelessly behind; None elsewhere."""
-    if not rough.mechanisms or rough.information <= rival + SEARCH_HOPELESS:
+def _without_hope(problem: Problem, rough: HypothesisFit, most: float) -> HypothesisFit | None:
+    """The rough fit, its knots and delays scanned, where even that leaves it beyond `most`; None elsewhere."""
+    if not rough.mechanisms or rough.information <= most:
         return None
     fit = scanned(problem, rough)
-    return replace(fit, ended_early=True) if fit.information > rival + SEARCH_HOPELESS else None
+    return replace(fit, ended_early=True) if fit.information > most else None
 
 
 def _about_leader(found: Fitted) -> LinearisationPoint | None:

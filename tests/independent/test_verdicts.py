@@ -163,7 +163,7 @@ def test_a_wind_along_the_track_is_no_damping() -> None:
     assert said(made).winner == "none"
 
 
-@pytest.mark.parametrize(("seed", "truth"), [(345005, "sticking"), (345015, "bodyfixed")])
+@pytest.mark.parametrize(("seed", "truth"), [(345005, "sticking"), (345015, "bodyfixed"), (345028, "lag")])
 def test_what_is_found_in_linearisations_that_lower_nothing_at_once_is_named(seed: int, truth: str) -> None:
     """Strong effects with industrial instruments, of which something smooth was left: "none adequate"."""
     made = drawn_flight(seed, seed - 345000, "mixed", 1.0, 5, True, True)
