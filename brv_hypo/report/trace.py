@@ -106,12 +106,21 @@ def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:
     )
 
 
+def _refused_text(step: Step) -> str:
+    """What counted in the fit, and why it was not added."""
+    unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
+    worse = step.refused[: len(step.refused) - len(unnamed)]
+    reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
+    reasons += [f"no repetition names {name}" for name in unnamed]
+    return f" ({'; '.join(reasons)})" if reasons else ""
+
+
 def outcome_text(step: Step) -> str:
     """What was added, and the errors before and after; those of the specific force where an error of the record was."""
     before = step.error_before
     if step.added is None or step.error_after is None:
-        refused = f" ({', '.join(step.refused)} did not lower the held-out error)" if step.refused else ""
-        return f"added nothing{refused}; error {number(before.fit)} in the fit, {number(before.held_out)} held out"
+        errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
+        return f"added nothing{_refused_text(step)}; {errors}"
     after = step.error_after
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
     what += f", a {step.standing}, named in {share(step.named_in)} of the repetitions"

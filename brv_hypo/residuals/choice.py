@@ -80,16 +80,20 @@ class Tried:
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates, best first, and those that were tried on the held-out part, in order."""
+    """The candidates, best first, and those that were tried on the held-out part, in order.
+
+    `named_in`: the share of the repetitions that name the last of these, where the held-out part agrees with it.
+    """
 
     ranked: tuple[Candidate, ...]
     discovery: Discovery | None
     tried: tuple[Tried, ...]
+    named_in: float | None = None
 
     @property
     def taken(self) -> Tried | None:
-        """The last that was tried, where the held-out part agrees with it."""
-        return self.tried[-1] if self.tried and self.tried[-1].taken else None
+        """The last that was tried, where the held-out part agrees with it; None where no repetition names it."""
+        return self.tried[-1] if self.named_in != 0.0 and self.tried and self.tried[-1].taken else None
 
     @property
     def leading(self) -> Tried | None:

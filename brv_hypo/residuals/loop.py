@@ -51,6 +51,7 @@ from brv_hypo.residuals.fitted_model import (
 )
 from brv_hypo.residuals.likelihood import maximum_likelihood
 from brv_hypo.residuals.linearisation import Model, Seen, see
+from brv_hypo.residuals.repetition import named_in
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
@@ -232,7 +233,7 @@ class _Course:
         self, number: int, residual: Residual, here: Look, state: State, choice: Choice, before: Sequence[Step]
     ) -> Turn:
         """The step of a choice, and the model with what was chosen."""
-        step = step_of(number, residual, here, state, choice, self.config, before)
+        step = step_of(number, residual, here, state, choice, before)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
@@ -256,7 +257,11 @@ class _Course:
             return settled_state(self.flights, scheduled(found.model, found.seen), self.config)
 
         known = has_schedule(state.model)
-        return choose(here, state, discovery, self.config.significance, add, before, white, known)
+        choice = choose(here, state, discovery, self.config.significance, add, before, white, known)
+        if choice.taken is None:
+            return choice
+        name = choice.taken.candidate.name
+        return replace(choice, named_in=named_in(here, choice.ranked, name, self.config, known))
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:

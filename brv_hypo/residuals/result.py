@@ -90,9 +90,9 @@ class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
     `look_alikes` are what this flight cannot tell from the first candidate that counts; `refused` is what counts in the
-    fitted part and does not lower the held-out error. `error_before`, `error_after` are those of the moment
-    coefficients; `force_error_before`, `force_error_after` those of the specific force across the axis, (m/s^2)^2, in
-    which an error of the record may show alone.
+    fitted part and does not lower the held-out error, or, the last where `named_in` is 0, what no repetition names.
+    `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
+    of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
     blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
     `flight_left_out`: with several flights, what the shared terms predict of each from the others. `taken_out`: effects

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS
-from brv_hypo.residuals.baseline import has_schedule
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import Choice, Tried
-from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.flight_left_out import flight_left_out
 from brv_hypo.residuals.judge import Prediction, force_errors, residuals_of
 from brv_hypo.residuals.near_equals import near_equals
 from brv_hypo.residuals.problem import left_by
-from brv_hypo.residuals.repetition import named_in
 from brv_hypo.residuals.result import (
     Errors,
     FlightLeftOut,
@@ -36,14 +33,11 @@ def step_of(
     here: Look,
     state: State,
     choice: Choice,
-    config: TraceConfig,
     earlier: Sequence[Step],
 ) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     told, taken = choice.told[:_TOLD], choice.taken
     near = near_equals(here.problem, told, here.candidates)
-    known = has_schedule(state.model)
-    share = None if taken is None else named_in(here, choice.ranked, taken.candidate.name, config, known)
     leading = choice.leading
     held_out = state.seen.held_out
     left = leading.before if leading else left_by(here.problem, here.null)
@@ -52,19 +46,19 @@ def step_of(
     chances = adjusted(choice.ranked)
     without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
     standing: Standing | None = None
-    if taken is not None and share is not None:
+    if taken is not None and choice.named_in is not None:
         hinted = only_describes(taken, choice.discovery) or rests_on_hints(earlier)
-        standing = "hint" if hinted else _standing(taken, share, without_flight)
+        standing = "hint" if hinted else _standing(taken, choice.named_in, without_flight)
     return Step(
         step=number,
         residual=residual,
         candidates=tuple(_told(c, chances, here, choice.discovery, near[c.name]) for c in told),
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
-        refused=tuple(tried.candidate.name for tried in choice.tried if not tried.taken),
+        refused=tuple(tried.candidate.name for tried in choice.tried if tried is not taken),
         added=None if taken is None else taken.candidate.name,
         standing=standing,
         flight_left_out=without_flight,
-        named_in=share,
+        named_in=choice.named_in,
         description=_words(leading.candidate, here, choice.discovery) if leading else "",
         error_before=before,
         error_after=None if leading is None else _errors(leading.state.errors, leading.state.held_out),

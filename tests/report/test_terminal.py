@@ -13,6 +13,8 @@ from rich.console import Console
 from brv_hypo.report.blocks import Document, Table, Texts
 from brv_hypo.report.rows import RANKING_HEADINGS, ranking_rows, term_rows
 from brv_hypo.report.terminal import Fitted, terminal_view
+from brv_hypo.report.trace import outcome_text
+from brv_hypo.residuals.result import Errors, Step
 from tests.chains import compared_nominal
 
 WORDS = ("mechanism", "kind", "term")
@@ -88,3 +90,19 @@ def test_warnings_follow_the_conclusion() -> None:
     blocks = (Texts(("mind this",), "Warnings", warning=True), Texts(("and so",), bullets=False))
     text = printed(terminal_view(Document("t", (), "Verdict", "words", False, blocks)), 80)
     assert text.index("and so") < text.index("words") < text.index("mind this")
+
+
+@pytest.mark.parametrize(
+    ("named_in", "refused", "words"),
+    [
+        (None, (), "added nothing; error"),
+        (None, ("lag", "trim"), "added nothing (lag, trim did not lower the held-out error); error"),
+        (0.0, ("lag", "trim"), "added nothing (lag did not lower the held-out error; no repetition names trim); error"),
+    ],
+)
+def test_a_step_says_why_it_added_nothing(named_in, refused, words) -> None:
+    errors = Errors(fit=1e-8, held_out=2e-8)
+    step = Step.model_construct(
+        added=None, named_in=named_in, refused=refused, error_before=errors, error_after=errors
+    )
+    assert outcome_text(step).startswith(words)
