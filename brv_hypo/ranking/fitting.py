@@ -96,10 +96,11 @@ def _relinearised(
     """
     patience = LINEARISED_IN_VAIN
     for _ in range(LINEARISATIONS):
-        point = _about_leader(found)
-        if point is not None and not _has_fallen(found):
+        if not _has_fallen(found):
             patience -= 1
-            point = point if patience >= 0 and _something_stands(found, config.other_prior) else None
+            if patience < 0 or not _something_stands(found, config.other_prior):
+                break
+        point = _about_leader(found)
         records = None if point is None else cleaned(found.problem, point, reconstructions, found.settings)
         if point is None or records is None:
             break
