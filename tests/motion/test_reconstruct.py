@@ -110,7 +110,8 @@ def test_biases_within_the_tolerances_are_borne_and_found(truths: dict[str, Trut
 
 @pytest.mark.slow
 def test_stated_sigmas_count_what_the_tolerances_allow() -> None:
-    """Every error drawn at its tolerance: stated sigmas neither claim more nor give up what the record tells.
+    """Every error drawn at its tolerance, c.g. and axis of inertia too: stated sigmas neither claim more than the
+    record tells nor give it up.
 
     The error of one flight is that of a few unknowns, so that single flights scatter as |N(0, 1)| does.
     """

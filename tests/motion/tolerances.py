@@ -53,6 +53,15 @@ def draw(rng: np.random.Generator, grade: str, factor: float = 1.0) -> Errors:
     )
 
 
+def off_design(scenario: Scenario, rng: np.random.Generator, grade: str, factor: float = 1.0) -> Scenario:
+    """The scenario with a c.g. off the stated one and an axis of inertia that is tilted, as the grade states."""
+    offset, tilt = (
+        factor * np.array(getattr(of_grade(grade), key)[1:]) * rng.standard_normal(2)
+        for key in ("cg_offset", "principal_axis")
+    )
+    return replace(scenario, cg_offset=tuple(offset.tolist()), axis_tilt=tuple(tilt.tolist()))
+
+
 def windy(scenario: Scenario, rng: np.random.Generator, grade: str, factor: float = 1.0) -> Scenario:
     """The scenario in a slowly changing wind, half waves each half as large as the one before, rms as stated."""
     shares = 0.5 ** np.arange(4)
@@ -66,7 +75,7 @@ def erring(scenario: Scenario, seed: int, grade: str, factor: float = 1.0) -> tu
     """What was flown and the record of it; its tolerances are the grade's, its errors `factor` times as large."""
     rng = np.random.default_rng([seed, 20])
     errors = draw(rng, grade, factor)
-    truth = fly(windy(scenario, rng, grade, factor))
+    truth = fly(off_design(windy(scenario, rng, grade, factor), rng, grade, factor))
     return _without_margin(truth), record(truth, errors, rng, grade)
 
 

@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from brv_hypo.flight.record import Flight, Vehicle
 
@@ -19,7 +20,8 @@ from brv_hypo.flight.record import Flight, Vehicle
 class Scenario:
     """A vehicle, its flight and its instruments, SI; angles in rad.
 
-    `wind` m/s, in the axes of the ground: amplitudes of cosines of 1, 2, ... half waves over the flight.
+    `wind` m/s, in the axes of the ground: amplitudes of cosines of 1, 2, ... half waves over the flight. `cg_offset` m:
+    where the c.g. lies from the stated one, along y and z; `axis_tilt`: the turn of the axis of inertia about y and z.
     """
 
     name: str
@@ -40,6 +42,8 @@ class Scenario:
     scale_height: float = 7200.0
     planet: str = "earth"
     wind: tuple[tuple[float, float, float], ...] = ()
+    cg_offset: tuple[float, float] = (0.0, 0.0)
+    axis_tilt: tuple[float, float] = (0.0, 0.0)
     duration: float = 5.4
     sample_rate: float = 200.0
     gyro_noise: float = np.radians(0.02)
@@ -97,7 +101,7 @@ SCENARIOS = (CONE, CAPSULE, SLENDER)
 
 @dataclass(frozen=True)
 class Truth:
-    """Exact channels at the sample times, before the instruments."""
+    """Exact channels at the sample times, before the instruments; `moment` is the shape's, about the stated c.g."""
 
     scenario: Scenario
     time: np.ndarray
@@ -172,6 +176,12 @@ def thinned(truth: Truth, every: int) -> Truth:
     return Truth(scenario=replace(truth.scenario, sample_rate=rate), **kept)
 
 
+def _inertia(s: Scenario) -> np.ndarray:
+    """The tensor of inertia (3, 3) in the stated axes, kg m^2."""
+    turn = Rotation.from_rotvec([0.0, *s.axis_tilt]).as_matrix()
+    return turn @ np.diag([s.vehicle.ixx, s.vehicle.iyy, s.vehicle.iyy]) @ turn.T
+
+
 def _derivative(s: Scenario, t: float, x: np.ndarray) -> tuple[np.ndarray, tuple]:
     velocity, matrix, omega = x[:3], x[6:15].reshape(3, 3), x[15:]
     relative = velocity - sum(
@@ -197,15 +207,10 @@ def _derivative(s: Scenario, t: float, x: np.ndarray) -> tuple[np.ndarray, tuple
         + s.damping * (omega[1] + 1j * omega[2]) * d / (2 * speed)
         + s.trim
     )
-    coupling = 1.0 - v.inertia_ratio
-    scale = pressure * v.moment_scale
-    change = np.array(
-        [
-            0.0,
-            coupling * omega[0] * omega[2] + scale * moment.real,
-            -coupling * omega[0] * omega[1] + scale * moment.imag,
-        ]
-    )
+    inertia = _inertia(s)
+    torque = pressure * v.reference_area * d * np.array([0.0, moment.real, moment.imag])
+    torque -= v.mass * np.cross([0.0, *s.cg_offset], force)
+    change = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
     gravity = np.array([0.0, 0.0, s.gravity])
     skew = np.array([[0, -omega[2], omega[1]], [omega[2], 0, -omega[0]], [-omega[1], omega[0], 0]])
     rate = np.concatenate([matrix @ force + gravity, velocity, (matrix @ skew).ravel(), change])
