@@ -515,8 +515,8 @@ IDENTIFIED_STEPS = 30  # of `identify` alone, if a user says nothing else
 IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time, the same
 IDENTIFIED_QUADRATURE = 0.2  # of the gyros' noise, that the spacing of nodes may cost, the same
 IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
-# Change of the block means' corrections, in standard deviations of their noise (root sum of squares, which bounds the
-# change of any estimate in standard errors), from which the fit is repeated; rounds of that.
+# Change of any estimate, in standard errors and to first order, by other corrections of the block means, from which the
+# fit is repeated; rounds of that.
 IDENTIFIED_STALE = 0.1
 IDENTIFIED_ROUNDS = 6
 IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots

@@ -27,7 +27,7 @@ from brv_hypo.identification.model import GRAVITY
 from brv_hypo.identification.moments import UnknownDelayError
 from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.problem import Problem, build_problem
-from brv_hypo.identification.record_errors import READ
+from brv_hypo.identification.record_errors import READ, Tolerated
 from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.identification.structure import of_flight, unique
 from brv_hypo.likelihood import FitResult
@@ -35,6 +35,7 @@ from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likeliho
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.regressed import Regressed
 
 _HELD = "held at the last, since the data hardly tell where it is, and without a standard error: {}"
 
@@ -45,6 +46,7 @@ def identify(
     values: FloatArray,
     options: IdentificationConfig | None = None,
     *,
+    regressed: Regressed | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
@@ -57,6 +59,7 @@ def identify(
         frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
         columns: the model's columns. values: their regression coefficients (columns,).
         options: see `IdentificationConfig`.
+        regressed: what the regression says beside its coefficients; None where the records are as measured.
         progress: called after each iteration of the likelihood.
 
     Returns:
@@ -65,7 +68,7 @@ def identify(
     begun = clock.perf_counter()
     options = options or IdentificationConfig()
     try:
-        problem = build_problem(frame, columns, values, options)
+        problem = build_problem(frame, columns, values, options, regressed)
         problem, found, iterations = _search(problem, progress)
     except (UnanswerableError, UsageError, UnknownDelayError) as error:
         return _failed(frame, columns, values, str(error), clock.perf_counter() - begun)
@@ -151,12 +154,12 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
         for m in old.structure.movers
         if m.kind != "theta"
     )
-    sigma = np.sqrt(np.diag(found.innovation_covariance))[:, None]
-    change = sum(
-        float(np.nansum(((_without_errors(a, found) - _without_errors(b, found)) / sigma) ** 2))
-        for a, b in zip(old.records, new.records, strict=True)
-    )
-    return moved or change > IDENTIFIED_STALE**2
+    corrected = [
+        _without_errors(after, found) - _without_errors(before, found)
+        for before, after in zip(old.records, new.records, strict=True)
+    ]
+    changes = found.change_by(corrected)
+    return moved or any(abs(changes[name]) > IDENTIFIED_STALE * each for name, each in error.items() if each > 0.0)
 
 
 def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
@@ -171,10 +174,16 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     structure, theta = problem.structure, found.theta
     white = all(test.white for test in found.whiteness)
 
-    def estimate(name: str, units: str, shown: str | None = None, size: float = 1.0) -> Estimate:
+    def estimate(
+        name: str, units: str, shown: str | None = None, size: float = 1.0, taken: float = 0.0
+    ) -> Estimate:
         plain, coloured = (size * e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
         reported = plain if white else max(plain, coloured)
-        return Estimate(shown or name, size * theta[name], reported, plain, coloured, units)
+        return Estimate(shown or name, size * (theta[name] + taken), reported, plain, coloured, units)
+
+    def tolerated(value: Tolerated, flight: int) -> Estimate:
+        name, shown = of_flight(value.name, flight), _shown(problem, value.name, flight)
+        return estimate(name, value.units, shown, value.size, problem.taken[name])
 
     innovations = tuple(
         record.innovations(record.segment.y - v)
@@ -196,10 +205,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
             )
         ),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
-        instruments=tuple(
-            estimate(of_flight(value.name, flight), value.units, _shown(problem, value.name, flight), value.size)
-            for value, flight in problem.tolerated
-        ),
+        instruments=tuple(tolerated(value, flight) for value, flight in problem.tolerated),
         environment=tuple(
             estimate(of_flight(name, flight), "m/s^2", _shown(problem, name, flight))
             for flight in problem.flights
@@ -225,10 +231,12 @@ def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]
     """What the data want further off than its tolerance lets expect."""
     found = []
     for value, flight in problem.tolerated:
-        sigmas = theta[of_flight(value.name, flight)]
+        name = of_flight(value.name, flight)
+        sigmas = theta[name] + problem.taken[name]
         if abs(sigmas) > IDENTIFIED_BEYOND_TOLERANCE:
+            size = f"{sigmas * value.size:.3g}" + ("" if value.units == "1" else f" {value.units}")
             times = f"{abs(sigmas):.1f} times its tolerance"
-            found.append(f"{_shown(problem, value.name, flight)} is {sigmas * value.size:.3g} {value.units}, {times}")
+            found.append(f"{_shown(problem, value.name, flight)} is {size}, {times}")
     return found
 
 

@@ -125,6 +125,7 @@ def node_records(
     frame: RateFrame,
     columns: Sequence[Column],
     values: FloatArray,
+    rates: ComplexArray,
     inputs: Sequence[SmoothInputs],
     size: int,
     delays: tuple[float, ...],
@@ -132,12 +133,13 @@ def node_records(
 ) -> tuple[NodeRecord, ...]:
     """Every segment long enough; `inputs` are each flight's, `delays` (s) those for which nodes are placed.
 
-    `fitted` puts an earlier fit's readings into a noise-free flight: errors of the record are linearised on it.
+    `rates` (rows,) rad/s are de-rolled, as the regression has them; `fitted` puts an earlier fit's readings into a
+    noise-free flight.
     """
     moments = frame.moments(columns) @ values
-    noise_free = noise_free_flights(frame, frame.columns(columns) @ values, moments, inputs)
-    linearised_on = [fitted(number, flight) for number, flight in enumerate(noise_free)]
-    errors = record_errors(frame, linearised_on, inputs, frozenset(column.mechanism for column in columns))
+    noise_free = noise_free_flights(frame, rates, moments, inputs)
+    expected = [fitted(number, flight) for number, flight in enumerate(noise_free)]
+    errors = record_errors(frame, expected, inputs, frozenset(column.mechanism for column in columns))
     shapes = frame.moments(
         [replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)]
     )
@@ -151,7 +153,7 @@ def node_records(
             _node_record(
                 frame,
                 part,
-                noise_free[part.flight],
+                expected[part.flight],
                 errors[part.flight],
                 shapes[a:b],
                 local,

@@ -27,6 +27,7 @@ from brv_hypo.model.columns import Column
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.wind import gravity_magnitude
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.regressed import Regressed
 
 _ROUNDING = 1e-9
 
@@ -34,8 +35,9 @@ _ROUNDING = 1e-9
 @dataclass(frozen=True)
 class Problem:
     """What is estimated from what; `theta` are start values by name, `placed_delays` (s) those that nodes
-    were placed for, `tolerated` the values that are known to a tolerance, each with its flight. `states` and
-    `first_noise` (4, 4) are those of an earlier fit, where there is one.
+    were placed for, `tolerated` the values that are known to a tolerance, each with its flight; `taken` by name what
+    was taken out of the record of each before, in tolerances. `states` and `first_noise` (4, 4) are those of an earlier
+    fit, where there is one.
     """
 
     frame: RateFrame
@@ -46,6 +48,7 @@ class Problem:
     priors: dict[str, tuple[float, float]]
     bounds: dict[str, tuple[float, float]]
     tolerated: tuple[tuple[Tolerated, int], ...]
+    taken: dict[str, float]
     block: int
     config: IdentificationConfig
     placed_delays: tuple[float, ...]
@@ -82,7 +85,8 @@ class Problem:
             return flight
 
         block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
-        records = node_records(frame, columns, values, self.inputs, block, self.placed_delays, fitted)
+        rates = frame.columns(columns) @ values
+        records = node_records(frame, columns, values, rates, self.inputs, block, self.placed_delays, fitted)
         model = self.model.on(tuple(record.context for record in records))
         states, noise = (self.states, self.first_noise) if block == self.block else ((), None)
         return replace(
@@ -157,15 +161,20 @@ class Problem:
 
 
 def build_problem(
-    frame: RateFrame, columns: Sequence[Column], values: FloatArray, config: IdentificationConfig
+    frame: RateFrame,
+    columns: Sequence[Column],
+    values: FloatArray,
+    config: IdentificationConfig,
+    regressed: Regressed | None = None,
 ) -> Problem:
-    """Lay out the problem of a regression model.
+    """Lay out the problem of a regression model; `regressed` as in `identify`.
 
     Raises UnanswerableError where no segment is long enough.
     """
     size = block_size(frame, columns, values, config.quadrature)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
-    records = node_records(frame, columns, values, inputs, size, delays_of(columns))
+    rates = frame.columns(columns) @ values if regressed is None else regressed.rates
+    records = node_records(frame, columns, values, rates, inputs, size, delays_of(columns))
     if not records:
         raise UnanswerableError(
             f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
@@ -190,20 +199,40 @@ def build_problem(
     priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
     priors[FORCE_BEND] = (0.0, abs(float(start[0])) / BENT**2)
     tolerated = dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated)
-    weights = [of_flight(value.name, flight) for value, flight in tolerated]
+    starts, expected, taken = _of_tolerated(tuple(tolerated), regressed)
     return Problem(
         frame=frame,
         inputs=inputs,
         records=records,
         model=model,
-        theta=theta | dict.fromkeys(weights, 0.0),
-        priors=priors | dict.fromkeys(weights, (0.0, 1.0)),
+        theta=theta | starts,
+        priors=priors | expected,
         bounds={mover.name: mover.bounds for mover in structure.movers},
         tolerated=tuple(tolerated),
+        taken=taken,
         block=size,
         config=config,
         placed_delays=delays_of(columns),
     )
+
+
+def _of_tolerated(
+    tolerated: Sequence[tuple[Tolerated, int]], regressed: Regressed | None
+) -> tuple[dict[str, float], dict[str, tuple[float, float]], dict[str, float]]:
+    """Start and prior of what each value errs by beyond what was taken out of its record, and that, by name.
+
+    All in tolerances.
+    """
+    starts: dict[str, float] = {}
+    priors: dict[str, tuple[float, float]] = {}
+    out: dict[str, float] = {}
+    for value, flight in tolerated:
+        name = of_flight(value.name, flight)
+        taken, found, bounded = (0.0, 0.0, True) if regressed is None else value.known(regressed, flight)
+        starts[name], out[name] = found - taken, taken
+        if bounded:
+            priors[name] = (-taken, 1.0)
+    return starts, priors, out
 
 
 def _nuisances(

@@ -29,6 +29,7 @@ from brv_hypo.model.static_bend import StaticBend
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.regressed import Regressed
 
 # What the equations know of errors, measured less true: courses by these names.
 GYROS = ("error of q", "error of r")
@@ -56,11 +57,23 @@ OTHERS = (
 
 @dataclass(frozen=True)
 class Tolerated:
-    """One value that is known to a tolerance: `size` is 1 sigma in `units`."""
+    """One component of an error that is known to a tolerance: `size` is 1 sigma in `units`."""
 
-    name: str
+    error: str
+    component: str
     units: str
     size: float
+
+    @property
+    def name(self) -> str:
+        """Error and component."""
+        return f"{self.error} {self.component}"
+
+    def known(self, regressed: Regressed, flight: int) -> tuple[float, float, bool]:
+        """What was taken out of a flight's record and what was found in all, in sizes, and whether it is bounded."""
+        key = (self.error, self.component)
+        taken, found = (each[flight].get(key, 0.0) for each in (regressed.taken, regressed.found))
+        return taken / self.size, found / self.size, key not in regressed.free[flight]
 
 
 Histories = Mapping[str, FloatArray]
@@ -168,7 +181,7 @@ def _of_effects(
             more, less = (
                 effect.perturb(flight, component.name, sign * component.size) for sign in (1.0, -1.0)
             )
-            value = Tolerated(f"{effect.name} {component.name}", component.units, component.size)
+            value = Tolerated(effect.name, component.name, component.units, component.size)
             yield value, _histories(flight, _Change(more, less), reconstruction.gravity_body, smooth)
 
 
@@ -276,7 +289,7 @@ def _of_moments(
         for term, size in zip(terms, sizes, strict=True):
             moment = motion.to_body(term.in_plane, term.out_of_plane)
             moment = size * acceleration * moment
-            value = Tolerated(f"{mechanism.name} {term.name}", term.units, size)
+            value = Tolerated(mechanism.name, term.name, term.units, size)
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
 
 

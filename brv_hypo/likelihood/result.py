@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
 from brv_hypo.likelihood.fit_report import fit_report
 from brv_hypo.likelihood.leave_out import Linearised
+from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.likelihood.status import Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
@@ -144,15 +147,32 @@ class FitResult(Tabular):
         Raises:
             UsageError: with process noise or noise "student", or masks that do not fit.
         """
+        change = dict(zip(self.names, self._linear().change_without(left_out).tolist(), strict=True))
+        return {name: value + change.get(name, 0.0) for name, value in self.theta.items()}
+
+    def change_by(self, measured_more: Sequence[FloatArray]) -> dict[str, float]:
+        """Change of the free parameters by name where the outputs were measured so much higher, (n_outputs, n) a
+        segment, to first order; what is not finite counts as nothing.
+
+        Raises:
+            UsageError: as `theta_without`.
+        """
+        gained = []
+        for more in measured_more:
+            seen = np.isfinite(more)
+            gained.append(-np.einsum("nij,jn->ni", whitening(self.noise_covariance, seen), np.where(seen, more, 0.0)))
+        return dict(zip(self.names, self._linear().change_by(gained).tolist(), strict=True))
+
+    def _linear(self) -> Linearised:
+        """The linear model, where there is one."""
         if self.linear is None:
             raise UsageError(
                 f"a fit of status {self.status!r} with process noise {self.process_noise} and noise of "
-                f"{self.noise_freedom} degrees of freedom cannot say what it would be without some samples: expected "
-                "one without process noise, of Gaussian noise, whose states are determined. "
-                "Fit again, the samples as nan in y"
+                f"{self.noise_freedom} degrees of freedom cannot say what it would be without some samples, or of "
+                "others: expected one without process noise, of Gaussian noise, whose states are determined. "
+                "Fit again, such samples as nan in y"
             )
-        change = dict(zip(self.names, self.linear.change_without(left_out).tolist(), strict=True))
-        return {name: value + change.get(name, 0.0) for name, value in self.theta.items()}
+        return self.linear
 
     def report(self) -> str:
         """The fit as text: status, noise, parameters with their errors, correlations, warnings."""

@@ -100,7 +100,7 @@ def _compare(
     say("judging")
     verdict = _judged(fitted, answered, errors, leaving, without, config.other_prior)
     selected = clock.perf_counter()
-    likelihoods = identify_standing(fits, config, say)
+    likelihoods = identify_standing(problem, fits, verdict.outcome != "none adequate", config, say)
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,

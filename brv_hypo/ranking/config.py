@@ -27,8 +27,8 @@ class CompareConfig(BaseModel):
     `accept_record`: go on with a record that contradicts itself. `held_out_blocks`: blocks of time of which each is
     held out in turn, for the prediction error. `maximum_likelihood`: hypotheses that stand are
     refined on the original measurements, with the errors of record, vehicle and air within their tolerances; "quick"
-    leaves out records with warnings, which take several seconds each. `other_prior`: prior probability that something
-    outside the list moved the vehicle.
+    leaves out records with warnings, and those that none explains: they take several seconds each. `other_prior`:
+    prior probability that something outside the list moved the vehicle.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -10,6 +10,8 @@ from brv_hypo.identification import Identification, IdentificationConfig, identi
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.regressed import Regressed
 
 CONVERGED = "converged"
 
@@ -28,12 +30,12 @@ class Likelihoods:
 
 
 def identify_standing(
-    fits: Sequence[HypothesisFit], config: CompareConfig, say: Callable[[str], None]
+    problem: Problem, fits: Sequence[HypothesisFit], adequate: bool, config: CompareConfig, say: Callable[[str], None]
 ) -> Likelihoods:
     """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach.
 
-    "quick" leaves out records with limits, where it takes several seconds, and does not begin anew from the data alone
-    where the regression's fit leads nowhere.
+    "quick" leaves out records with limits and fits of which none is `adequate`, where it takes several seconds, and
+    does not begin anew from the data alone where the regression's fit leads nowhere.
     """
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
@@ -45,11 +47,12 @@ def identify_standing(
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
     for fit in standing[:LIKELIHOOD_HYPOTHESES]:
-        if quick and _takes_long(fit):
+        if quick and (not adequate or _takes_long(fit)):
             left_out.add(fit.name)
             continue
         say(f"maximum likelihood of {fit.name}")
-        found[fit.name] = identify(fit.frame, fit.columns, fit.values, options)
+        regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
+        found[fit.name] = identify(fit.frame, fit.columns, fit.values, options, regressed=regressed)
     return Likelihoods(found, frozenset(left_out))
 
 

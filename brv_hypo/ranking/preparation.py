@@ -96,10 +96,12 @@ def settled(
     bend = _bend_of(problem)
     settings = replace(settings, static=_static_of(problem), bend=bend)
     taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
-    if len(reconstructions) == 1 and _left_by_baseline(_as_heard(problem)) > believed:
-        standing = _as_heard(carrying(problem, bend))  # which takes its part
+    if len(reconstructions) == 1:
+        standing = _as_heard(problem)
         if _left_by_baseline(standing) > believed:
-            return standing, replace(_as_loud(standing, settings), taken=taken)
+            standing = carrying(standing, bend)  # which takes its part
+            if _left_by_baseline(standing) > believed:
+                return standing, replace(_as_loud(standing, settings), taken=taken)
     found = errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
         point = baseline_point(problem, found)

@@ -13,6 +13,7 @@ from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
 from brv_hypo.model.time_variation import TimeFunction
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block
+from brv_hypo.regression.regressed import Regressed
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.problem import increments
 from brv_hypo.residuals.summary import term_estimates
@@ -36,7 +37,10 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
         column = Column(course.name, "C_Nalpha by the schedule", (), TimeFunction("constant"), "1")
         seen = replace(seen, frame=seen.frame.with_mechanisms([course]))
         columns, values = (*columns, column), np.append(values, 1.0)
-    found = identify(seen.frame, columns, values, _OPTIONS)
+    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    held = {(each.effect.name, each.component): each.value for each in state.model.applied}
+    regressed = Regressed.of(state.problem, state.seen.frame, state.model.columns, state.values, others).beside([held])
+    found = identify(seen.frame, columns, values, _OPTIONS, regressed=regressed)
     return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
 
 

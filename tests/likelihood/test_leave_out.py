@@ -68,6 +68,21 @@ def test_nothing_left_out_changes_nothing() -> None:
         assert without[name] == pytest.approx(found.theta[name], abs=1e-3 * error)
 
 
+def test_other_measurements_change_it_as_a_fit_of_them_does() -> None:
+    """In gaps nothing counts."""
+    segments = [record(4), record(5)]
+    segments[1].y[:, 50:60] = np.nan
+    found = fitted(segments)
+    rng = np.random.default_rng(6)
+    more = [0.005 * rng.standard_normal(part.y.shape).cumsum(axis=1) for part in segments]
+    changed = [replace(part, y=part.y + own) for part, own in zip(segments, more, strict=True)]
+    again = fitted(changed)
+    told = found.change_by([after.y - before.y for before, after in zip(segments, changed, strict=True)])
+    for name, error in found.std_error.items():
+        assert abs(again.theta[name] - found.theta[name]) > 0.1 * error
+        assert told[name] == pytest.approx(again.theta[name] - found.theta[name], abs=0.03 * error, rel=0.05)
+
+
 def test_masks_of_the_wrong_length_are_refused() -> None:
     found = fitted([record(3)])
     with pytest.raises(UsageError, match="one mark a sample"):

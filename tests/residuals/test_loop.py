@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from brv_hypo.errors import UnanswerableError, UsageError
@@ -32,11 +31,12 @@ def instrument(effect: str, component: str, value: float) -> SimulationConfig:
     return SimulationConfig.model_validate(data)
 
 
-# What tactical tolerances allow is no effect: the trim is of 7 mm, the scale of 20 tolerances.
+# What tactical tolerances allow is no effect: the trim is of 7 mm, the scale of 20 tolerances. The asymmetry is so
+# large that what it does stands out of the noise of held-out blocks.
 CASES = {
     "trim": planted("trim", {"C_m0": 1e-3, "C_n0": -6e-4}),
     "magnus": planted("magnus", {"C_npalpha": -1.0}),
-    "stiffness_asymmetry": planted("stiffness_asymmetry", {"pitch-yaw": 2e-4, "diagonal": 1e-4}),
+    "stiffness_asymmetry": planted("stiffness_asymmetry", {"pitch-yaw": 8e-4, "diagonal": 4e-4}),
     "gyro_scale": instrument("gyro_scale", "p", 1e-2),
 }
 
@@ -99,13 +99,14 @@ def test_a_record_too_short_is_refused(seconds: float) -> None:
 
 @pytest.mark.shared
 @pytest.mark.slow
-def test_opportunity_needs_a_body_fixed_moment_and_stiffness_that_changes() -> None:
+def test_opportunity_needs_stiffness_that_changes_with_the_mach_number() -> None:
+    """From constant stiffness; what is left with it is found by the trace that the manual tells of."""
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
-    result = trace(flight, TraceConfig(max_steps=3))
-    assert {"bodyfixed", "trim"} & set(result.added)
-    assert {"inplane", "mach_stiffness", "reynolds_stiffness"} & set(result.added)
-    ratios = [step.error_ratio_held_out for step in result.steps if step.added]
-    assert np.prod([ratio for ratio in ratios if ratio is not None]) < 0.2
+    result = trace(flight, TraceConfig(baseline="constant", max_steps=1, maximum_likelihood=False))
+    assert result.findings == ("mach_stiffness",)
+    (step,) = result.steps
+    assert step.error_ratio_held_out is not None
+    assert step.error_ratio_held_out < 0.02
     assert result.unexplained is not None
 
 
