@@ -12,7 +12,6 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
-    IDENTIFIED_BEYOND_TOLERANCE,
     IDENTIFIED_CLOSE,
     IDENTIFIED_FIRST_STEPS,
     IDENTIFIED_KNOTS_LOOSE,
@@ -35,6 +34,7 @@ from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likeliho
 from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.columns import Column
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.nuisance import beyond_tolerance
 from brv_hypo.regression.regressed import Regressed
 
 _HELD = "held at the last, since the data hardly tell where it is, and without a standard error: {}"
@@ -233,11 +233,10 @@ def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]
     for value, flight in problem.tolerated:
         name = of_flight(value.name, flight)
         sigmas = theta[name] + problem.taken[name]
-        if abs(sigmas) > IDENTIFIED_BEYOND_TOLERANCE:
-            size = f"{sigmas * value.size:.3g}" + ("" if value.units == "1" else f" {value.units}")
-            times = f"{abs(sigmas):.1f} times its tolerance"
-            found.append(f"{_shown(problem, value.name, flight)} is {size}, {times}")
-    return found
+        found.append(
+            beyond_tolerance(_shown(problem, value.name, flight), sigmas * value.size, value.size, value.units)
+        )
+    return [text for text in found if text is not None]
 
 
 def _shown(problem: Problem, name: str, flight: int) -> str:

@@ -50,7 +50,8 @@ def initial_state_errors(
         moved = np.isfinite(np.diag(covariance)[index])
         block = covariance[np.ix_(index[moved], index[moved])]
         by_theta = np.einsum("ip,pq,iq->i", follow[:, moved], block, follow[:, moved])
-        found.append(np.sqrt(given_theta + by_theta))
+        variance = given_theta + by_theta
+        found.append(np.sqrt(np.where(variance >= 0.0, variance, np.nan)))
     return tuple(found)
 
 

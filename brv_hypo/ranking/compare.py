@@ -37,6 +37,7 @@ from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import repetitions, stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
+from brv_hypo.ranking.tolerances import tolerance_warnings
 from brv_hypo.ranking.verdict import Contest, Score, judge
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
@@ -108,6 +109,7 @@ def _compare(
         ml=finished - selected,
         total=finished - begun,
     )
+    warnings = (*warnings, *tolerance_warnings(fitted, verdict))
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
     histories = {"coefficients": coefficient_series(fits, likelihoods.found), "sizes": size_series(problem, fits)}
     return comparison.model_copy(update=histories)

@@ -199,9 +199,17 @@ def _anew(reconstruction: Reconstruction, flight: Flight, setting: Reconstructio
 def about(
     point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
 ) -> Problem:
-    """The problem of records at a linearisation point, under the noise that they have."""
+    """The problem of records at a linearisation point, under the noise that they have beside its model.
+
+    Of a moment that begins or ends at once a smooth one leaves much, which is no noise. Several flights are heard
+    beside the baseline (see `settled`).
+    """
     motions = [each.motion for each in records]
-    return _as_heard(_problem([each.reconstruction for each in records], settings, config, point, motions))
+    problem = _problem([each.reconstruction for each in records], settings, config, point, motions)
+    if len(records) > 1:
+        return _as_heard(problem)
+    frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
+    return problem.under(settled_noise(replace(problem, frame=frame, baseline=point.columns)))
 
 
 def _problem(

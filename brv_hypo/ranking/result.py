@@ -127,7 +127,7 @@ class ReconstructionSummary(NullIsNaN):
 
 
 class BaselineSummary(NullIsNaN):
-    """The terms that are fitted along with every hypothesis, as estimated without any mechanism."""
+    """The terms that are fitted along with every hypothesis, as the likeliest has them."""
 
     terms: tuple[TermEstimate, ...]
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray
+from brv_hypo.constants import SEARCH_OUT_OF_REACH
 from brv_hypo.flight.faults import RecordTrial
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification
@@ -34,7 +35,8 @@ from brv_hypo.ranking.result import (
     TermEstimate,
     Verdict,
 )
-from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.build import plain_values
+from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.held_out import HeldOut
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import residual_moments
@@ -51,7 +53,11 @@ def summarise(
     verdict: Verdict,
     warnings: Sequence[str] = (),
 ) -> Comparison:
-    """Rank the fits, and gather all that the result holds."""
+    """Rank the fits, and gather all that the result holds.
+
+    The baseline is told as the likeliest has it: without what moved the vehicle, its terms and the errors of the record
+    make up for that.
+    """
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
     order = sorted(range(len(fits)), key=lambda i: fits[i].information)
     ranking = tuple(
@@ -73,7 +79,7 @@ def summarise(
             phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
             warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
         ),
-        baseline=BaselineSummary(terms=_terms(fits[null], range(len(fits[null].columns)))),
+        baseline=BaselineSummary(terms=_terms(fits[order[0]], range(fits[order[0]].baseline_size))),
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
@@ -336,9 +342,17 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     return tuple(found)
 
 
-def _left(problem: Problem, fit: HypothesisFit) -> ComplexArray:
-    """What a hypothesis, with errors of record and vehicle fitted beside it, leaves of the moments (frame rows,)."""
-    left = problem.left(fit.frame, fit.columns, fit.values, fit.others)
+def _left(problem: Problem, fit: HypothesisFit, leader: HypothesisFit) -> ComplexArray:
+    """What a hypothesis, with errors of record and vehicle fitted beside it, leaves of the moments (frame rows,).
+
+    One that is out of the leader's reach has that one's errors: its own make up for what it lacks.
+    """
+    values, others = fit.values, fit.others
+    if fit.information > leader.information + SEARCH_OUT_OF_REACH:
+        others = leader.others
+        without_errors = problem.left(fit.frame, (), np.zeros(0), others).rates
+        values = plain_values(fit.frame, fit.columns, without_errors)
+    left = problem.left(fit.frame, fit.columns, values, others)
     return residual_moments(fit.frame, problem.records, left.rates).body
 
 
@@ -347,7 +361,7 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
     frame = problem.frame
     known = residual_moments(frame, problem.records, frame.observed)
     measured = np.where(known.usable, known.body, np.nan)
-    fitted = {fit.name: measured - _left(problem, fit) for fit in fits}
+    fitted = {fit.name: measured - _left(problem, fit, likeliest(fits)) for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):
         pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]

@@ -176,9 +176,13 @@ def _with_design(frame: RateFrame, vehicle: Sequence[Mechanism], known: Errors) 
 
 def first_values(frame: RateFrame, columns: tuple[Column, ...]) -> FloatArray:
     """Coefficients (columns,) by plain least squares of the rates' differences."""
+    return plain_values(frame, columns, frame.observed)
+
+
+def plain_values(frame: RateFrame, columns: tuple[Column, ...], rates: ComplexArray) -> FloatArray:
+    """The same of other derolled rates (rows,), such as those that errors which are known leave."""
     design = whiten(frame.columns(columns), frame.pieces, difference())
-    response = whiten(frame.observed[:, None], frame.pieces, difference())[:, 0]
-    return solve_scaled(design, response)
+    return solve_scaled(design, whiten(rates[:, None], frame.pieces, difference())[:, 0])
 
 
 def linearised(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import RESPONSE_PER_CYCLE
+from brv_hypo.constants import BEYOND_TOLERANCE, RESPONSE_PER_CYCLE
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.motion.kept_rows import kept_rows
 from brv_hypo.regression.channels import Rows, side_by_side
@@ -28,7 +28,8 @@ class Nuisance:
 
     `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the
     linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `taken_out` is
-    what was taken out of the record before, in `units`; None for what is not of the record.
+    what was taken out of the record before, in `units`; None for what is not of the record. `stated`: its size is a
+    tolerance that the record states.
     """
 
     name: str
@@ -38,15 +39,28 @@ class Nuisance:
     size: float
     present: float
     taken_out: float | None = None
+    stated: bool = False
 
     @property
     def label(self) -> str:
         """Name, component and flight, unique within a problem."""
-        return f"{self.name} {self.component}" + ("" if self.flight is None else f" [flight {self.flight}]")
+        return self.plain_label + ("" if self.flight is None else f" [flight {self.flight}]")
+
+    @property
+    def plain_label(self) -> str:
+        """Name and component."""
+        return f"{self.name} {self.component}"
 
 
 Errors = Mapping[tuple[str, str], float]
 """Values (SI) of one flight's errors, by effect (or mechanism) and component (or term)."""
+
+
+def beyond_tolerance(label: str, value: float, size: float, units: str) -> str | None:
+    """In words, that the data want an error of so much, though its tolerance (1 sigma) is `size`; None within reach."""
+    times = abs(value) / size
+    told = f"{value:.3g}" + ("" if units == "1" else f" {units}")
+    return f"{label} is {told}, {times:.1f} times its tolerance" if times > BEYOND_TOLERANCE else None
 
 
 @dataclass(frozen=True)
@@ -71,6 +85,19 @@ class Nuisances:
     def present(self) -> FloatArray:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
+
+    def beyond_tolerance(self, fitted: FloatArray, flights: int) -> tuple[str, ...]:
+        """In words, which errors are beyond what tolerances allow by fitted unknowns (unknowns,), the worst first."""
+        stated = [
+            (float(value) * item.size + (item.taken_out or 0.0), item)
+            for item, value in zip(self.items, fitted, strict=True)
+            if item.stated
+        ]
+        found = (
+            beyond_tolerance(item.label if flights > 1 else item.plain_label, whole, item.size, item.units)
+            for whole, item in sorted(stated, key=lambda each: -abs(each[0]) / each[1].size)
+        )
+        return tuple(text for text in found if text is not None)
 
     def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
@@ -140,7 +167,7 @@ def nuisances(
             key, size = (effect.name, component.name), component.size
             found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
             present = np.nan if key in without_prior else -found / size
-            item = Nuisance(*key, number, component.units, size, present, found)
+            item = Nuisance(*key, number, component.units, size, present, found, key not in without_prior)
             add(item, on_frame(frame, number, history))
         for mechanism in vehicle:
             if mechanism.of_each_flight(linearised.record.flight):
@@ -191,6 +218,9 @@ def _tolerated(
                 body = motion.to_body(term.in_plane, term.out_of_plane)[nodes.rows]
                 rates[a:b, k] = segment.integrate(body[:, np.newaxis]).plain.at_nodes[nodes.samples, 0]
     return [
-        (Nuisance(mechanism.name, name, number, units, size, 0.0), np.asarray(size * rates[:, k], dtype=complex))
+        (
+            Nuisance(mechanism.name, name, number, units, size, 0.0, stated=number is not None),
+            np.asarray(size * rates[:, k], dtype=complex),
+        )
         for k, ((name, units), size) in enumerate(zip(names, sizes, strict=True))
     ]

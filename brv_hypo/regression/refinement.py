@@ -24,7 +24,9 @@ from brv_hypo.constants import (
     SETTLED_GAIN,
     SETTLED_LAST_STEPS,
     SETTLED_LAST_WIDTH,
+    SETTLED_LOSS,
     SETTLED_STEPS,
+    SETTLED_WHOLE_STEPS,
 )
 from brv_hypo.model.columns import Column
 from brv_hypo.model.time_variation import TimeFunction
@@ -39,14 +41,15 @@ _SAME = 1e-12
 class Steps(NamedTuple):
     """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood.
 
-    `width`: half the width of the differences that slopes are made of, of a parameter's bounds. `whole`: one more step
-    is taken as it is, unless it loses as much: sums of squares do not tell where a fit is best, their slopes do.
+    `width`: half the width of the differences that slopes are made of, of a parameter's bounds. `whole`: so many more
+    steps are taken as they are, unless one loses more than rounding: sums of squares do not tell where a fit is best,
+    their slopes do.
     """
 
     most: int
     gain: float
     width: float
-    whole: bool = False
+    whole: int = 0
 
 
 # Of models that are compared.
@@ -54,7 +57,7 @@ ROUGH = (Steps(REFINED_STEPS, REFINED_GAIN, REFINED_WIDTH),)
 # Of one that is told, or linearised about.
 SETTLED = (
     Steps(SETTLED_STEPS, SETTLED_GAIN, REFINED_WIDTH),
-    Steps(SETTLED_LAST_STEPS, SETTLED_GAIN, SETTLED_LAST_WIDTH, whole=True),
+    Steps(SETTLED_LAST_STEPS, SETTLED_GAIN, SETTLED_LAST_WIDTH, whole=SETTLED_WHOLE_STEPS),
 )
 
 
@@ -151,10 +154,11 @@ def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
         state = improved
         if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
             break
-    if steps.whole:
+    for _ in range(steps.whole):
         last = _moved(reduced, state, _step(reduced, state, steps.width))
-        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) < steps.gain * state.fitted.rss:
-            return last
+        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) >= SETTLED_LOSS * state.fitted.rss:
+            break
+        state = last
     return state
 
 

@@ -29,7 +29,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Texts(comparison.disagreements, "Disagreements"),
             Texts(rows.warning_texts(comparison), "Warnings", warning=True),
             *(Picture(chart) for chart in comparison_charts(comparison)),
-            term_table("baseline, fitted along with every hypothesis", comparison.baseline.terms),
+            term_table("baseline, as the likeliest hypothesis has it", comparison.baseline.terms),
             *terms,
             Table(headings, rows.criteria_rows(comparison), "criteria in whitened rates", shown="verbose"),
             Texts(rows.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),

@@ -48,7 +48,7 @@ def true_errors(errors: Errors) -> Mapping[str, float]:
 
 def told(made: Made) -> Iterator[Told]:
     """Every error that the leader's likelihood tells; none where it has not converged."""
-    found = compare([made.flight], CompareConfig(mechanisms=NAMES, maximum_likelihood="full")).ranking[0].ml
+    found = compare([made.flight], CompareConfig(mechanisms=NAMES, maximum_likelihood="quick")).ranking[0].ml
     if found is None or found.status != "converged":
         return
     known = true_errors(made.true.errors)
