@@ -67,7 +67,7 @@ def searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
-    found = _with_errors(_relinearised(_first(reconstructions, config, hypotheses, say), reconstructions, config, say))
+    found = _with_errors(_relinearised(_first(reconstructions, config, hypotheses, say), config, say))
     for _ in range(SEARCHED_AGAIN):
         if not _something_stands(found, config.other_prior):
             break
@@ -75,7 +75,7 @@ def searched(
         again = _searched_again(found, hypotheses, say)
         if likeliest(again.fits).information > likeliest(found.fits).information - SETTLED_FALL:
             break
-        found = _with_errors(_relinearised(again, reconstructions, config, say))
+        found = _with_errors(_relinearised(again, config, say))
     return found
 
 
@@ -87,9 +87,7 @@ def _first(
     return Fitted(problem, _fitted(problem, hypotheses, say), settings)
 
 
-def _relinearised(
-    found: Fitted, reconstructions: Sequence[Reconstruction], config: CompareConfig, say: Progress
-) -> Fitted:
+def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted:
     """The fits in a problem linearised about the leader, until that lowers what is left no more.
 
     Where something else stands beside the leader, a linearisation that lowers it not at once may do so with the next.
@@ -101,7 +99,7 @@ def _relinearised(
             if patience < 0 or not _something_stands(found, config.other_prior):
                 break
         point = _about_leader(found)
-        records = None if point is None else cleaned(found.problem, point, reconstructions, found.settings)
+        records = None if point is None else cleaned(found.problem, point, found.settings)
         if point is None or records is None:
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")

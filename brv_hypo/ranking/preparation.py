@@ -52,11 +52,12 @@ from brv_hypo.regression.propagated_motion import PropagatedMotion, linearisatio
 class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
-    `common` is the time that flights share, if they do. `static`, `bend`: None where they are still to be chosen.
-    `taken`: the errors (SI) without which each record is linearised.
+    `known` are the flights reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None
+    where they are still to be chosen. `taken`: the errors (SI) without which each record is linearised.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
+    known: tuple[Reconstruction, ...]
     common: CommonTime | None = None
     static: StaticMoment | None = None
     bend: StaticBend | None = None
@@ -90,7 +91,9 @@ def settled(
             "mechanisms apart. Widen --start and --stop."
         )
     settings = Settings(
-        tuple(ReconstructionConfig(method=config.method) for _ in reconstructions), shared_time(reconstructions)
+        tuple(ReconstructionConfig(method=config.method) for _ in reconstructions),
+        tuple(reconstructions),
+        shared_time(reconstructions),
     )
     problem = _problem(reconstructions, settings, config)
     bend = _bend_of(problem)
@@ -105,12 +108,12 @@ def settled(
     found = errors_found(problem)
     for _ in range(MOST_LINEARISATIONS):
         point = baseline_point(problem, found)
-        records = cleaned(problem, point, reconstructions, settings)
+        records = cleaned(problem, point, settings)
         if records is None:
             break
         taken, problem = found, about(point, records, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
-        if heard == settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
+        if heard is settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
             break
         settings = heard
     return problem, replace(settings, taken=taken)
@@ -128,7 +131,11 @@ def _left_by_baseline(problem: Problem) -> float:
 
 
 def _as_loud(problem: Problem, settings: Settings) -> Settings:
-    """The settings with the noise that instruments have at the motion's frequencies, where that is far more."""
+    """The settings with the noise that instruments have at the motion's frequencies, where that is far more.
+
+    A motion that the fit knows needs no other, but another noise may want another normal force. Where no motion is
+    found under that noise, it stays.
+    """
     records, lasting = problem.records, problem.rows.noise.lasting
     if lasting is None:
         return settings
@@ -145,7 +152,13 @@ def _as_loud(problem: Problem, settings: Settings) -> Settings:
         if force > COLOURED:
             louder["accel_sigma"] = force * record.accel_sigma
         out.append(setting.model_copy(update=louder))
-    return replace(settings, reconstruction=tuple(out))
+    if tuple(out) == settings.reconstruction:
+        return settings
+    try:
+        known = tuple(reconstruct(rec.flight, setting) for rec, setting in zip(settings.known, out, strict=True))
+    except UnanswerableError:
+        return settings
+    return replace(settings, reconstruction=tuple(out), known=known)
 
 
 def _static_of(problem: Problem) -> StaticMoment:
@@ -172,26 +185,22 @@ class Cleaned:
     motion: PropagatedMotion
 
 
-def cleaned(
-    problem: Problem, point: LinearisationPoint, reconstructions: Sequence[Reconstruction], settings: Settings
-) -> list[Cleaned] | None:
+def cleaned(problem: Problem, point: LinearisationPoint, settings: Settings) -> list[Cleaned] | None:
     """The records without the errors of a point that a problem's fit led to; None where a record has no motion left."""
     before = zip(problem.records, problem.frame.reconstructions, point.taken, strict=True)
     motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
     try:
         found = [
-            _anew(rec, without(rec.flight, errors), setting)
-            for rec, errors, setting in zip(reconstructions, point.taken, settings.reconstruction, strict=True)
+            _anew(known, without(known.flight, errors))
+            for known, errors in zip(settings.known, point.taken, strict=True)
         ]
     except UnanswerableError:
         return None
     return [Cleaned(*each) for each in zip(found, motions, strict=True)]
 
 
-def _anew(reconstruction: Reconstruction, flight: Flight, setting: ReconstructionConfig) -> Reconstruction:
-    """That of the flight without errors, whose motion is known: another noise alone may want another normal force."""
-    if setting.gyro_sigma is not None or setting.accel_sigma is not None:
-        return reconstruct(flight, setting)
+def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
+    """That of the flight without errors, whose motion is known."""
     require_answerable(flight)
     return replace(reconstruction, flight=flight)
 
