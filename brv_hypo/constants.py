@@ -445,6 +445,7 @@ BEYOND_TOLERANCE_NAMED = 3
 COLOURED = 1.5
 LINEARISED_AGAIN = 2400.0  # fall of 2 ln L that the leader brings, from which the problem is linearised about it
 SETTLED_FALL = 12.0  # fall of 2 ln L of what the leader leaves, below which another linearisation has changed nothing
+HEARD_SHARE = 1.05  # of the noise beside the leader, from which what that leaves is more
 LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
 # Linearisations that may lower nothing, and further searches, where something else stands beside the leader: a flight
 # with industrial instruments is found in steps of which some lower nothing. Of four strong effects that were "none

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from brv_hypo.constants import (
+    HEARD_SHARE,
     LINEARISATIONS,
     LINEARISED_AGAIN,
     LINEARISED_IN_VAIN,
@@ -26,6 +27,7 @@ from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import Settings, about, cleaned, settled
 from brv_hypo.ranking.verdict import OTHER, probabilities
 from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
+from brv_hypo.regression.channels import Noise
 from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -38,6 +40,7 @@ from brv_hypo.regression.fit import (
     scanned,
     scanned_finely,
 )
+from brv_hypo.regression.noise import raised_noise
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import SETTLED
@@ -50,12 +53,16 @@ Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 
 @dataclass(frozen=True)
 class Fitted:
-    """Every hypothesis fitted in a problem; `rss` is what the leader left about which that is linear, if about one."""
+    """Every hypothesis fitted in a problem; `deviance` is that of the leader about which that is linear, if about one.
+
+    `heard` is the noise beside that leader, where what it leaves is more.
+    """
 
     problem: Problem
     fits: list[HypothesisFit]
     settings: Settings
-    rss: float = math.inf
+    deviance: float = math.inf
+    heard: Noise | None = None
 
     @cached_property
     def left(self) -> Misfit:
@@ -67,7 +74,7 @@ def searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
-    found = _with_errors(_relinearised(_first(reconstructions, config, hypotheses, say), config, say))
+    found = _with_errors(_as_heard(_relinearised(_first(reconstructions, config, hypotheses, say), config, say)))
     for _ in range(SEARCHED_AGAIN):
         if not _something_stands(found, config.other_prior):
             break
@@ -75,7 +82,7 @@ def searched(
         again = _searched_again(found, hypotheses, say)
         if likeliest(again.fits).information > likeliest(found.fits).information - SETTLED_FALL:
             break
-        found = _with_errors(_relinearised(again, config, say))
+        found = _with_errors(_as_heard(_relinearised(again, config, say)))
     return found
 
 
@@ -90,28 +97,68 @@ def _first(
 def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted:
     """The fits in a problem linearised about the leader, until that lowers what is left no more.
 
-    Where something else stands beside the leader, a linearisation that lowers it not at once may do so with the next.
+    Where something else stands beside the leader, a linearisation that lowers it not at once may do so with the next;
+    where nothing does, and errors of the record are those about which the problem is linear, none is needed.
     """
     patience = LINEARISED_IN_VAIN
     for _ in range(LINEARISATIONS):
-        if not _has_fallen(found):
-            patience -= 1
-            if patience < 0 or not _something_stands(found, config.other_prior):
-                break
+        fallen = _has_fallen(found)
+        patience -= not fallen
+        if patience < 0 or not (_is_amiss(found, config.other_prior) or (fallen and _errors_moved(found))):
+            break
         point = _about_leader(found)
         records = None if point is None else cleaned(found.problem, point, found.settings)
         if point is None or records is None:
             break
         say(f"linearising about {'+'.join(mechanism.name for mechanism in point.mechanisms) or 'the baseline'}")
-        fits, settings = found.fits, found.settings
+        fits, settings, before = found.fits, found.settings, _deviance(found)
         del found  # its problem is large, and about to be replaced
-        found = _linearised(about(point, records, settings, config), fits, settings, point)
+        problem = about(point, records, settings, config)
+        found = _raised(Fitted(problem, _linearised(problem, fits), replace(settings, taken=point.taken), before))
     return found
 
 
-def _linearised(
-    problem: Problem, fits: Sequence[HypothesisFit], settings: Settings, point: LinearisationPoint
-) -> Fitted:
+def _is_amiss(found: Fitted, other_prior: float) -> bool:
+    """Whether the problem is about no leader yet, or the leader leaves more than noise."""
+    return math.isinf(found.deviance) or found.heard is not None or _something_stands(found, other_prior)
+
+
+def _errors_moved(found: Fitted) -> bool:
+    """Whether the leader's errors of the record differ from those about which the problem is linear."""
+    fit = likeliest(found.fits)
+    return _apart(found, point_of(found.problem, fit.frame, fit.columns, fit.mechanisms))
+
+
+def _apart(found: Fitted, point: LinearisationPoint) -> bool:
+    return farthest_apart(found.problem, found.settings.taken, point.taken) >= SETTLED_ERRORS
+
+
+def _raised(found: Fitted) -> Fitted:
+    """The fits under as much noise as the leader leaves, where that is more than noise.
+
+    What it lacks would drive the errors of the record astray, and the next linearisation with them.
+    """
+    leader, problem = likeliest(found.fits), found.problem
+    if len(problem.records) > 1 or not leader.mechanisms:
+        return found
+    noise = raised_noise(replace(problem, frame=leader.frame, baseline=leader.columns))
+    if noise.louder_than(problem.rows.noise) <= HEARD_SHARE:
+        return found
+    louder = problem.under(noise)
+    return replace(
+        found, problem=louder, fits=[renewed(louder, fit) for fit in found.fits], heard=problem.rows.noise
+    )
+
+
+def _as_heard(found: Fitted) -> Fitted:
+    """The fits under the noise beside the leader, where the problem is under as much as that one leaves."""
+    if found.heard is None:
+        return found
+    problem = found.problem.under(found.heard)
+    return replace(found, problem=problem, fits=[renewed(problem, fit) for fit in found.fits], heard=None)
+
+
+def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
     """The fits in a problem linearised about the leader: knots and delays come from where they lie.
 
     Those that stay out of reach keep theirs. Two of the leader's knots that came to one place become one.
@@ -124,14 +171,13 @@ def _linearised(
         for fit, stays in zip(at, there, strict=True)
     ]
     leader = likeliest(moved)
-    moved = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
-    return Fitted(problem, moved, replace(settings, taken=point.taken), likeliest(fits).rss)
+    return [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
 
 
 def _searched_again(found: Fitted, hypotheses: Hypotheses, say: Progress) -> Fitted:
     """The likelier of each hypothesis as it was and as the problem about the leader has it, knots exchanged."""
     fits = found.fits
-    if math.isfinite(found.rss):
+    if math.isfinite(found.deviance):
         anew = {fit.name: fit for fit in _fitted(found.problem, hypotheses, say, hopeless=math.inf)}
         fits = [likeliest([fit, anew[fit.name]]) for fit in fits]
     leader = likeliest(fits)
@@ -183,13 +229,19 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
     null = next(fit for fit in found.fits if not fit.mechanisms)
     fit = converged(found.problem, leader)
     point = point_of(found.problem, fit.frame, fit.columns, fit.mechanisms)
-    far = farthest_apart(found.problem, found.settings.taken, point.taken) >= SETTLED_ERRORS
-    return point if far or null.rss - leader.rss > LINEARISED_AGAIN else None
+    return point if _apart(found, point) or null.rss - leader.rss > LINEARISED_AGAIN else None
 
 
 def _has_fallen(found: Fitted) -> bool:
     """Whether what the leader leaves has become less by the last linearisation."""
-    return likeliest(found.fits).rss <= found.rss - SETTLED_FALL
+    return _deviance(found) <= found.deviance - SETTLED_FALL
+
+
+def _deviance(found: Fitted) -> float:
+    """Minus twice the log-likelihood of what the leader leaves, but for a constant: each problem has its own noise."""
+    rows = found.problem.rows
+    levels = math.log(rows.noise.rates.sigma) + math.log(rows.noise.force.sigma)
+    return likeliest(found.fits).rss + 2.0 * rows.rates * levels
 
 
 def _with_errors(found: Fitted) -> Fitted:

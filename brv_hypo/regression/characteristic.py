@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from brv_hypo.model.columns import Column
-from brv_hypo.regression.fit import HypothesisFit, solved
+from brv_hypo.regression.fit import HypothesisFit, settled
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.reduced import Reduced
 
 
 def plain_columns(fit: HypothesisFit) -> tuple[Column, ...]:
@@ -17,12 +16,13 @@ def plain_columns(fit: HypothesisFit) -> tuple[Column, ...]:
 def particular_share(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> float:
     """The share of what a fit explains beyond `null` that is lost without its characteristic columns.
 
-    None where it has none of them; all of it where every column is, or no mechanism names any.
+    The knots of what is left move to where they fit best then. None where the fit has none of them; all of it where
+    every column is, or no mechanism names any.
     """
     plain = plain_columns(fit)
     if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
         return 1.0
     if plain == fit.selected:
         return 0.0
-    without = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, (*problem.baseline, *plain), 0)
+    without = settled(problem, fit, (*problem.baseline, *plain), plain)
     return (without.rss - fit.rss) / max(null.rss - fit.rss, 1e-300)

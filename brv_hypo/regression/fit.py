@@ -255,20 +255,9 @@ def settled(
 
 
 def narrower(problem: Problem, fit: HypothesisFit) -> list[HypothesisFit]:
-    """What a search on the fit's own knots and delays alone offers, and steps may bring near the fit."""
-    most = fit.information + SEARCH_OUT_OF_REACH
-    return [
-        settled(problem, fit, (*problem.baseline, *chosen), chosen)
-        for rss, chosen in narrowed(problem, fit.frame, fit.columns)
-        if _before_steps(problem, fit, rss, chosen) <= most
-    ]
-
-
-def _before_steps(problem: Problem, fit: HypothesisFit, rss: float, chosen: tuple[Column, ...]) -> float:
-    """The criterion of other columns of a fit's hypothesis, their knots and delays as they are and not paid for."""
-    parameters, choices = len(problem.baseline) + len(chosen), len({column.choice for column in chosen})
-    effective = problem.samples * problem.efficiency
-    return extended_bic(rss, problem.samples, effective, parameters, fit.searched, choices)
+    """What a search on the fit's own knots and delays alone offers."""
+    subsets = narrowed(problem, fit.frame, fit.columns)
+    return [settled(problem, fit, (*problem.baseline, *chosen), chosen) for chosen in subsets]
 
 
 def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:

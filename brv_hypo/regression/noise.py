@@ -7,11 +7,12 @@ its colour.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE
+from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE, NOISE_RAISED
 from brv_hypo.motion.kept_rows import turning
 from brv_hypo.regression.channels import Lasting, Noise, Part
 from brv_hypo.regression.frame import remove_levels
@@ -56,6 +57,25 @@ def settled_noise(problem: Problem) -> Noise:
         rows.noise.thinning,
         Lasting(lasting_noise(rates, above, motion), lasting_noise(force, above, motion), motion),
     )
+
+
+def raised_noise(problem: Problem) -> Noise:
+    """The problem's noise, each channel's raised to what the baseline leaves in it.
+
+    What a model lacks is far more than noise; weighed as noise, it would drive the errors of the record far beyond
+    their tolerances to make up for it.
+    """
+    least = problem.rows.noise
+    for _ in range(NOISE_RAISED):
+        noise, rates = problem.rows.noise, problem.rows.rates
+        left = problem.projected_baseline(problem.frame).left
+        levels = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in (slice(0, rates), slice(rates, 2 * rates))]
+        if max(levels) <= 1.0:
+            break
+        channels = zip((noise.rates, noise.force), (least.rates, least.force), levels, strict=True)
+        found = [replace(own, sigma=max(own.sigma * level, low.sigma)) for own, low, level in channels]
+        problem = problem.under(replace(noise, rates=found[0], force=found[1]))
+    return problem.rows.noise
 
 
 def _turning(problem: Problem) -> float:

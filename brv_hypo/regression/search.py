@@ -226,7 +226,7 @@ def _with_finer_knots(problem: Problem) -> Problem:
     return replace(problem, knots=finer)
 
 
-def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[Subset]:
+def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
     """The two best subsets of each size among all courses at a model's own knots and thetas, one more at most.
 
     It finds the plainer model where refinement has moved several terms to one place, and the term that another stood
@@ -244,7 +244,7 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) ->
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
     most = min(len(selected) + _choice_size(selected), problem.max_terms)
     found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(most, n_best=SEARCH_BEST)
-    return [subset for subset in found if subset[1]]
+    return [chosen for _, chosen in found if chosen]
 
 
 def _choice_size(selected: Sequence[Column]) -> int:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import NOISE_RAISED
 from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.model.columns import Column, default_knots
 from brv_hypo.model.time_variation import TimeFunction
@@ -17,7 +16,7 @@ from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of, solve_scaled
-from brv_hypo.regression.noise import first_noise, settled_noise
+from brv_hypo.regression.noise import first_noise, raised_noise, settled_noise
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
@@ -72,30 +71,7 @@ def problem_of(
         exact_terms=config.max_terms,
         given=dict(given or {}),
     )
-    return problem if noise is not None else _raised(problem.under(settled_noise(problem)))
-
-
-def _raised(problem: Problem) -> Problem:
-    """The problem under its noise, each channel's raised to what the model leaves in it.
-
-    What a model lacks is far more than noise; weighed as noise, it would drive the errors of the record far beyond
-    their tolerances to make up for it.
-    """
-    least = problem.rows.noise
-    for _ in range(NOISE_RAISED):
-        noise, rates = problem.rows.noise, problem.rows.rates
-        left = problem.raw_response - _fitted(problem)
-        levels = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in (slice(0, rates), slice(rates, 2 * rates))]
-        channels = zip((noise.rates, noise.force), (least.rates, least.force), levels, strict=True)
-        found = [replace(own, sigma=max(own.sigma * level, low.sigma)) for own, low, level in channels]
-        problem = problem.under(replace(noise, rates=found[0], force=found[1]))
-    return problem
-
-
-def _fitted(problem: Problem) -> FloatArray:
-    """What the baseline and all that is fitted along say of the rows (rows,)."""
-    design = problem.whole_design(problem.frame, problem.baseline)
-    return np.asarray(design @ solve_scaled(design, problem.raw_response), dtype=float)
+    return problem if noise is not None else problem.under(raised_noise(problem.under(settled_noise(problem))))
 
 
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:

@@ -259,6 +259,7 @@ STUDIES = (
     "descriptions.py",
     "near_zero.py",
     "integrals.py",
+    "instrument_errors.py",
     "test_near_zero.py",
     "test_verdicts.py",
     "test_bent_aerodynamics.py",
