@@ -77,7 +77,11 @@ def converged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     least, stalled = math.inf, 0
     for _ in range(FOLLOWED_ROUNDS):
         found = _begun_at(problem, found, begin)
-        rounds.append(_Round(begin, _Place.of(found)))
+        ended = _Place.of(found)
+        if ended.nonlinear.size != begin.nonlinear.size:  # knots that came to one place are one from here on
+            begin, rounds = ended, []
+            continue
+        rounds.append(_Round(begin, ended))
         # No estimate moved by more standard errors than what is predicted by standard deviations.
         moved = math.sqrt(problem.samples / found.rss) * float(np.linalg.norm(rounds[-1].moved))
         stalled += moved > FOLLOWED_FALL * least
