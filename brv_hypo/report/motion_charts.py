@@ -17,7 +17,7 @@ from brv_hypo.report.frames import cut_text, framed
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
-BESIDE = "Errors of record and vehicle are fitted beside every model."
+BESIDE = "Errors of record and vehicle are fitted beside every model; one far behind has the leader's."
 _GYROS = "Band: white noise of the gyros; a verdict counts in the noise that the record shows, which may be more."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
