@@ -142,20 +142,19 @@ def _raised(found: Fitted) -> Fitted:
     if len(problem.records) > 1 or not leader.mechanisms:
         return found
     noise = raised_noise(replace(problem, frame=leader.frame, baseline=leader.columns))
-    if noise.louder_than(problem.rows.noise) <= HEARD_SHARE:
-        return found
-    louder = problem.under(noise)
-    return replace(
-        found, problem=louder, fits=[renewed(louder, fit) for fit in found.fits], heard=problem.rows.noise
-    )
+    heard = problem.rows.noise
+    return found if noise.louder_than(heard) <= HEARD_SHARE else replace(_under(found, noise), heard=heard)
 
 
 def _as_heard(found: Fitted) -> Fitted:
     """The fits under the noise beside the leader, where the problem is under as much as that one leaves."""
-    if found.heard is None:
-        return found
-    problem = found.problem.under(found.heard)
-    return replace(found, problem=problem, fits=[renewed(problem, fit) for fit in found.fits], heard=None)
+    return found if found.heard is None else replace(_under(found, found.heard), heard=None)
+
+
+def _under(found: Fitted, noise: Noise) -> Fitted:
+    """The fits under another noise."""
+    problem = found.problem.under(noise)
+    return replace(found, problem=problem, fits=[renewed(problem, fit) for fit in found.fits])
 
 
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:

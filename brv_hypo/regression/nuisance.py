@@ -51,6 +51,10 @@ class Nuisance:
         """Name and component."""
         return f"{self.name} {self.component}"
 
+    def whole(self, fitted: float) -> float:
+        """A fitted value with what was taken out before, in `units`."""
+        return fitted * self.size + (self.taken_out or 0.0)
+
 
 Errors = Mapping[tuple[str, str], float]
 """Values (SI) of one flight's errors, by effect (or mechanism) and component (or term)."""
@@ -88,11 +92,8 @@ class Nuisances:
 
     def beyond_tolerance(self, fitted: FloatArray, flights: int) -> tuple[str, ...]:
         """In words, which errors are beyond what tolerances allow by fitted unknowns (unknowns,), the worst first."""
-        stated = [
-            (float(value) * item.size + (item.taken_out or 0.0), item)
-            for item, value in zip(self.items, fitted, strict=True)
-            if item.stated
-        ]
+        values = zip(self.items, fitted.tolist(), strict=True)
+        stated = [(item.whole(value), item) for item, value in values if item.stated]
         found = (
             beyond_tolerance(item.label if flights > 1 else item.plain_label, whole, item.size, item.units)
             for whole, item in sorted(stated, key=lambda each: -abs(each[0]) / each[1].size)
@@ -102,9 +103,9 @@ class Nuisances:
     def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
         found: list[dict[tuple[str, str], float]] = [{} for _ in range(flights)]
-        for item, value in zip(self.items, fitted, strict=True):
+        for item, value in zip(self.items, fitted.tolist(), strict=True):
             for own in found if item.flight is None else (found[item.flight],):
-                own[item.name, item.component] = float(value) * item.size + (item.taken_out or 0.0)
+                own[item.name, item.component] = item.whole(value)
         return tuple(found)
 
 
