@@ -1,0 +1,45 @@
+"""The default flights' results are what they were; `python -m tests.frozen --all` asks this of all forty."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.frozen.agreement import disagreements
+from tests.frozen.commands import RESULTS, current_content, frozen_content
+from tests.frozen.flights import COMMANDS, FLIGHTS, Frozen, Measured
+
+DEFAULT = [flight for flight in FLIGHTS.values() if flight.default]
+
+
+def _marks(flight: Frozen) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.shared] if isinstance(flight, Measured) else []
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        pytest.param(flight.name, command, marks=_marks(flight), id=f"{flight.name}.{command}")
+        for flight in DEFAULT
+        for command in flight.commands
+    ],
+)
+def test_a_frozen_result_has_not_moved(name: str, command: str) -> None:
+    found = disagreements(frozen_content(name, command), current_content(name, command), f"{name}.{command}")
+    assert not found, "\n".join(map(str, found[:20]))
+
+
+def test_every_flight_is_frozen_and_nothing_else_is() -> None:
+    wanted = {f"{flight.name}.{command}.json" for flight in FLIGHTS.values() for command in flight.commands}
+    assert {file.name for file in RESULTS.glob("*")} == wanted
+
+
+def test_the_files_are_small() -> None:
+    sizes = [file.stat().st_size for file in RESULTS.glob("*.json")]
+    assert max(sizes) < 200_000
+    assert sum(sizes) < 6_000_000
+
+
+def test_the_default_flights_are_eight_and_run_every_command() -> None:
+    assert len(DEFAULT) == 8
+    assert {command for flight in DEFAULT for command in flight.commands} == set(COMMANDS)
+    assert sum(isinstance(flight, Measured) for flight in DEFAULT) == 2
