@@ -27,7 +27,7 @@ TimeVariation = Literal["constant", "jump", "ramp"]
 class Parameter:
     """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`, both in `units`.
 
-    `name` and `units` are the mechanism's own affair; `is_delay` says that `terms` asks for the motion so much earlier.
+    `name` and `units` are the mechanism's own affair; `is_delay` says that `terms` uses the motion so much earlier.
     """
 
     name: str
@@ -171,7 +171,7 @@ class RecordEffect(BaseModel, ABC):
         """Each value that the effect has, with its tolerance on this flight (`flight.instruments`)."""
 
     def plantable(self, flight: Flight) -> tuple[str, ...]:
-        """Names of all that `perturb` knows: components, and what no record tells from them."""
+        """Names of all that `perturb` knows: components, and what no record distinguishes from them."""
         return tuple(component.name for component in self.components(flight))
 
     @abstractmethod

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from brv_hypo.constants import KNOT_SHIFTS, REPEATED_WITHIN, SETTLED_FALL
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.ranking.repeated import Repeated, criteria
 from brv_hypo.regression.fit import HypothesisFit, scanned_finely, settled
 from brv_hypo.regression.problem import Problem
@@ -40,7 +40,7 @@ def _refined(problem: Problem, fit: HypothesisFit, shift: float) -> float:
     return found.information
 
 
-def _shifted(fit: HypothesisFit, shift: float) -> tuple[Column, ...]:
+def _shifted(fit: HypothesisFit, shift: float) -> tuple[Regressor, ...]:
     """The columns of a fit with its knots so many spacings later, within the record."""
     columns = fit.columns
     for parameter in fit.nonlinear:

@@ -214,7 +214,7 @@ def _inadequate(
             else "`brv-hypo trace` looks for what else is at work."
         )
         return (
-            f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, "
+            f"None of the hypotheses is adequate: {leader.name} fits best, at {left.ratio:.2f} times the noise, "
             f"but {' and '.join(wrongs)}. {remedy}"
         )
     if instead is not None:
@@ -223,8 +223,8 @@ def _inadequate(
             f"(probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
         )
     return (
-        f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "
-        f"which something smooth is left (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
+        f"None of the hypotheses is adequate: {leader.name} fits best, at {left.ratio:.2f} times the noise, "
+        f"part of which is smooth (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
     )
 
 
@@ -235,7 +235,7 @@ def _won(
     stability: float,
     limits: Sequence[MechanismLimit],
 ) -> str:
-    chance = f"{_share(chances[leader.name])}; of repetitions {100.0 * stability:.0f} % end so too"
+    chance = f"{_share(chances[leader.name])}; {100.0 * stability:.0f} % of the repetitions give the same outcome"
     if leader.name == NONE:
         most = max(limits, key=lambda limit: limit.share_of_moment_95, default=None)
         room = (
@@ -261,7 +261,7 @@ def _undecided(verdict: Verdict, leader: Score, beaten: bool, instead: Alternati
     shares = ", ".join(
         f"{other if name == OTHER else name} {_share(verdict.probability[name])}" for name in names
     )
-    return f"The data do not tell these apart: {shares}."
+    return f"The data do not distinguish these: {shares}."
 
 
 def _share(chance: float) -> str:

@@ -239,7 +239,7 @@ def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
 
 def told_once(described: Candidate, candidate: Candidate) -> bool:
     """Whether all flights share what is described, where the candidate changes in time on each of several anew."""
-    anew = any(column.flight is not None and column.course.kind != "constant" for column in candidate.fit.selected)
+    anew = any(column.flight is not None and column.time_basis.kind != "constant" for column in candidate.fit.selected)
     if described.kind != "discovered" or not anew:
         return False
     fit = described.fit

@@ -17,7 +17,7 @@ from brv_hypo.constants import (
     WHITE_LAGS,
 )
 from brv_hypo.flight.record import ACCELEROMETERS, Flight
-from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import SMOOTH, Motion
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments

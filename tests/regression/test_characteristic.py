@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, settled, solved
 from brv_hypo.regression.problem import Problem
@@ -17,8 +16,8 @@ from tests.ranking.pulse import problem
 
 def fit_of(given: Problem, mechanism: str, *terms: str) -> HypothesisFit:
     """The fit of these terms, which jump in the middle of the record."""
-    middle = TimeFunction("jump", float(np.median(given.frame.time)))
-    columns = tuple(Column(mechanism, term, (), middle, "1") for term in terms)
+    middle = TimeBasis("jump", float(np.median(given.frame.time)))
+    columns = tuple(Regressor(mechanism, term, (), middle, "1") for term in terms)
     mechanisms = (find(mechanism),)
     reduced = Reduced(given, given.frame.with_mechanisms(mechanisms))
     return solved(reduced, mechanism, mechanisms, (*given.baseline, *columns), 0)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
+from brv_hypo.cli.analyses import starting_model
 from brv_hypo.cli.session import Session
-from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, mechanism_text
+from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_text
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.model_file import model_text, read_model, read_structure
 from brv_hypo.residuals.restore import restored, saved
@@ -30,7 +30,7 @@ def declared() -> MechanismFile:
         Factor(of="mach", function="bump", at=float(place), width=float(places[1] - places[0])) for place in places
     )
     terms = tuple(
-        FiledTerm(name=f"hat {k}", axis="out_of_plane", units="1/rad", factors=(hat, Factor(of="alpha")))
+        YamlTerm(name=f"hat {k}", axis="out_of_plane", units="1/rad", factors=(hat, Factor(of="alpha")))
         for k, hat in enumerate(hats)
     )
     return MechanismFile(name="declared", title="t", claims="c", source="a test", terms=terms)
@@ -140,7 +140,7 @@ def test_all_that_was_described_is_written() -> None:
             title=f"moment {number}",
             claims="c",
             source="s",
-            terms=(FiledTerm(name="a", axis="out_of_plane", factors=(Factor(of="alpha", power=number),)),),
+            terms=(YamlTerm(name="a", axis="out_of_plane", factors=(Factor(of="alpha", power=number),)),),
         )
         for number in (1, 2)
     )

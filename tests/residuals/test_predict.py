@@ -9,23 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brv_hypo.cli.session import PREDICTION_CHARTS
 from brv_hypo.constants import CHANGE_CHANCE, HELD_OUT_SHORTEST
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.report.blocks import Table, Texts
-from brv_hypo.report.chart_names import PREDICTION
+from brv_hypo.report.document import Table, Texts
+from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
-from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
-from brv_hypo.report.provenance import provenance
-from brv_hypo.report.rows import CONTRADICTED
+from brv_hypo.report.tables import CONTRADICTED
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, simulate
 from tests.chains import TRIM, traced_trim, trimmed_cone
 from tests.shared_data import shared_file
+from tests.studies.loop.planting import another_flight
 
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
 # A change of the sister's slope of 1/rad, and when.
@@ -186,7 +185,7 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
     for column in wrong["columns"]:
         column["value"] *= -2.0
     said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
-    assert "The frozen model does not hold here, and leaves" in said
+    assert "The frozen model does not hold here: its error is" in said
     assert "`--refit trim,instruments` lets this flight have its own" in said
     assert "--refit" not in predicted.reason
 
@@ -196,7 +195,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(
 ) -> None:
     """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
     assert held.error.frozen > 2.0 * predicted.error.frozen
-    assert "`--refit trim,instruments` lets this flight have its own, and leaves about" in held.reason
+    assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
 
 
 @pytest.mark.shared
@@ -228,7 +227,7 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
-    assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION)
+    assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION_CHARTS)
     assert [panel.title for panel in chart.panels] == [f"{title}{THOUSANDTHS.suffix}" for title in BODY]
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
 
@@ -238,7 +237,7 @@ def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flig
     turned = predict(replace(sister, q=-sister.q), traced.model.definition)
     assert [(fault.channel, fault.fault) for fault in turned.record.faults] == [("q", "sign")]
     document = prediction_document(turned)
-    assert (document.conclusion_title, document.settled) == ("Record in doubt", False)
-    assert document.conclusion == f"{CONTRADICTED.format(told='left')} {turned.reason}"
+    assert (document.conclusion_title, document.decided) == ("Record in doubt", False)
+    assert document.conclusion == f"{CONTRADICTED.format(reported='left')} {turned.reason}"
     (warning,) = (block for block in document.blocks if isinstance(block, Texts) and block.warning)
     assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]

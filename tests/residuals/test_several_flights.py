@@ -10,9 +10,9 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from tests.studies.loop.planting import another_flight
 
 pytestmark = pytest.mark.thorough
 

@@ -10,12 +10,11 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import Mechanism, find, mechanisms
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.history import recorded
-from brv_hypo.motion.motion import Motion
+from brv_hypo.model.term import TimeBasis
+from brv_hypo.motion.motion import Motion, recorded
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.simulation.simulator import flown
-from brv_hypo.simulation.system import system
+from brv_hypo.simulation.vehicle import system
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
 
 CONE = load_config("research_cone").model_copy(update={"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S})
@@ -96,14 +95,14 @@ def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     motion = true_motion(config)
     entry = config.mechanisms[0]
     mechanism = find(entry.mechanism, entry.options)
-    course = TimeFunction(
+    time_basis = TimeBasis(
         entry.kind,
         -np.inf if entry.start is None else entry.start,
         np.inf if entry.stop is None else entry.stop,
     )(motion.time)
     terms = {term.name: term for term in mechanism.terms(motion, entry.theta)}
-    in_plane = sum(value * course * terms[key].in_plane for key, value in entry.terms.items())
-    out_of_plane = sum(value * course * terms[key].out_of_plane for key, value in entry.terms.items())
+    in_plane = sum(value * time_basis * terms[key].in_plane for key, value in entry.terms.items())
+    out_of_plane = sum(value * time_basis * terms[key].out_of_plane for key, value in entry.terms.items())
     size = np.sqrt(np.mean(truth.planted_in_plane**2 + truth.planted_out_of_plane**2))
     assert size > 1e-5
     # One sample beside an edge may lie on its other side by rounding.
