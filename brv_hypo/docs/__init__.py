@@ -11,7 +11,7 @@ from brv_hypo.errors import UsageError
 
 _FIRST = (
     *("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation"),
-    *("changelog", "citation"),
+    *("glossary", "likelihood", "subset", "changelog", "citation"),
 )
 
 
