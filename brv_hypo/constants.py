@@ -176,9 +176,9 @@ LINEARISATIONS = 4  # about what explains much of the flight, while that lowers 
 # adequate" three are named (345005, 345015, 345028, the last in the second search; not 345032, in three).
 LINEARISED_IN_VAIN = 2
 SEARCHED_AGAIN = 2
-OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_N0
-SLOPE_DEGREE = 3  # and of that of C_Nalpha: a speed that falls by a tenth bends it beyond a parabola
-# Share of the speed by which it may depart from such a polynomial before C_Nalpha follows it too: stiffness follows
+OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
+SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
+# Share of the speed by which it may depart from such a polynomial before C_malpha follows it too: stiffness follows
 # Mach number about in proportion, and a change of it of a few parts in ten thousand of the moment is not seen.
 WAVERING_SPEED = 5e-5
 

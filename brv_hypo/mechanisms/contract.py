@@ -7,6 +7,7 @@ against what is left over. A record effect is the other kind of hypothesis: a pe
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,6 +22,16 @@ from brv_hypo.flight.units import to_si
 from brv_hypo.motion.motion import Motion
 
 TimeVariation = Literal["constant", "jump", "ramp"]
+
+_EARLIER_NAMES = {"C_N0": "C_m0", "C_Nalpha": "C_malpha", "C_Nalpha3": "C_malpha3"}
+
+
+def current_name(name: str) -> str:
+    """The name of a term as files have it today: the static moment's coefficients were once C_N0, C_Nalpha, C_Nalpha3.
+
+    Settings, models and flights written before are read by this; no term may have one of the three names any more.
+    """
+    return re.sub(r"\bC_N(0|alpha3?)\b", lambda found: _EARLIER_NAMES[found[0]], name)
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,11 @@ BEND_DRIFT = 0.5  # what the bend changes by, of itself (1 sigma), between the e
 
 
 def static_terms(motion: Motion) -> tuple[Term, Term]:
-    """The wind-fixed in-plane moment C_mw = C_N0 + C_Nalpha alpha of Eq. 5.1; out-of-plane zero."""
+    """The wind-fixed in-plane moment C_mw = C_m0 + C_malpha alpha of Eq. 5.1; out-of-plane zero."""
     nothing = np.zeros_like(motion.alpha)
     return (
-        Term("C_N0", np.ones_like(motion.alpha), nothing, "1"),
-        Term("C_Nalpha", motion.alpha, nothing, "1/rad"),
+        Term("C_m0", np.ones_like(motion.alpha), nothing, "1"),
+        Term("C_malpha", motion.alpha, nothing, "1/rad"),
     )
 
 
@@ -40,10 +40,10 @@ def pitch_damping_term(motion: Motion) -> Term:
 
 
 class StaticMoment(Mechanism):
-    """C_N0 and C_Nalpha, each with Legendre polynomials over [start, stop] as its slow drift.
+    """C_m0 and C_malpha, each with Legendre polynomials over [start, stop] as its slow drift.
 
     `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
-    `reynolds`: decades of Reynolds number, `speeds`: speeds relative to the air (m/s), between which C_Nalpha changes
+    `reynolds`: decades of Reynolds number, `speeds`: speeds relative to the air (m/s), between which C_malpha changes
     linearly as well; None where it does not.
     """
 
@@ -74,10 +74,10 @@ class StaticMoment(Mechanism):
                 found.append(Term(name, term.in_plane * variation, nothing, term.units))
         if self.reynolds is not None:
             variation = scaled(np.log10(motion.reynolds), *self.reynolds)
-            found.append(Term("C_Nalpha drift Re", motion.alpha * variation, nothing, "1/rad"))
+            found.append(Term("C_malpha drift Re", motion.alpha * variation, nothing, "1/rad"))
         if self.speeds is not None:
             variation = scaled(motion.velocity, *self.speeds)
-            found.append(Term("C_Nalpha drift V", motion.alpha * variation, nothing, "1/rad"))
+            found.append(Term("C_malpha drift V", motion.alpha * variation, nothing, "1/rad"))
         return tuple(found)
 
     def mean_slope(self, motion: Motion, values: Mapping[str, float]) -> float:
@@ -86,7 +86,7 @@ class StaticMoment(Mechanism):
         Single ones may be anything where polynomials and speed say nearly the same.
         """
         at_one = replace(motion, alpha=np.ones_like(motion.alpha))
-        slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_Nalpha"))
+        slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_malpha"))
         return float(np.mean(np.sum(list(slopes), axis=0)))
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
@@ -145,7 +145,7 @@ Quantity = Literal["time", "mach", "speed"]
 
 
 class StaticBend(Mechanism):
-    """C_N' += (C_Nalpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
+    """C_N' += (C_malpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
 
     The bend is `slope` (1/rad) at BENT, 1 sigma. `drift`: what it drifts with, and the ends of that between which x
     runs from -1 to 1; None where it does not drift.
@@ -162,15 +162,15 @@ class StaticBend(Mechanism):
     drift: tuple[Quantity, float, float] | None = None
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """C_Nalpha3, and its drift where it has one."""
+        """C_malpha3, and its drift where it has one."""
         cube, nothing = motion.alpha**3, np.zeros_like(motion.alpha)
-        bend = Term("C_Nalpha3", cube, nothing, "1/rad^3")
+        bend = Term("C_malpha3", cube, nothing, "1/rad^3")
         if self.drift is None:
             return (bend,)
         by, low, high = self.drift
         along = {"time": motion.time, "mach": motion.mach, "speed": motion.velocity}[by]
         place = scaled(along, low, high)
-        return bend, Term("C_Nalpha3 drift 1", cube * place, nothing, "1/rad^3")
+        return bend, Term("C_malpha3 drift 1", cube * place, nothing, "1/rad^3")
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad^3) of each coefficient."""

@@ -49,7 +49,7 @@ class SlopeSchedule(Mechanism):
         cosines, nothing = chebvander(self._cosine(motion), count), np.zeros_like(motion.alpha)
         return tuple(
             Term(f"{name} cos {k}", alpha * cosines[:, k], nothing, units)
-            for name, alpha, units in (("C_Nalpha", motion.alpha, "1/rad"), ("C_Nalpha3", motion.alpha**3, "1/rad^3"))
+            for name, alpha, units in (("C_malpha", motion.alpha, "1/rad"), ("C_malpha3", motion.alpha**3, "1/rad^3"))
             for k in range(1, count + 1)
         )
 
@@ -97,7 +97,7 @@ class KnownSlopeSchedule(SlopeSchedule):
         """The sum of the schedule's terms."""
         slope, bend = (chebval(self._cosine(motion), (0.0, *own)) for own in self._halves)
         total = motion.alpha * (slope + motion.alpha**2 * bend)
-        return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
+        return (Term("C_malpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
 
     @property
     def _halves(self) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -51,7 +51,7 @@ def error_of_differentiation(record: InertialRecord) -> FloatArray:
 
 
 def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray) -> FloatArray:
-    """C_N0 + C_Nalpha alpha (n,) fitted to the in-plane moment by weighted least squares."""
+    """C_m0 + C_malpha alpha (n,) fitted to the in-plane moment by weighted least squares."""
     root = np.sqrt(weight)
     columns = np.column_stack([np.ones_like(alpha), alpha])
     answer = np.linalg.lstsq(columns * root[:, None], in_plane * root, rcond=None)[0]

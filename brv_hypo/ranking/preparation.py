@@ -308,7 +308,7 @@ def _static(
 def _alongs(
     reconstructions: Sequence[Reconstruction], common: CommonTime | None
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """What the drift of C_Nalpha is of, and the speed (m/s), of each curve that it has to follow.
+    """What the drift of C_malpha is of, and the speed (m/s), of each curve that it has to follow.
 
     Flights have one curve together where they share it: at one Mach number the air is warmer on one than on another.
     """

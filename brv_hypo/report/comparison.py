@@ -247,7 +247,7 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
         shown: Role = "first" if each.chosen else role
         at_zero.append(Line(each.time_s, scale.drawn(each.at_zero), shown, name))
         slopes.append(Line(each.time_s, each.slope, shown, name))
-    titles = (f"C<sub>N0</sub>{scale.suffix}", COEFFICIENTS["C_N' by alpha"])
+    titles = (f"C<sub>m0</sub>{scale.suffix}", COEFFICIENTS["C_N' by alpha"])
     panels = [framed(Panel(title, layers)) for title, layers in zip(titles, (at_zero, slopes), strict=True)]
     heading = f"In-plane moment of {series[-1].mechanism} by its terms"
     read = "Above: at no angle of attack. Where two sizes differ by much, do not rely on the smaller."

@@ -63,7 +63,7 @@ def starting_columns(model: Model, frame: RateFrame) -> tuple[Regressor, ...]:
     table = model.mechanisms.get(TableSlope.name)
     if table is None:
         return columns
-    kept = tuple(column for column in columns if not column.term.startswith("C_Nalpha"))
+    kept = tuple(column for column in columns if not column.term.startswith("C_malpha"))
     term = table.terms(frame.motions[0], {})[0]
     return (*kept, Regressor(table.name, term.name, (), TimeBasis("constant"), term.units))
 

@@ -33,7 +33,7 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
     values = state.values
     known_schedule = _course(state)
     if known_schedule is not None:
-        column = Regressor(known_schedule.name, "C_Nalpha by the schedule", (), TimeBasis("constant"), "1")
+        column = Regressor(known_schedule.name, "C_malpha by the schedule", (), TimeBasis("constant"), "1")
         seen = replace(seen, frame=seen.frame.with_mechanisms([known_schedule]))
         columns, values = (*columns, column), np.append(values, 1.0)
     _, others = state.problem.solution(state.seen.frame, state.model.columns)
@@ -53,7 +53,7 @@ def _course(state: State) -> KnownSlopeSchedule | None:
     found = schedule.known_schedule(tuple(value for column, value in more if column.mechanism == schedule.name))
     motion = state.seen.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
-    slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_Nalpha")
+    slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_malpha")
     return found if np.linalg.norm(own) > SCHEDULE_TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
 
 

@@ -39,7 +39,7 @@ class ChangedSchedule(Mechanism):
     time_variation = ("constant", "jump")
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """C_Nalpha and C_mq."""
+        """C_malpha and C_mq."""
         return (static_terms(motion)[1], pitch_damping_term(motion))
 
 

@@ -16,7 +16,7 @@ from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LI
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
@@ -75,7 +75,7 @@ def predict(
     content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, tuple(refit), _in_blocks(record, settings))
+        found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, settings))
     return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
 
 

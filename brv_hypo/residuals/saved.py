@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 
-from brv_hypo.mechanisms.contract import TimeVariation
+from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticBend, StaticMoment
@@ -40,6 +40,11 @@ class SavedColumn(_Saved):
     std_error: float | None = None
     elsewhere: float | None = None
     flight: int | None = None
+
+    @field_validator("term")
+    @classmethod
+    def _earlier_name(cls, term: str) -> str:
+        return current_name(term)
 
 
 class ModelError(_Saved):

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -24,7 +24,7 @@ from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tol
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.reading import kind_of
 from brv_hypo.io.text import one_line
-from brv_hypo.mechanisms.contract import TimeVariation
+from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.thresholds import MINIMUM_SAMPLES
 
@@ -68,8 +68,19 @@ class VehicleConfig(Section):
         return Vehicle(**self.model_dump(exclude={"ixy", "ixz"}))
 
 
+def _with_current_names(data: Any) -> Any:
+    """A mapping from names of terms with the names of today; a name that is there twice is refused."""
+    if not isinstance(data, Mapping):
+        return data
+    names = [current_name(name) if isinstance(name, str) else name for name in data]
+    twice = sorted({name for name in names if names.count(name) > 1}, key=str)
+    if twice:
+        raise ValueError(f"{twice[0]} is given twice, once by its earlier name: keep one")
+    return dict(zip(names, data.values(), strict=True))
+
+
 class SlopeVariation(Section):
-    """C_Nalpha += change (x - at), or, as a step, += change where x >= at; x: Mach, Reynolds number, time.
+    """C_malpha += change (x - at), or, as a step, += change where x >= at; x: Mach, Reynolds number, time.
 
     A step of `width` > 0 is smooth, (1 + tanh((x - at) / width)) / 2. Prefer it for mach and reynolds: the
     integration lands on steps in time, not on steps in the motion.
@@ -85,20 +96,25 @@ class SlopeVariation(Section):
 class AerodynamicsConfig(Section):
     """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
 
-    C_A axial force; C_Nalpha_force > 0 slope of the normal force, which opposes the crossflow; C_N0, C_Nalpha
-    (< 0 on a stable vehicle), C_Nalpha3 the in-plane moment C_mw = C_N0 + C_Nalpha alpha + C_Nalpha3 alpha^3;
+    C_A axial force; C_Nalpha_force > 0 slope of the normal force, which opposes the crossflow; C_m0, C_malpha
+    (< 0 on a stable vehicle), C_malpha3 the in-plane moment C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3;
     C_mq pitch damping; C_l0, C_lp rolling moment and roll damping.
     """
 
     C_A: float = 0.0
     C_Nalpha_force: float = 0.0
-    C_N0: float = 0.0
-    C_Nalpha: float = 0.0
-    C_Nalpha3: float = 0.0
+    C_m0: float = 0.0
+    C_malpha: float = 0.0
+    C_malpha3: float = 0.0
     C_mq: float = 0.0
     C_l0: float = 0.0
     C_lp: float = 0.0
     slope_variations: tuple[SlopeVariation, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _earlier_names(cls, data: Any) -> Any:
+        return _with_current_names(data)
 
 
 class StartConfig(Section):
@@ -164,6 +180,11 @@ class PlantedConfig(Section):
     kind: TimeVariation = "jump"
     start: float | None = None
     stop: float | None = None
+
+    @field_validator("terms", mode="before")
+    @classmethod
+    def _earlier_names(cls, data: Any) -> Any:
+        return _with_current_names(data)
 
 
 class SensorConfig(Section):
@@ -513,7 +534,7 @@ def _put(data: dict[str, Any], path: str, value: float) -> None:
         data["instruments"]["errors"].setdefault(effect, {})[component] = value
         return
     node: Any = data
-    *parents, leaf = path.split(".")
+    *parents, leaf = current_name(path).split(".")
     try:
         for part in parents:
             child = node[int(part)] if isinstance(node, list) else node[part]

@@ -117,7 +117,7 @@ def _check(trajectory: Trajectory, equations: System) -> None:
         raise UnanswerableError(
             f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: "
             "an unstable vehicle, a mechanism planted too strongly or too long, or too long a step. Remedy: "
-            "check the sign of C_Nalpha (< 0 is stable), plant less, or reduce `step`."
+            "check the sign of C_malpha (< 0 is stable), plant less, or reduce `step`."
         )
     _, altitude = equations.gravity_and_altitude(np.moveaxis(trajectory.states[:, :3], 1, 0))
     if np.any(altitude < 0.0) or np.any(altitude > HIGHEST):

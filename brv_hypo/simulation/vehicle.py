@@ -41,7 +41,7 @@ class RunningMotion(Motion):
 
 @dataclass(frozen=True)
 class SlopeChange:
-    """`SlopeVariation` for a batch: what it adds to C_Nalpha, 1/rad."""
+    """`SlopeVariation` for a batch: what it adds to C_malpha, 1/rad."""
 
     variable: str
     kind: str
@@ -226,15 +226,15 @@ class System:
     def _wind_fixed_moment(self, motion: Motion) -> FloatArray:
         """C_mw of Eq. 5.1: the static terms, their variations, and planted mechanisms that are wind-fixed."""
         offset, slope = static_terms(motion)
-        moment = self.coefficients["C_N0"] * offset.in_plane + self._slope(motion) * slope.in_plane
-        moment = moment + self.coefficients["C_Nalpha3"] * motion.alpha**3
+        moment = self.coefficients["C_m0"] * offset.in_plane + self._slope(motion) * slope.in_plane
+        moment = moment + self.coefficients["C_malpha3"] * motion.alpha**3
         for item in self.planted:
             if item.mechanism.wind_fixed:
                 moment = moment + item.contribution(motion)[0]
         return np.asarray(moment, dtype=float)
 
     def _slope(self, motion: Motion) -> FloatArray:
-        slope = self.coefficients["C_Nalpha"]
+        slope = self.coefficients["C_malpha"]
         for slope_change in self.slope_changes:
             slope = slope + slope_change(motion)
         return slope

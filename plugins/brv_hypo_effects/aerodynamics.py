@@ -1,7 +1,7 @@
 """Aerodynamic moments beyond the linear static moment and constant damping, of a body of revolution.
 
     Magnus                C_npalpha (p d / 2V) alpha, out of plane
-    cubic static moment   C_Nalpha3 alpha^3, in plane
+    cubic static moment   C_malpha3 alpha^3, in plane
     Mach, Reynolds        static moment and pitch damping whose coefficients follow Mach or Reynolds number
 """
 
@@ -38,7 +38,7 @@ class Magnus(Mechanism):
 
 
 class CubicStiffness(Mechanism):
-    """C_N' += C_Nalpha3 alpha^3: the first power after the linear one that symmetry allows."""
+    """C_N' += C_malpha3 alpha^3: the first power after the linear one that symmetry allows."""
 
     name = "cubic_stiffness"
     title = "cubic static moment"
@@ -49,8 +49,8 @@ class CubicStiffness(Mechanism):
     wind_fixed = True
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """One term: C_Nalpha3."""
-        return (Term("C_Nalpha3", motion.alpha**3, np.zeros_like(motion.alpha), "1/rad^3"),)
+        """One term: C_malpha3."""
+        return (Term("C_malpha3", motion.alpha**3, np.zeros_like(motion.alpha), "1/rad^3"),)
 
 
 # ---- Static and damping moments that change with Mach or Reynolds number along the flight ----
@@ -70,7 +70,7 @@ def _reynolds(motion: Motion) -> FloatArray:
 
 
 def _stiffness(motion: Motion, quantity: FloatArray, name: str) -> Term:
-    return Term(f"C_Nalpha * {name}", motion.alpha * quantity, np.zeros_like(motion.alpha), "1/rad")
+    return Term(f"C_malpha * {name}", motion.alpha * quantity, np.zeros_like(motion.alpha), "1/rad")
 
 
 def _damping(motion: Motion, quantity: FloatArray, name: str) -> Term:

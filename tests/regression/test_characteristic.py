@@ -27,18 +27,18 @@ def test_what_is_lost_without_the_characteristic_term_is_a_share_of_what_is_expl
     """The knot of the other term moves to where that alone fits best: less is lost than where it was."""
     given = problem()
     null = fit_hypothesis(given, "none", ())
-    fit = fit_of(given, "inplane", "C_N0", "C_Nalpha")
-    there, plain = fit_of(given, "inplane", "C_Nalpha"), plain_columns(fit)
+    fit = fit_of(given, "inplane", "C_m0", "C_malpha")
+    there, plain = fit_of(given, "inplane", "C_malpha"), plain_columns(fit)
     moved = settled(given, fit, (*given.baseline, *plain), plain)
     lost = (moved.rss - fit.rss) / (null.rss - fit.rss)
-    assert [column.term for column in plain] == ["C_Nalpha"]
+    assert [column.term for column in plain] == ["C_malpha"]
     assert moved.rss < there.rss
     assert particular_share(given, null, fit) == pytest.approx(lost, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("mechanism", "terms", "share"),
-    [("inplane", ("C_Nalpha",), 0.0), ("inplane", ("C_N0",), 1.0), ("damping", ("C_mq",), 1.0)],
+    [("inplane", ("C_malpha",), 0.0), ("inplane", ("C_m0",), 1.0), ("damping", ("C_mq",), 1.0)],
 )
 def test_terms_of_one_kind_are_particular_or_not(
     mechanism: str, terms: tuple[str, ...], share: float

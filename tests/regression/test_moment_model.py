@@ -16,7 +16,7 @@ from brv_hypo.regression.moment_model import MomentModel
 from tests.chains import prepared
 
 DELAY = (("delay", 0.04),)
-TERMS = {"static": ("C_Nalpha", ()), "lag": ("lag fraction", DELAY), "sticking": ("eps", DELAY)}
+TERMS = {"static": ("C_malpha", ()), "lag": ("lag fraction", DELAY), "sticking": ("eps", DELAY)}
 
 
 def model_of(name: str) -> tuple[MomentModel, InertialRecord]:

@@ -47,7 +47,7 @@ def test_what_is_tied_is_known_better():
     problem = prepared(knot_count=3)
     frame, columns = problem.frame, problem.baseline
     tied, loose = (each.whole_design(frame, columns) for each in (problem, problem.untied()))
-    place = [column.term for column in columns].index("C_Nalpha")
+    place = [column.term for column in columns].index("C_malpha")
 
     def sigma(design: np.ndarray) -> float:
         return float(np.sqrt(np.linalg.pinv(design.T @ design)[place, place]))

@@ -21,8 +21,8 @@ def test_an_episode_begins_and_ends_beside_the_planted_knots() -> None:
     given = prepared("inplane", max_terms=4, exact_terms=2)
     spacing = float(np.diff(given.knots).min()) / SEARCH_FINER_KNOTS
     one, two = sorted(episodes(given, given.frame.with_mechanisms(INPLANE), INPLANE), key=len)
-    assert [column.term for column in one] == ["C_N0", "C_Nalpha"]
-    assert [column.term for column in two] == ["C_N0", "C_Nalpha"] * 2
+    assert [column.term for column in one] == ["C_m0", "C_malpha"]
+    assert [column.term for column in two] == ["C_m0", "C_malpha"] * 2
     assert sorted({column.time_basis.start for column in two}) == pytest.approx([2.0, 4.0], abs=spacing)
 
 

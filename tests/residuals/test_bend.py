@@ -38,7 +38,7 @@ OTHERS = ("magnus", "stiffness_asymmetry", "inplane", "damping")
 
 def bent_cone(**beside: float) -> SimulationConfig:
     """The research cone with a bend, and a Magnus moment where one is given."""
-    planted = {"cubic_stiffness": {"C_Nalpha3": BEND}, **({"magnus": beside} if beside else {})}
+    planted = {"cubic_stiffness": {"C_malpha3": BEND}, **({"magnus": beside} if beside else {})}
     data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
     data["mechanisms"] = tuple(
         {"mechanism": name, "terms": terms, "kind": "constant"} for name, terms in planted.items()
@@ -58,7 +58,7 @@ def traced(*effects: str, magnus: bool = False) -> Trace:
 
 
 def bend_of(result: Trace) -> tuple[float, float]:
-    term = next(term for term in result.model.terms if term.name == "C_Nalpha3")
+    term = next(term for term in result.model.terms if term.name == "C_malpha3")
     return term.value, term.std_error
 
 
@@ -104,7 +104,7 @@ def test_the_saved_model_predicts_a_sister_by_its_bend(tmp_path_factory: pytest.
     model = read_model(path)
     sister = simulate(another_flight(bent_cone(), 4), seed=13).flight
     held = predict(sister, model)
-    assert "C_Nalpha3" in {term.name for term in held.frozen}
+    assert "C_malpha3" in {term.name for term in held.frozen}
     columns = tuple(c.model_copy(update={"value": 0.0}) if c.mechanism == StaticBend.name else c for c in model.columns)
     without = predict(sister, model.model_copy(update={"columns": columns}))
     assert held.error.frozen < 1.05 * held.error.own

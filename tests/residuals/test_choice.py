@@ -139,7 +139,7 @@ def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
 def test_what_several_flights_share_comes_before_jumps_in_time_of_each(
     share: float, flight: int | None, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    jump = Regressor("inplane", "C_Nalpha", (), TimeBasis("jump", 2.0), "1/rad", flight=flight)
+    jump = Regressor("inplane", "C_malpha", (), TimeBasis("jump", 2.0), "1/rad", flight=flight)
     named = candidate("inplane", 1000.0, selected=(jump,))
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", share * 1000.0))
     assert result.ranked[0].name == first

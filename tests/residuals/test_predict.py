@@ -54,7 +54,7 @@ def held(traced: Trace, sister: Flight) -> Prediction:
 
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
-    assert "C_Nalpha" in {term.name for term in predicted.frozen}
+    assert "C_malpha" in {term.name for term in predicted.frozen}
     for term, planted in zip(predicted.refitted, SISTERS_TRIM, strict=True):
         assert term.std_error > 0.0
         assert abs(term.value - planted) < 0.1 * TRIM[0]
@@ -76,7 +76,7 @@ def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) 
 def changed(traced: Trace) -> Prediction:
     """A sister whose slope is another for a while."""
     data = another_flight(trimmed_cone(SISTERS_TRIM), 4).model_dump()
-    inplane = {"mechanism": "inplane", "terms": {"C_Nalpha": CHANGE}, "start": CHANGED_S[0], "stop": CHANGED_S[1]}
+    inplane = {"mechanism": "inplane", "terms": {"C_malpha": CHANGE}, "start": CHANGED_S[0], "stop": CHANGED_S[1]}
     config = SimulationConfig.model_validate({**data, "mechanisms": (*data["mechanisms"], inplane)})
     return predict(simulate(config, seed=5).flight, traced.model.definition, ("trim",))
 
@@ -84,7 +84,7 @@ def changed(traced: Trace) -> Prediction:
 def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) -> None:
     change = changed.local_change
     assert change is not None
-    assert change.term == "C_Nalpha"
+    assert change.term == "C_malpha"
     assert (change.start_s, change.stop_s) == pytest.approx(CHANGED_S, abs=0.05)
     assert change.value == pytest.approx(CHANGE, abs=4.0 * change.std_error)
     assert change.p_value < CHANGE_CHANCE
@@ -96,7 +96,7 @@ def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction
     document = prediction_document(changed)
     tables = [block for block in document.blocks if isinstance(block, Table)]
     rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
-    assert [row[0] for row in rows] == ["C_Nalpha"]
+    assert [row[0] for row in rows] == ["C_malpha"]
     assert Prediction.model_validate_json(changed.model_dump_json(by_alias=True)) == changed
 
 

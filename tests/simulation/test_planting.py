@@ -27,7 +27,7 @@ PLANTED: dict[str, dict[str, Any]] = {
     },
     "inplane": {
         "mechanism": "inplane",
-        "terms": {"C_N0": 1e-4, "C_Nalpha": 0.01},
+        "terms": {"C_m0": 1e-4, "C_malpha": 0.01},
         "kind": "ramp",
         "start": 0.3,
     },
@@ -129,7 +129,7 @@ def test_any_installed_effect_can_be_planted(mechanism: Mechanism) -> None:
 def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
     """C_mw of Eq. 5.1 holds the planted in-plane flow: the sticking moment grows with it."""
     alone = simulate(planting("sticking", duration=0.2), seed=1).truth
-    stronger = dict(PLANTED["inplane"], kind="jump", start=None, terms={"C_Nalpha": -0.0883})
+    stronger = dict(PLANTED["inplane"], kind="jump", start=None, terms={"C_malpha": -0.0883})
     config = load_config(
         {
             **planting("sticking", duration=0.2).model_dump(exclude={"plantable"}),
@@ -151,7 +151,7 @@ def test_moments_add_up_over_several_mechanisms() -> None:
 
 @pytest.mark.slow
 def test_stiffness_may_step_with_mach() -> None:
-    """C_Nalpha changes by the step where Mach passes it; nothing out of plane."""
+    """C_malpha changes by the step where Mach passes it; nothing out of plane."""
     aerodynamics = CONE.aerodynamics.model_dump() | {
         "C_mq": 0.0,
         "slope_variations": [

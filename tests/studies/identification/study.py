@@ -166,7 +166,7 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
         Regressor(static.name, term.name, (), always, term.units) for term in static.terms(frame.motions[0], {})
     ]
     columns.append(Regressor(PitchDamping.name, "C_mq", (), always, "1/rad"))
-    coefficients = [aerodynamics.C_N0, aerodynamics.C_Nalpha, 0.0, aerodynamics.C_mq]
+    coefficients = [aerodynamics.C_m0, aerodynamics.C_malpha, 0.0, aerodynamics.C_mq]
     moved: dict[str, float] = {}
     for item in planted:
         assert item.start is not None

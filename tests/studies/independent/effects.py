@@ -162,10 +162,10 @@ def _values(made: Made) -> dict[str, float]:
         "bodyfixed": {"C_b cos(phi_b)": size * np.cos(angle), "C_b sin(phi_b)": size * np.sin(angle)},
         "stiffness_asymmetry": {"pitch-yaw": size * np.cos(angle), "diagonal": size * np.sin(angle)},
         "damping": {"C_damping": size},
-        "inplane": {"C_N0": size * planted.values.get("offset", 0.0), "C_Nalpha": size},
+        "inplane": {"C_m0": size * planted.values.get("offset", 0.0), "C_malpha": size},
         "sticking": {"eps": size},
         "magnus": {"C_npalpha": size},
-        BENDING: {"C_Nalpha3": size},
+        BENDING: {"C_malpha3": size},
         "mach_damping": {"C_mq * Mach/10": size},
         "reynolds_damping": {"C_mq * log10(Re/1e6)": size},
     }.get(planted.name, {})

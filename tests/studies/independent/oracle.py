@@ -19,7 +19,7 @@ from tests.studies.independent.instruments import Errors, inertia_tensor, no_err
 from tests.studies.independent.mechanisms import LISTED, body_components
 
 DETECTED = 25.0  # F at the detection limit (DESIGN)
-DRIFT = 2  # degree in time of the baseline's C_Nalpha
+DRIFT = 2  # degree in time of the baseline's C_malpha
 INTERVALS = 24  # of a rival's first grid of knots over the record
 FINER = 6  # by which an interval beside the best knots is divided, each time
 PASSES = 2  # of finer grids
@@ -27,7 +27,7 @@ DELAYS = np.geomspace(2e-3, 0.15, 12)  # s, of a rival's first grid
 FINER_DELAYS = 7  # between the neighbours of the best
 
 # What the true motion does not settle: it moves the gyros, the phase of de-rolling or the equations of motion.
-# Dynamic pressure and inertia scale every moment alike, as C_Nalpha does: the baseline holds them.
+# Dynamic pressure and inertia scale every moment alike, as C_malpha does: the baseline holds them.
 _GYROS = {"gyro_bias": 3, "gyro_scale": 3, "gyro_misalignment": 6, "time_skew": 1}
 _VEHICLE = {"cg_offset": 2, "principal_axis": 2, "inertia_ratio": 1}
 _LEAST_PIVOT = 1e-10  # relative: a rival's columns that the baseline already holds explain nothing
@@ -114,7 +114,7 @@ class Ground:
         return columns, priors
 
     def _baseline(self) -> Iterator[np.ndarray]:
-        """Start, C_N0, C_Nalpha and its drift, alpha cubed where the static moment bends, C_mq."""
+        """Start, C_m0, C_malpha and its drift, alpha cubed where the static moment bends, C_mq."""
         true = self.made.true
         ones = np.ones(self.time.size, dtype=complex)
         yield from (ones, 1j * ones)

@@ -44,7 +44,7 @@ def with_moment(
     """
     lift = _normal_force(flight, state)
     rates, chi = _moved(flight, _course(flight, state, lift), mechanism, values, onset)
-    # C_y + i C_z = -C_Nalpha alpha (sin phi_w + i cos phi_w).
+    # C_y + i C_z = -C_malpha alpha (sin phi_w + i cos phi_w).
     force = -1j * lift * chi
     arm = 0.0 if flight.vehicle.accelerometer_position is None else flight.vehicle.accelerometer_position[0]
     change = np.gradient(rates, flight.time)
@@ -153,7 +153,7 @@ def _own_moments(state: State, motion: Motion) -> tuple[list[FloatArray], FloatA
             damping += value * motion.rate_factor
         elif column.mechanism in _STATIC:
             terms = state.model.mechanisms[column.mechanism].terms(motion, {})
-            power = 3 if column.term.startswith("C_Nalpha3") else 1 if column.term.startswith("C_Nalpha") else 0
+            power = 3 if column.term.startswith("C_malpha3") else 1 if column.term.startswith("C_malpha") else 0
             own = next(term.in_plane for term in terms if term.name == column.term)
             static[(0, 1, 3).index(power)] += value * own / alpha**power
     return static, damping

@@ -25,9 +25,9 @@ Times = NDArray[np.floating[Any]]
 
 
 def spline_problem(knots: int = 15, seed: int = 1, noise: float = 2e-5) -> tuple[FloatArray, FloatArray]:
-    """Jumps and ramps in C_N0 and C_Nalpha at each knot: 4 columns a knot, 826 samples (Section 5.3.1).
+    """Jumps and ramps in C_m0 and C_malpha at each knot: 4 columns a knot, 826 samples (Section 5.3.1).
 
-    The jump in C_N0 at the first knot is the constant. The first 15 knots are those of Table 5.5; more are
+    The jump in C_m0 at the first knot is the constant. The first 15 knots are those of Table 5.5; more are
     spread evenly between them. The response holds the nine-term model of Table 5.5 and coloured noise.
     """
     rng = np.random.default_rng(seed)
