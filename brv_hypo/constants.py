@@ -60,7 +60,7 @@ WALK_MOST_MODES = 80  # bounds the time
 # of the noise that the walk is made of: half as fast again as the motion, with two sines a cycle, it is lost in it.
 WALK_MODES_PER_CYCLE = 3.0
 WALK_LEFT_OUT = 0.8  # standard deviations of alpha, of what the sines may leave of the walk
-NOISE_MOST_TIED = 0.995  # of a direction's noise, that goes to unknowns: what is left keeps the rows regular
+NOISE_MOST_EQUAL = 0.995  # of a direction's noise, that goes to unknowns: what is left keeps the rows regular
 NOISE_ORDER = 12  # largest of its autoregression
 NOISE_SAMPLES_PER_ORDER = 20  # of the residuals
 NOISE_MOST_UNTHINNED = 8000  # rows up to which the fit that leaves the noise keeps all; beyond it takes next to none
@@ -115,19 +115,19 @@ REFINED_GAIN = 0.2
 # another, differs by what steps left, or by rounding alone, which must decide nothing: of three flights in another
 # order (seed 4941 of `tests.harness.invariance`) another model was chosen, 17 of 2 ln L apart.
 SEARCH_GAIN = REFINED_GAIN
-SEARCH_TIED = 1e-3  # of 2 ln L, within which the first that was found is taken
+SEARCH_EQUAL = 1e-3  # of 2 ln L, within which the first that was found is taken
 REFINED_HALVINGS = 4  # lengths of a step that are tried
 # Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
 # began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
 # ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
-SETTLED_STEPS = 40
-SETTLED_GAIN = 1e-6
-SETTLED_LAST_STEPS = 10
-SETTLED_LAST_WIDTH = 1e-5
+REFIT_STEPS = 40
+REFIT_GAIN = 1e-6
+REFIT_LAST_STEPS = 10
+REFIT_LAST_WIDTH = 1e-5
 # Steps that are taken as they are, and what one may lose of 2 ln L: by a limit that rounding passes (6e-4) a knot of
 # the cone stopped 3e-10 s short, 1.3e-6 standard errors.
-SETTLED_WHOLE_STEPS = 2
-SETTLED_LOSS = 1e-2
+REFIT_WHOLE_STEPS = 2
+REFIT_LOSS = 1e-2
 # The static moment that a model told lags behind or sticks to: rounds at most in which it is brought up to date, and
 # how far the prediction may still move in the last, in standard deviations. A round leaves a tenth to a half of what
 # the one before left; one alone left 0.009 standard errors of a fraction (seed 983 of `tests.harness.invariance`; 0.06
@@ -155,7 +155,7 @@ COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and 
 # nothing (industrial instruments); the length is 1.8 times the largest of them in the median of 60 (seeds 192000 to
 # 192026).
 MOST_LINEARISATIONS = 4
-SETTLED_ERRORS = 2.0
+CONVERGED_ERRORS = 2.0
 # Times the noise's mean square that a baseline may leave, whose fit is believed to tell errors of the record. Of six
 # strong effects that were "none adequate" (165540, 165832, 166030, 166078, 166361, 320212: 2.5 to 5,800 times) five are
 # named; flights on which it leaves 1.6 times or less are told better about its fit.
@@ -168,8 +168,8 @@ BEYOND_TOLERANCE_NAMED = 3
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
 LINEARISED_AGAIN = 2400.0  # fall of 2 ln L that the leader brings, from which the problem is linearised about it
-SETTLED_FALL = 12.0  # fall of 2 ln L of what the leader leaves, below which another linearisation has changed nothing
-HEARD_SHARE = 1.05  # of the noise beside the leader, from which what that leaves is more
+CONVERGED_FALL = 12.0  # fall of 2 ln L of what the leader leaves, below which another linearisation has changed nothing
+NOISE_LEADER_SHARE = 1.05  # of the noise beside the leader, from which what that leaves is more
 LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
 # Linearisations that may lower nothing, and further searches, where something else stands beside the leader: a flight
 # with industrial instruments is found in steps of which some lower nothing. Of four strong effects that were "none
@@ -213,7 +213,7 @@ CRITERIA_TIE = 1e-6  # relative difference of residual sums of squares below whi
 # ---- Verdict: probability, limits ----
 
 WINNING_PROBABILITY = 0.9  # posterior from which a hypothesis is named, or none adequate; convention that users quote
-STANDING_PROBABILITY = 0.02  # posterior from which a rival stands beside the leader
+CREDIBLE_PROBABILITY = 0.02  # posterior from which a rival stands beside the leader
 OTHER_PRIOR = 0.2  # prior that something outside the list moved the vehicle (contract of `compare --json`)
 # Widens the posterior for what the linearised likelihood does not know (second-order errors of motion and instruments).
 # Set by the calibration of `brv-hypo study`, which tells the temperature of least log loss beside it, at 2, and at 1.5
@@ -279,11 +279,11 @@ RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 CANDIDATE_SOUND = 1.05  # error on left-out stretches that a fit may have, over that of its mechanism's best fit
 CANDIDATES_LEFT_OUT = 8  # of which it is found what they explain on stretches left out, as many as a report shows
-LOOK_AHEAD = 3  # candidates that are looked beyond
-LOOK_AHEAD_RIVAL = 0.5  # of the leader's gain, that each must have: what explains far less is no rival
-LOOK_ALIKE_NEAR = 10.0  # information that a look-alike may lack against the leader
-LOOK_ALIKE_COSINE = 0.95  # between the predicted rates: 10 % of the square is left to tell them apart by
-LOOK_ALIKE_GAIN = 0.8  # of the leader's gain, that such a one has to have
+TWO_STEP = 3  # candidates that are looked beyond
+TWO_STEP_RIVAL = 0.5  # of the leader's gain, that each must have: what explains far less is no rival
+CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader
+CONFOUNDED_COSINE = 0.95  # between the predicted rates: 10 % of the square is left to tell them apart by
+CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
 NEAR_EQUAL_COSINE = 0.95  # of an effect's prediction and the columns of another, from which that can take its place
 
 # ---- Loop: description in generic terms ----
@@ -340,16 +340,16 @@ FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
 FINDING_SHOWN = 12.0  # fall of the squared whitened rates above which an effect shows in the moments
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
 WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
-TOLD_CHANCE = 0.01  # p-value, adjusted for the channels tried, below which a correlation is told; convention
-TOLD_REGIONS = 16  # stretches of time, of which the worst and its neighbours are told
-TOLD_REGION_SHARE = 0.5  # of the worst, that its neighbours have
-TOLD_FREQUENCY_LINES = 1.5  # of the spectrum, within which a frequency is a multiple of roll or meridian rate
-TOLD_FREQUENCY_WITHIN = 0.1  # or of itself
-TOLD_PER_CYCLE = 25.0  # samples; a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
-TOLD_MERIDIAN = 90.0  # percentile of the meridian's rate that is the fastest motion
-TOLD_SLOPES = 32  # places along a flight at which the static slope is told
+REPORTED_CHANCE = 0.01  # p-value, adjusted for the channels tried, below which a correlation is told; convention
+REPORTED_REGIONS = 16  # stretches of time, of which the worst and its neighbours are told
+REPORTED_REGION_SHARE = 0.5  # of the worst, that its neighbours have
+REPORTED_FREQUENCY_LINES = 1.5  # of the spectrum, within which a frequency is a multiple of roll or meridian rate
+REPORTED_FREQUENCY_WITHIN = 0.1  # or of itself
+REPORTED_PER_CYCLE = 25.0  # samples; a mean over the interval reads 0.3 % too small there, 1 - sinc(1 / 25)
+REPORTED_MERIDIAN = 90.0  # percentile of the meridian's rate that is the fastest motion
+REPORTED_SLOPES = 32  # places along a flight at which the static slope is told
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be told so; convention
-TOLD_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
+REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
 
 # ---- Prediction ----
 # Held by `tests.studies.independent.sisters`: what the frozen model explains, and what its band holds.
@@ -368,7 +368,7 @@ PREDICTED_NEARLY_ALL = 0.995  # share of the samples where the model's flights f
 PREDICTED_GREATLY = 0.5
 PREDICTED_SMALL = 0.01
 PREDICTED_HOLDS = 0.90  # of the samples within a 95 % band, below which the model errs by more than it said
-PREDICTED_TELLING = 0.25  # of the noise's mean square, from which what a model left where it was found is told
+PREDICTED_DISTINCT = 0.25  # of the noise's mean square, from which what a model left where it was found is told
 # Where slope or damping differ from a frozen model's: a study of its own, `tests.studies.independent.sisters
 # --changed`.
 CHANGE_EDGES = 25  # times, evenly over the record, between any two of which they may: 300 regions

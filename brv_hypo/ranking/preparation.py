@@ -13,9 +13,9 @@ from brv_hypo.constants import (
     BASELINE_BELIEVED,
     COLOURED,
     COMPARED_SMALLEST,
+    CONVERGED_ERRORS,
     MOST_LINEARISATIONS,
     OFFSET_DEGREE,
-    SETTLED_ERRORS,
     SLOPE_DEGREE,
     WAVERING_SPEED,
 )
@@ -112,7 +112,7 @@ def settled(
             break
         taken, problem = found, about(point, records, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
-        if heard is settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
+        if heard is settings and farthest_apart(problem, taken, found) < CONVERGED_ERRORS:
             break
         settings = heard
     return problem, replace(settings, taken=taken)

@@ -12,6 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     SCANNED,
     SCANNED_FINELY,
+    SEARCH_EQUAL,
     SEARCH_FINE_SCANS,
     SEARCH_GAIN,
     SEARCH_NARROWINGS,
@@ -19,7 +20,6 @@ from brv_hypo.constants import (
     SEARCH_PATIENCE,
     SEARCH_SIZES_TRIED,
     SEARCH_STARTS,
-    SEARCH_TIED,
 )
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta
@@ -296,7 +296,7 @@ def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
     """The fit of the least criterion; of those that are tied the first."""
     found = [fit.information for fit in fits]
     least = min(found)
-    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_TIED)
+    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL)
 
 
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import NOISE_MOST_TIED
+from brv_hypo.constants import NOISE_MOST_EQUAL
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis
@@ -91,7 +91,7 @@ class WhitenedRows:
     def _sharpening(self) -> tuple[FloatArray, FloatArray]:
         """Directions (rate rows, rank) of the noise that is in unknowns, and what they gain as it leaves the rates."""
         directions, share, _ = np.linalg.svd(self.own_noise, full_matrices=False)
-        share = np.minimum(share, NOISE_MOST_TIED)
+        share = np.minimum(share, NOISE_MOST_EQUAL)
         return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
 
     def _sharpened(self, rates: FloatArray) -> FloatArray:

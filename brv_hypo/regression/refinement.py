@@ -19,14 +19,14 @@ from brv_hypo.constants import (
     REFINED_HALVINGS,
     REFINED_STEPS,
     REFINED_WIDTH,
+    REFIT_GAIN,
+    REFIT_LAST_STEPS,
+    REFIT_LAST_WIDTH,
+    REFIT_LOSS,
+    REFIT_STEPS,
+    REFIT_WHOLE_STEPS,
     SCANNED,
     SCANNED_FACTOR,
-    SETTLED_GAIN,
-    SETTLED_LAST_STEPS,
-    SETTLED_LAST_WIDTH,
-    SETTLED_LOSS,
-    SETTLED_STEPS,
-    SETTLED_WHOLE_STEPS,
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.frame import RateFrame
@@ -55,8 +55,8 @@ class Steps(NamedTuple):
 ROUGH = (Steps(REFINED_STEPS, REFINED_GAIN, REFINED_WIDTH),)
 # Of one that is told, or linearised about.
 SETTLED = (
-    Steps(SETTLED_STEPS, SETTLED_GAIN, REFINED_WIDTH),
-    Steps(SETTLED_LAST_STEPS, SETTLED_GAIN, SETTLED_LAST_WIDTH, whole=SETTLED_WHOLE_STEPS),
+    Steps(REFIT_STEPS, REFIT_GAIN, REFINED_WIDTH),
+    Steps(REFIT_LAST_STEPS, REFIT_GAIN, REFIT_LAST_WIDTH, whole=REFIT_WHOLE_STEPS),
 )
 
 
@@ -155,7 +155,7 @@ def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
             break
     for _ in range(steps.whole):
         last = _moved(reduced, state, _step(reduced, state, steps.width))
-        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) >= SETTLED_LOSS * state.fitted.rss:
+        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) >= REFIT_LOSS * state.fitted.rss:
             break
         state = last
     return state

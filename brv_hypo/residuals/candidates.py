@@ -14,9 +14,9 @@ from scipy import stats
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     CANDIDATE_SOUND,
-    LOOK_ALIKE_COSINE,
-    LOOK_ALIKE_GAIN,
-    LOOK_ALIKE_NEAR,
+    CONFOUNDED_COSINE,
+    CONFOUNDED_GAIN,
+    CONFOUNDED_NEAR,
     RECORD_EFFECT_LARGEST,
 )
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
@@ -372,8 +372,8 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
         if other is not leader
         and other.gain > 0.0
         and (
-            abs(leader.leads(other)) < LOOK_ALIKE_NEAR
-            or (alike(leader, other) and other.gain > LOOK_ALIKE_GAIN * leader.gain)
+            abs(leader.leads(other)) < CONFOUNDED_NEAR
+            or (alike(leader, other) and other.gain > CONFOUNDED_GAIN * leader.gain)
         )
     )
 
@@ -381,4 +381,4 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
 def alike(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates predict nearly the same."""
     a, b = one.contribution, other.contribution
-    return float(a @ b) > LOOK_ALIKE_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))

@@ -11,6 +11,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
+    CONFOUNDED_NEAR,
     DESCRIBED_CLIMB,
     DESCRIBED_CLOSEST,
     DESCRIBED_FINER,
@@ -19,7 +20,6 @@ from brv_hypo.constants import (
     DESCRIBED_SCREENED,
     DESCRIBED_STRETCHES,
     DESCRIBED_TIMED,
-    LOOK_ALIKE_NEAR,
 )
 from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlMechanism, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
@@ -101,7 +101,7 @@ def _best(
     forms = {(entry.follows, entry.form): entry for entry in reversed(courses)}
     moved = [_moved(problem, entry, basis, left) for entry in forms.values()]
     told = [_gain(_free(own, basis), left) for own in _white(problem, moved)]
-    alike = [k for k, gain in enumerate(told) if gain > max(told) - LOOK_ALIKE_NEAR]
+    alike = [k for k, gain in enumerate(told) if gain > max(told) - CONFOUNDED_NEAR]
     first = min(alike, key=lambda k: (COURSES.index(moved[k].follows or COURSES[-1]), -told[k]))
     return moved[first]
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.constants import (
+    PREDICTED_DISTINCT,
     PREDICTED_GREATLY,
     PREDICTED_HOLDS,
     PREDICTED_NEARLY_ALL,
     PREDICTED_SMALL,
-    PREDICTED_TELLING,
 )
 from brv_hypo.residuals.prediction import Band, LocalChange
 
@@ -110,7 +110,7 @@ def _of_other_times(left_out: Sequence[str]) -> str:
 
 def _of_the_model(band: Band, noise: float) -> str:
     """What is said of a band that is wider than the noise for what the model left where it was found."""
-    if band.model_error**2 < PREDICTED_TELLING * noise:
+    if band.model_error**2 < PREDICTED_DISTINCT * noise:
         return ""
     return (
         f" Where it was found the residual was {band.model_error:.2g} (rms) on held-out blocks, "

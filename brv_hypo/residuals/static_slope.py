@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import STABLE_SIGMAS, TOLD_SLOPES
+from brv_hypo.constants import REPORTED_SLOPES, STABLE_SIGMAS
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import YamlMechanism
 from brv_hypo.model.term import Regressor, Theta
@@ -30,7 +30,7 @@ def static_slopes(seen: Seen, found: Coefficients) -> tuple[StaticSlope, ...]:
 
 def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
     motion = seen.reconstructions[number].motion
-    stretches = np.array_split(np.arange(motion.time.size), TOLD_SLOPES)
+    stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
     places = [stretch[stretch.size // 2] for stretch in stretches]
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])

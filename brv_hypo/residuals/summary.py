@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import TOLD_DRAG, TOLD_MERIDIAN, TOLD_PER_CYCLE
+from brv_hypo.constants import REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
@@ -290,11 +290,11 @@ def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
 def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
     found = list(reconstruction.warnings)
     motion = reconstruction.motion
-    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), TOLD_MERIDIAN)) + float(
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN)) + float(
         np.mean(np.abs(motion.p))
     )
     per_cycle = 2.0 * np.pi / (turning * flight.step)
-    if per_cycle < TOLD_PER_CYCLE:
+    if per_cycle < REPORTED_PER_CYCLE:
         attenuation = 1.0 - np.sinc(1.0 / per_cycle)
         found.append(
             f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: "
@@ -302,7 +302,7 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
             "of half a sample may pose as damping or lag"
         )
     drag = _drag_spread(flight)
-    if drag is not None and drag < TOLD_DRAG:
+    if drag is not None and drag < REPORTED_DRAG:
         found.append(
             f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
             "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "

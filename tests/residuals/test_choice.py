@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from brv_hypo.constants import LOOK_ALIKE_NEAR, LOOP_SHARED
+from brv_hypo.constants import CONFOUNDED_NEAR, LOOP_SHARED
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.ranking import alternative
@@ -111,12 +111,12 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("particular", "ahead", "first"),
     [
-        (0.0, 0.9 * LOOK_ALIKE_NEAR, "discovered_1"),
-        (0.009, 0.9 * LOOK_ALIKE_NEAR, "discovered_1"),
-        (0.0, 1.1 * LOOK_ALIKE_NEAR, "inplane"),
-        (0.5, 0.9 * LOOK_ALIKE_NEAR, "inplane"),
-        (0.5, -0.9 * LOOK_ALIKE_NEAR, "inplane"),
-        (0.5, -1.1 * LOOK_ALIKE_NEAR, "discovered_1"),
+        (0.0, 0.9 * CONFOUNDED_NEAR, "discovered_1"),
+        (0.009, 0.9 * CONFOUNDED_NEAR, "discovered_1"),
+        (0.0, 1.1 * CONFOUNDED_NEAR, "inplane"),
+        (0.5, 0.9 * CONFOUNDED_NEAR, "inplane"),
+        (0.5, -0.9 * CONFOUNDED_NEAR, "inplane"),
+        (0.5, -1.1 * CONFOUNDED_NEAR, "discovered_1"),
     ],
 )
 def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
