@@ -169,23 +169,19 @@ class Problem:
         `errors` those are unknown.
         """
         return fit(
-            PartialJacobian(self.model.dynamics, self.model.dynamics_slopes),
-            PartialJacobian(self.model.outputs, self.model.outputs_slopes),
+            PartialJacobian(self.model.dynamics, self.model.dynamics_slopes, self.affine),
+            PartialJacobian(self.model.outputs, self.model.outputs_slopes, self.affine),
             self.segments(),
             self.theta,
-            bounds=self.bounds,
+            bounds=self.bounds | {name: (self.theta[name], self.theta[name]) for name in fixed},
             priors=self.priors,
             delays=self.structure.delays,
             reach=dict.fromkeys(self.structure.knots, self._knot_reach),
-            affine=self.affine,
-            noise=self.config.noise,
-            noise_covariance=noise,
+            noise=self.config.noise if noise is None else noise,
             first_noise=self.first_noise,
-            derivatives="central",
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
-            fixed=fixed,
             errors=errors,
             progress=progress,
         )

@@ -1,34 +1,31 @@
 """Maximum-likelihood estimation of dynamic models by collocation, on bare functions.
 
-    fit                   fit.py       the entrance: dynamics, outputs, segments, start values -> FitResult
-    Segment, History      segment.py   a continuous record; what was before it, for delays
-    TimeVaryingParameter  segment.py   a parameter that varies along a segment: weights times basis functions of time
-    FitResult             result.py    estimate, standard errors, likelihood, innovations; its report
-    profile_interval      result.py    intervals where the likelihood is no parabola
-    Status                search.py    how the search ended, with cause and remedy
+    fit                   fit.py          the entrance: dynamics, outputs, segments, start values -> FitResult
+    Segment               segment.py      a continuous record
+    TimeVaryingParameter  segment.py      a parameter that varies along a segment: weights times basis functions of time
+    PartialJacobian       derivatives.py  a function with what is known of its derivatives
+    FitResult             result.py       estimate, standard errors, likelihood, innovations; its report
+    Status                search.py       how the search ended, with cause and remedy
 
-In the order of the data: segment and parameters (checked input), standard_form (constraints among parameters, models
-without states), derivatives (complex step, central differences, or analytic), collocation (Hermite-Simpson defects),
-kkt and condensing (the states eliminated, by one banded solve or by a recursion in time), gauss_newton (step, line
-search, extrapolation), starts (starting points, long gaps, finer meshes), noise and student (measurement noise),
-filter_error, scoring and compiled (process noise), search, then uncertainty and assessment (standard errors, and what
-cannot be trusted).
+In the order of the data: segment and parameters (checked input), derivatives (complex step or central differences),
+collocation (Hermite-Simpson defects), kkt and condensing (the states eliminated, by one banded solve or by a recursion
+in time), gauss_newton (step, line search, extrapolation), starts (starting points, finer meshes), noise (measurement
+noise), filter_error, scoring and compiled (process noise), search, then uncertainty and assessment (standard errors,
+and what cannot be trusted).
 """
 
-from brv_hypo.likelihood.derivatives import Delayed
+from brv_hypo.likelihood.derivatives import Delayed, PartialJacobian
 from brv_hypo.likelihood.fit import fit
-from brv_hypo.likelihood.result import FitResult, ProfileInterval, profile_interval
+from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Status
-from brv_hypo.likelihood.segment import History, Segment, TimeVaryingParameter
+from brv_hypo.likelihood.segment import Segment, TimeVaryingParameter
 
 __all__ = [
     "Delayed",
     "FitResult",
-    "History",
-    "ProfileInterval",
+    "PartialJacobian",
     "Segment",
     "Status",
     "TimeVaryingParameter",
     "fit",
-    "profile_interval",
 ]

@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.likelihood import student
 from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.filter_error import kalman_innovations
 from brv_hypo.likelihood.gauss_newton import (
@@ -34,17 +33,12 @@ from brv_hypo.likelihood.search import Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid, SampledParameter
 from brv_hypo.likelihood.starts import TOLERATED
 from brv_hypo.likelihood.uncertainty import (
-    Starts,
+    Linearised,
     Whiteness,
-    by_initial_states,
-    changing_errors,
     coloured_covariance,
     covariance_from_information,
     identifiability,
     inflation,
-    initial_state_errors,
-    linearised,
-    white_covariance,
     whiteness,
 )
 
@@ -76,12 +70,11 @@ def mesh_shift(
     if not usable or not segments or not known.any():
         return np.full(p, np.nan)
     gradient = np.zeros(p)
-    for s, (grid, x, segment) in enumerate(zip(problem.grids, iterate.x, segments, strict=True)):
+    for grid, x, segment in zip(problem.grids, iterate.x, segments, strict=True):
         with np.errstate(all="ignore"):
-            error = interval_errors(problem, grid, x, problem.parameters.of_segment(s, iterate.theta))
+            error = interval_errors(problem, grid, x, problem.parameters.as_mapping(iterate.theta))
         multiplier = segment.eliminated.multiplier[1:, :, 1:]  # type: ignore[attr-defined]
-        index = problem.parameters.segment_index[s]
-        gradient[index] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
+        gradient += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
     shift = np.full(p, np.nan)
     shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))
@@ -176,16 +169,10 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    pull = _influence(iterate, innovations)
-    segments, loose = _sensitivities(outcome if pull is None else _flattened(outcome, pull), options.errors)
+    segments, loose = _sensitivities(outcome, options.errors)
     rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
-    if pull is not None:
-        rows = tuple(
-            np.concatenate([(psi / np.sqrt(pull.slope)[:, None]).T[:, :, None], each[:, :, 1:]], axis=2)
-            for psi, each in zip(pull.psi, rows, strict=False)
-        )
     if segments:
-        triangle = information_factor(problem, segments)[:p, :p]
+        triangle = information_factor(segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     if loose:
         white, coloured = (
@@ -200,13 +187,6 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     if np.any(problem.process_noise):
         white = coloured = noise.covariance
         shift = mesh_shift(problem, iterate, segments, white)
-    # Only where the motion was too fast for the samples: elsewhere nothing is over before it is measured.
-    fast = options.mesh_steps > 1 and bool(rows) and not loose
-    changing = changing_errors(problem, iterate, segments, white, estimated) if fast else ()
-    starts = by_initial_states(problem, segments)
-    variance_factor = _variance_factor(problem, samples, _unknowns(problem, estimated), options)
-    if pull is not None:
-        variance_factor *= pull.spread
     determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
     hidden = outcome.status == Status.STALLED and bool(determined.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
@@ -233,38 +213,19 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         identifiability=determined,
         whiteness=tests,
         states=tuple(x[:, sampled] for x in iterate.x),
-        initial_state_std_error=initial_state_errors(problem, starts, segments, white, variance_factor),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=None if pull else linearised(problem, iterate, _sampled(starts, sampled), rows, estimated),
+        linear=Linearised(
+            tuple(each[:, :, 1:] for each in rows), triangle, 1.0 / parameters.prior_std**2, estimated
+        )
+        if rows
+        else None,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
-        remarks=(
-            *_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks, *changing
-        ),
-        noise_freedom=None if iterate.tails is None else iterate.tails.freedom,
-        weights=() if iterate.tails is None else tuple(w[:, sampled] for w in iterate.tails.weights),
+        remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
     )
-
-
-def _influence(iterate: Iterate, innovations: Sequence[FloatArray]) -> student.Influence | None:
-    if iterate.tails is None:
-        return None
-    return student.influence(innovations, np.diag(iterate.covariance), iterate.tails.freedom)
-
-
-def _flattened(outcome: Outcome, pull: student.Influence) -> Outcome:
-    """Every sample of an output weighed by its mean slope: what curves the likelihood of noise with tails."""
-    weights = tuple(np.repeat(pull.slope[:, None], grid.n, axis=1) for grid in outcome.problem.grids)
-    tails = student.Tails(np.full(pull.slope.size, np.inf), weights)
-    return replace(outcome, iterate=replace(outcome.iterate, tails=tails), segments=())
-
-
-def _sampled(starts: Starts, where: slice) -> Starts:
-    """What the initial states do, at the samples alone."""
-    return tuple(None if start is None else (start[0][where], start[1]) for start in starts)
 
 
 def _covariances(
@@ -290,13 +251,8 @@ def _covariances(
         return white, white
     block = np.ix_(known, known)
     prior = 1.0 / parameters.prior_std[known] ** 2
-    sensitivity = [
-        _columns(s[:, :, 1:], index, known) for s, index in zip(rows, parameters.segment_index, strict=True)
-    ]
+    sensitivity = [s[:, :, 1 + known] for s in rows]
     left = [s[:, :, 0] for s in rows]
-    if options.student:
-        white = np.full_like(raw, np.nan)
-        white[block] = white_covariance(raw[block], prior, sensitivity, left) * variance_factor
     corrected = coloured_covariance(raw[block], prior, sensitivity, left)
     if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
@@ -333,7 +289,7 @@ def _undisturbed(
     p = covariance.shape[0]
     both = [
         np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
-        for each in (triangle, information_factor(problem, loose)[:p, :p])
+        for each in (triangle, information_factor(loose)[:p, :p])
     ]
     lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
     found = covariance.copy()
@@ -401,22 +357,7 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
         return kalman_innovations(problem, iterate)
     found = residuals(problem, iterate)
     together = np.concatenate(found, axis=1)
-    if iterate.tails is not None:
-        square = np.diag(iterate.covariance)
-        return found, student.negative_log_likelihood(together, square, iterate.tails.freedom)
     return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
-
-
-def _columns(by_parameter: FloatArray, index: IntArray, known: IntArray) -> FloatArray:
-    """Derivatives by the known parameters (n, n_outputs, known) from those by a segment's own, `index`."""
-    if np.array_equal(index, known):
-        return by_parameter
-    place = {parameter: column for column, parameter in enumerate(index.tolist())}
-    found = np.zeros((*by_parameter.shape[:2], known.size))
-    for column, parameter in enumerate(known.tolist()):
-        if parameter in place:
-            found[:, :, column] = by_parameter[:, :, place[parameter]]
-    return found
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:

@@ -21,7 +21,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
 from brv_hypo.likelihood.kkt import BlockRows, Coupling
-from brv_hypo.likelihood.segment import DelayedSamples, Grid, History, Stencil
+from brv_hypo.likelihood.segment import Grid, Stencil
 
 _AT_ONCE = 8192
 """Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
@@ -32,16 +32,18 @@ _BEND = 1e-4
 
 @dataclass(frozen=True)
 class Model:
-    """The user's functions and how they are differentiated; `delays` names the parameters that are delays,
-    `affine` those in which both functions are affine.
-    """
+    """The user's functions and how they are differentiated."""
 
     dynamics: Function
+    """f(x, u, theta, t[, delayed]) -> (n_states, n)."""
     outputs: Function
+    """h(x, u, theta, t[, delayed]) -> (n_outputs, n)."""
     delays: tuple[str, ...] = ()
+    """Names of the parameters that are delays, s."""
     method: Method = "complex"
+    """Step by which they are differentiated."""
     scale: Mapping[str, float] | None = None
-    affine: frozenset[str] = frozenset()
+    """Size of each parameter, for central differences."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def evaluate_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
-    back = _delayed_samples(model.delays, grid, theta)
+    back = {name: grid.delayed(theta[name]) for name in model.delays}
     defects, outputs = [], []
     for part in parts_of(grid.n):
         there = _There(model, grid, x, theta, back, _Place.of(grid, part))
@@ -92,7 +94,7 @@ def linearise_segment(
     """Defects, outputs and their derivatives by states and by the named parameters: those of all samples and
     intervals, or of the samples of a part and of the intervals that begin there.
     """
-    back = _delayed_samples(model.delays, grid, theta)
+    back = {name: grid.delayed(theta[name]) for name in model.delays}
     place = _Place.of(grid, part)
     there = _There(model, grid, x, theta, back, place)
     slope = there.jacobian(model.dynamics, there.everywhere, names)
@@ -106,7 +108,7 @@ def linearise_segment(
         output=output.value.T[own],
         output_by_state=_with_delays(
             output.by_state[own, None],
-            [(back[d].stencil.part(place.samples).part(own), b[own]) for d, b in output.by_delayed.items()],
+            [(back[d].part(place.samples).part(own), b[own]) for d, b in output.by_delayed.items()],
         ),
         output_by_parameter=output.by_parameter[own],
     )
@@ -153,7 +155,7 @@ class _There:
     grid: Grid
     x: FloatArray
     theta: Mapping[str, float]
-    back: Mapping[str, DelayedSamples]
+    back: Mapping[str, Stencil]
     place: _Place
 
     @cached_property
@@ -200,7 +202,7 @@ class _There:
         selected = np.array([name not in self.grid.ignores for name in names], dtype=np.bool_)
         own = tuple(name for name in names if name not in self.grid.ignores)
         model = self.model
-        found = jacobian(function, points, self.theta, own, model.method, model.scale or {}, model.affine)
+        found = jacobian(function, points, self.theta, own, model.method, model.scale or {})
         if selected.all():
             return found
         by_parameter = np.zeros((*found.by_parameter.shape[:2], selected.size))
@@ -293,34 +295,26 @@ def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]
     """The samples, or some thousand of them, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
     selected = np.unique(np.linspace(0, grid.n - 1, min(grid.n, _AT_ONCE)).astype(np.int64))
-    return _points(grid, x, _delayed_samples(delays, grid, theta), selected)
-
-
-def _delayed_samples(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, DelayedSamples]:
-    return {name: grid.delayed_samples(theta[name]) for name in delays}
+    return _points(grid, x, {name: grid.delayed(theta[name]) for name in delays}, selected)
 
 
 def _points(
-    grid: Grid, x: FloatArray, back: Mapping[str, DelayedSamples], where: IntArray, at: FloatArray | None = None
+    grid: Grid, x: FloatArray, back: Mapping[str, Stencil], where: IntArray, at: FloatArray | None = None
 ) -> Points:
     """Some of the samples and midpoints, and what the delays see there; `at` gives states other than samples."""
     delayed: dict[str, Delayed] = {}
     rates: dict[str, Delayed] = {}
     u = grid.u[:, : grid.n]
     for name, whole in back.items():
-        stencil = whole.stencil.part(where)
-        delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, where)
-        rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, where)
+        stencil = whole.part(where)
+        delayed[name] = Delayed(stencil.apply(x), stencil.apply(u))
+        rates[name] = Delayed(stencil.apply_rate(x), stencil.apply_rate(u))
     time_varying = tuple(varying.part(where) for varying in grid.time_varying)
     return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, time_varying)
 
 
-def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: IntArray) -> Delayed:
-    return Delayed(x, u) if before is None else Delayed(x + before.x[:, where], u + before.u[:, where])
-
-
 def _defect_derivatives(
-    place: _Place, slope: Jacobian, back: Mapping[str, DelayedSamples]
+    place: _Place, slope: Jacobian, back: Mapping[str, Stencil]
 ) -> tuple[BlockRows, FloatArray]:
     h = place.step[:, None, None]
     parts = place.of_intervals
@@ -335,7 +329,7 @@ def _defect_derivatives(
     coupling = []
     for name, by_delayed in slope.by_delayed.items():
         d, d_mid, d_end = (by_delayed[where] for where in parts)
-        stencil = back[name].stencil
+        stencil = back[name]
         coupling += [
             (stencil.part(place.samples[:-1]), -h / 6 * d - h / 4 * (through_mid @ d)),
             (stencil.part(place.samples[1:]), -h / 6 * d_end + h / 4 * (through_mid @ d_end)),

@@ -7,7 +7,7 @@ Exact dynamics are condensed: the states follow from a few first states by forwa
 D in order of time is lower triangular but for interpolation near by, so that its factors stay sparse however far a
 delay looks back. Of each span only the triangle of its output rows is kept; a follows by least squares under
 continuity from span to span. Everything else (process noise, short segments without delays) takes the banded solve of
-`kkt`. `Recomputed` solves again on demand, where many samples with process noise would take much memory.
+`kkt`.
 """
 
 from __future__ import annotations
@@ -32,44 +32,6 @@ from brv_hypo.likelihood.kkt import (
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
     from scipy.sparse.linalg import SuperLU
-
-
-# ---- Eliminated states that are not kept ----
-
-
-@dataclass(frozen=True)
-class Recomputed:
-    """States eliminated again whenever they are asked for: many samples with process noise take much memory.
-
-    See `Eliminated`.
-    """
-
-    again: Callable[[], Eliminated]
-
-    @property
-    def problem(self) -> Quadratic:
-        """See `Eliminated`."""
-        return self.again().problem
-
-    def states(self, weights: FloatArray) -> FloatArray:
-        """See `Eliminated`."""
-        return self.again().states(weights)
-
-    def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Eliminated`."""
-        return self.again().step(weights)
-
-    def at_start(self) -> FloatArray:
-        """See `Eliminated`."""
-        return self.again().at_start()
-
-    def rows(self) -> tuple[FloatArray, FloatArray | None]:
-        """See `Eliminated`."""
-        return self.again().rows()
-
-    def triangle(self) -> FloatArray:
-        """See `Eliminated`."""
-        return self.again().triangle()
 
 
 # ---- Forward substitution in the exact dynamics of one segment, span by span ----
@@ -295,10 +257,6 @@ class Condensed:
                 found[span.first] = tie
         found[0, np.isinf(problem.variance[0])] = 0.0
         return found
-
-    def at_start(self) -> FloatArray:
-        """See `Eliminated`."""
-        return np.asarray(self.starts.x[0])
 
     def rows(self) -> tuple[FloatArray, FloatArray | None]:
         """See `Eliminated`."""

@@ -1,9 +1,9 @@
 """First derivatives of the user's functions, all samples at once.
 
-Analytic Jacobians come with a function, wholly (`AnalyticJacobian`) or for some parameters (`PartialJacobian`).
-Without them the complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) for functions that accept
-complex arrays and are analytic: no abs, no comparison of complex values, no arctan2. Else central differences are
-taken, each step scaled by the variable that it changes. `evaluate` and `jacobian` are the entrance.
+The complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) for functions that accept complex arrays
+and are analytic: no abs, no comparison of complex values, no arctan2. Else, and where a function comes with some of its
+derivatives (`PartialJacobian`), central differences are taken, each step scaled by the variable that it changes.
+`evaluate` and `jacobian` are the entrance.
 """
 
 from __future__ import annotations
@@ -20,85 +20,22 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.segment import SampledParameter
 
-# ---- Derivatives that come with a function: by hand, or from automatic differentiation (jax.jacfwd, say) ----
-
-
-Derivatives = Callable[..., tuple[Any, Mapping[str, Any]]]
-"""(x, u, theta, t) -> by states (m, n_states, n), and by parameters (m, n) by name, vectorised as the function is."""
-
-
-@dataclass(frozen=True)
-class AnalyticJacobian:
-    """A function (x, u, theta, t) -> (m, n) with its `derivatives`; `what` it is, for messages."""
-
-    function: Callable[..., Any]
-    derivatives: Derivatives
-    what: str
-
-    def __call__(self, *arguments: Any) -> Any:
-        """The function."""
-        return self.function(*arguments)
-
-    def at(
-        self, x: FloatArray, u: FloatArray, theta: Mapping[str, Any], t: FloatArray
-    ) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Derivatives by states (n, m, n_states), and by those parameters that it knows, (n, m).
-
-        Raises:
-            UsageError: something else than a pair, or of another shape.
-        """
-        found = self.derivatives(x, u, theta, t)
-        if not (isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)):
-            raise UsageError(
-                f"{self.what}_jacobian returned {type(found).__name__}; expected a pair: the derivatives by states, an "
-                "array (rows, states, samples), and a mapping of parameter names to arrays (rows, samples)"
-            )
-        by_state = np.asarray(found[0], dtype=float)
-        by_parameter = {name: np.asarray(value, dtype=float) for name, value in found[1].items()}
-        if by_state.ndim != 3 or by_state.shape[1:] != x.shape:
-            raise UsageError(
-                f"{self.what}_jacobian returned derivatives by states of shape {by_state.shape}; expected (rows, "
-                f"{x.shape[0]}, {x.shape[1]}): rows, states, samples"
-            )
-        expected = by_state.shape[::2]
-        for name, value in by_parameter.items():
-            if value.shape != expected:
-                raise UsageError(
-                    f"{self.what}_jacobian returned a derivative by {name!r} of shape {value.shape}; expected "
-                    f"{expected}: rows, samples"
-                )
-        return by_state.transpose(2, 0, 1), {name: value.T for name, value in by_parameter.items()}
-
 
 @dataclass(frozen=True)
 class PartialJacobian:
-    """A function (x, u, theta, t[, delayed]) -> (m, n) with `slopes`, taken as right: its derivatives (m, n) by some
-    parameters and time-varying ones, by name.
+    """A function (x, u, theta, t[, delayed]) -> (m, n), of whose derivatives something is known; those that are not
+    are central differences.
     """
 
     function: Callable[..., Any]
     slopes: Callable[..., Mapping[str, FloatArray]]
+    """Of the same arguments: derivatives (m, n) by some parameters and time-varying ones, by name, taken as right."""
+    affine: frozenset[str] = frozenset()
+    """Parameters and time-varying ones in which the function is affine, all else held: one difference is exact."""
 
     def __call__(self, *arguments: Any) -> Any:
         """The function."""
         return self.function(*arguments)
-
-    def at(self, *arguments: Any) -> tuple[None, dict[str, FloatArray]]:
-        """No derivatives by states, and those by parameters and time-varying ones, (n, m)."""
-        return None, {name: value.T for name, value in self.slopes(*arguments).items()}
-
-
-def with_jacobian(function: Callable[..., Any], derivatives: Derivatives | None, what: str) -> Callable[..., Any]:
-    """The function with its derivatives, where there are any."""
-    return function if derivatives is None else AnalyticJacobian(function, derivatives, what)
-
-
-def plain(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function alone."""
-    return function.function if isinstance(function, AnalyticJacobian) else function
-
-
-# ---- First derivatives of the user's functions, all samples at once ----
 
 
 Method = Literal["complex", "central"]
@@ -110,9 +47,6 @@ _AGREEMENT = 1e-4
 """Largest relative difference to central differences at which the complex step is accepted."""
 _BLOCK_ROUNDING = 1e-8
 """Rounding of central differences, against the largest derivative of a block."""
-
-_ASIDE = 0.1
-"""How far from the start, in sizes, given derivatives are checked."""
 
 _NEXT_TO_ZERO = 1e-8
 """Magnitude of a start value below which it may be meant as 0."""
@@ -177,13 +111,10 @@ def jacobian(
     names: tuple[str, ...],
     method: Method,
     scale: Mapping[str, float],
-    affine: Collection[str] = (),
 ) -> Jacobian:
     """Value and first derivatives at all points; weights of a time-varying parameter through that parameter.
 
-    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences; in
-    those of `affine`, or in the time-varying parameters of these names, the function is, so that one difference
-    is exact. What a `AnalyticJacobian` or `PartialJacobian` function knows is taken from it.
+    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
     """
     n_states = points.x.shape[0]
     theta = _with_time_varying(points, theta)
@@ -191,10 +122,11 @@ def jacobian(
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
-    by_state: FloatArray | None = None
-    known: Mapping[str, FloatArray] = {}
-    if isinstance(function, (AnalyticJacobian, PartialJacobian)):
-        by_state, known = _call(function.at, points.x, points, theta, points.delayed)
+    known: dict[str, FloatArray] = {}
+    affine: Collection[str] = ()
+    if isinstance(function, PartialJacobian):
+        slopes = _call(function.slopes, points.x, points, theta, points.delayed)
+        known, affine = {name: slope.T for name, slope in slopes.items()}, function.affine
 
     def derivative(
         move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False
@@ -239,10 +171,7 @@ def jacobian(
             function, x, points, dict(theta) | {varying.name: theta[varying.name] + step}, delayed
         )
 
-    columns = [
-        derivative(along_row(x, row), partial(_size, points.x[row])) if by_state is None else by_state[:, :, row]
-        for row in range(n_states)
-    ]
+    columns = [derivative(along_row(x, row), partial(_size, points.x[row])) for row in range(n_states)]
     through: dict[str, FloatArray] = {}
     for varying in points.time_varying:
         if any(weight in names for weight in varying.weights):
@@ -284,7 +213,9 @@ def choose_method(
     scale: Mapping[str, float],
 ) -> Method:
     """The complex step where every function takes it and central differences agree; else those."""
-    for function in map(plain, functions):
+    if any(isinstance(function, PartialJacobian) for function in functions):
+        return "central"
+    for function in functions:
         central = jacobian(function, points, theta, names, "central", scale)
         try:
             with warnings.catch_warnings():
@@ -296,46 +227,6 @@ def choose_method(
         if not all(_agree(a, b) for a, b in pairs):
             return "central"
     return "complex"
-
-
-def check_jacobian(
-    function: AnalyticJacobian,
-    points: Points,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    method: Method,
-    scale: Mapping[str, float],
-) -> None:
-    """Refuse derivatives that differ from the function's own differences, at the start and near it: at the start itself
-    many a term is 0.
-
-    Raises:
-        UsageError: with both values.
-    """
-    rng = np.random.default_rng(0)
-    size = np.array([_size(row) for row in points.x])
-    aside = replace(points, x=points.x + _ASIDE * size[:, None] * rng.standard_normal(points.x.shape))
-    moved = dict(theta) | {name: theta[name] + _ASIDE * scale[name] * rng.standard_normal() for name in names}
-    for place, values in ((points, theta), (aside, moved)):
-        with np.errstate(all="ignore"):
-            own = jacobian(function, place, values, names, method, scale)
-            expected = jacobian(function.function, place, values, names, method, scale)
-        columns = [(f"state {row}", own.by_state[:, :, row], expected.by_state[:, :, row]) for row in range(size.size)]
-        columns += [
-            (f"parameter {name!r}", own.by_parameter[:, :, i], expected.by_parameter[:, :, i])
-            for i, name in enumerate(names)
-        ]
-        largest = max(np.nanmax(np.abs(right), initial=0.0) for _, _, right in columns)
-        for what, left, right in columns:
-            allowed = _AGREEMENT * np.nanmax(np.abs(right), initial=0.0) + _BLOCK_ROUNDING * largest
-            apart = np.where(np.isfinite(right), ~(np.abs(left - right) <= allowed), False)
-            if apart.any():
-                at, row = np.argwhere(apart)[0].tolist()
-                raise UsageError(
-                    f"{function.what}_jacobian: the derivative of row {row} by {what} is {left[at, row]:.6g} at sample "
-                    f"{at} near the start, where differences of {function.what} give {right[at, row]:.6g}. Correct it, "
-                    "or leave it out: by parameters that are not in the mapping, differences are taken"
-                )
 
 
 def parameter_scales(

@@ -14,14 +14,13 @@ both noises.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import (
-    Linearisation,
     Weights,
     evaluate_segment,
     linearise_segment,
@@ -29,14 +28,14 @@ from brv_hypo.likelihood.collocation import (
 )
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
+    Parts,
     Problem,
     Sensitivity,
     quadratic_of,
-    start_defect,
-    unseen_columns,
+    sensitivity_of,
 )
-from brv_hypo.likelihood.kkt import SINGULAR, BandSolution
-from brv_hypo.likelihood.noise import gap_patterns, log_determinants, pattern_whitening
+from brv_hypo.likelihood.kkt import Quadratic, eliminate_by_band, log_determinant
+from brv_hypo.likelihood.noise import log_determinants, whitening
 from brv_hypo.likelihood.segment import Grid
 
 if TYPE_CHECKING:
@@ -102,8 +101,8 @@ def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
     """Half the weighted sum of squares of the process noise."""
     total = np.zeros_like(problem.process_noise)
     driven = problem.process_noise > 0
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        defect, _ = evaluate_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta))
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
+        defect, _ = evaluate_segment(problem.model, grid, x, problem.parameters.as_mapping(iterate.theta))
         squares = np.sum(defect**2 / grid.step[:, None], axis=0)
         total[driven] += squares[driven] / problem.process_noise[driven] ** 2
     return 0.5 * float(np.sum(total))
@@ -144,16 +143,15 @@ def _by_theta(
     parameters = problem.parameters
     gradient = np.zeros((len(weights[0].before), len(parameters.names)))
     for s, (segment, weight) in enumerate(zip(segments, weights, strict=True)):
-        theta, index = parameters.of_segment(s, iterate.theta), parameters.segment_index[s]
+        theta = parameters.as_mapping(iterate.theta)
         by_state, by_theta = weighted_change(
-            problem.model, problem.grids[s], iterate.x[s], theta, parameters.base, weight
+            problem.model, problem.grids[s], iterate.x[s], theta, parameters.names, weight
         )
-        gradient[:, index] += by_theta
+        gradient += by_theta
         for parameter in np.flatnonzero(~segment.void).tolist():
-            direction = np.zeros(1 + index.size)
-            direction[1 + parameter] = 1.0
+            direction = np.eye(1, 1 + len(parameters.names), 1 + parameter)[0]
             follow = segment.eliminated.states(direction) * problem.size
-            gradient[:, index[parameter]] += np.tensordot(by_state, follow, 2)
+            gradient[:, parameter] += np.tensordot(by_state, follow, 2)
     return gradient
 
 
@@ -205,7 +203,7 @@ class _Run:
 def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
     grid, x = problem.grids[s], iterate.x[s]
     linear = linearise_segment(
-        problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta), ()
+        problem.model, grid, x, problem.parameters.as_mapping(iterate.theta), ()
     )
     before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
     inverse = np.asarray(np.linalg.inv(after), dtype=float)
@@ -223,99 +221,58 @@ def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
 
 
 @dataclass(frozen=True)
-class Integrated:
-    """With the states best for the variances: `outputs` (n, n_outputs, 1 + p) and process noise `noise` (n, n_states, 1
-    + p), both whitened, the initial state's row first; what is left, then derivatives by the segment's parameters.
+class Integrated(Sensitivity):
+    """With the states best for some variances: what is left, then derivatives by the segment's parameters."""
 
-    `x` and `multiplier` are those of `band.BandSolution`, `triangle` and `void` of `step.Sensitivity`, `log_det` is
-    that of `Marginal.log_dets`.
-    """
-
-    x: FloatArray
-    multiplier: FloatArray
     outputs: FloatArray
+    """(n, n_outputs, 1 + p), whitened."""
     noise: FloatArray
-    triangle: FloatArray
-    void: BoolArray
+    """Process noise (n, n_states, 1 + p), whitened, the initial state's row first."""
     log_det: float
+    """That of `Marginal.log_det`."""
 
 
+@dataclass(frozen=True)
 class Marginal:
     """A segment about states x, (n_states, n), linearised part by part."""
 
-    def __init__(
-        self, problem: Problem, grid: Grid, x: FloatArray, parts: Sequence[tuple[slice, Linearisation]]
-    ) -> None:
-        from brv_hypo.likelihood.compiled import LinearModel  # here: numba takes long to load
+    problem: Problem
+    grid: Grid
+    x: FloatArray
+    parts: Parts
 
-        size = problem.size
-        dynamics, observe, outputs, defects = [], [], [], []
-        for part, each in parts:
-            left = np.where(grid.measured.T[part], each.output - grid.y.T[part], 0.0)
-            dynamics.append(each.defect_by_state.blocks * (size / size[:, None]))
-            observe.append(each.output_by_state.blocks[:, 0] * size)
-            outputs.append(np.concatenate([left[:, :, None], each.output_by_parameter], axis=2))
-            both = np.concatenate([each.defect[:, :, None], each.defect_by_parameter], axis=2)
-            defects.append(both / size[:, None])
-        first = np.zeros((1, size.size, outputs[0].shape[2]))
-        first[:, :, 0] = start_defect(problem, grid, x)
-        self._patterns, index = gap_patterns(grid.measured)
-        self._samples = np.bincount(index, minlength=len(self._patterns))
-        self._grid, self._size, self._x, self._parts = grid, size, x, parts
-        self._model = LinearModel(
-            np.concatenate(dynamics),
-            np.concatenate(observe),
-            np.concatenate(outputs),
-            np.concatenate([first, *defects]),
-            grid.step,
-            index,
-        )
-        self._probe = np.random.default_rng(0).standard_normal(2 * grid.n * size.size)
+    def log_det(self, process_noise: FloatArray, covariance: FloatArray) -> float:
+        """log det of the outputs' covariance, initial states that are free integrated out, but for a constant.
 
-    def log_dets(self, process_noise: FloatArray, covariance: FloatArray) -> FloatArray:
-        """log det of the outputs' covariance, initial states that are free integrated out, but for a constant, (k,).
-
-        Of variances near each other: process noises (k, n_states), and covariances of measurement noise (k, n_outputs,
-        n_outputs).
+        Of variances of the process noise, (n_states,) per root second, and of the measurement noise.
         """
-        from brv_hypo.likelihood.compiled import log_determinants
-
-        whitener = pattern_whitening(covariance, self._patterns)
-        start, drive = self._variances(process_noise)
-        return self._of_noise(whitener) + log_determinants(self._model, start, drive, whitener)
-
-    def _of_noise(self, whitener: FloatArray) -> FloatArray:
-        """log det of the measurement noise of all samples, (...,); whitener (..., patterns, n_outputs, n_outputs)."""
-        size = np.where(self._patterns, np.diagonal(whitener, axis1=-2, axis2=-1), 1.0)
-        return np.asarray(-2.0 * np.log(size).sum(axis=-1) @ self._samples)
+        return self._of_noise(covariance) + log_determinant(self._quadratic(process_noise, covariance))
 
     def integrated(self, process_noise: FloatArray, covariance: FloatArray) -> Integrated | None:
         """The states eliminated; None where they are not determined."""
-        from brv_hypo.likelihood.compiled import Variances, rows_of, solved
-
-        variances = Variances(
-            *self._variances(process_noise), pattern_whitening(covariance, self._patterns)
-        )
-        x, multiplier, condition, log_det = solved(self._model, variances, self._probe)
-        if not condition < SINGULAR or not np.all(np.isfinite(x)):
+        quadratic = self._quadratic(process_noise, covariance)
+        solution = eliminate_by_band(quadratic)
+        if solution is None:
             return None
-        rows = rows_of(self._model, variances, x, multiplier)
-        triangle = rows.triangle
-        void = unseen_columns(triangle, rows.direct[1:])
-        triangle[:, :-1][:, void] = 0.0
-        log_det += float(self._of_noise(variances.whitener))
-        return Integrated(x, multiplier, rows.outputs, rows.noise, triangle, void, log_det)
-
-    def sensitivity(self, problem: Problem, covariance: FloatArray, found: Integrated) -> Sensitivity:
-        """What was integrated with these variances, as a step of theta takes it."""
-        quadratic = quadratic_of(problem, self._grid, self._x, self._parts, covariance)
-        return Sensitivity(BandSolution(quadratic, found.x, found.multiplier), found.triangle, found.void)
+        found = sensitivity_of(solution)
+        outputs, noise = solution.rows()
+        return Integrated(
+            found.eliminated,
+            found.triangle,
+            found.void,
+            outputs,
+            np.zeros((*quadratic.defect.shape, outputs.shape[2])) if noise is None else noise,
+            self._of_noise(covariance) + solution.log_det,
+        )
 
     def weighed(self, rows: FloatArray, covariance: FloatArray) -> FloatArray:
         """Whitened rows (n, n_outputs, k) times the transposed whitener: R^-1 of what they were before."""
-        turned = pattern_whitening(covariance, self._patterns).transpose(0, 2, 1)
-        return np.asarray(turned[self._model.pattern] @ rows)
+        return np.asarray(whitening(covariance, self.grid.measured).transpose(0, 2, 1) @ rows)
 
-    def _variances(self, process_noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of the initial state, and per s of the process noise, (n_states,) each, in scaled states."""
-        return self._grid.start_std**2 / self._size**2, process_noise**2 / self._size**2
+    def _quadratic(self, process_noise: FloatArray, covariance: FloatArray) -> Quadratic:
+        problem = replace(self.problem, process_noise=process_noise)
+        return quadratic_of(problem, self.grid, self.x, self.parts, covariance)
+
+    def _of_noise(self, covariance: FloatArray) -> float:
+        """log det of the measurement noise of all samples."""
+        return log_determinants(self.grid.measured, covariance)

@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -24,12 +22,11 @@ from brv_hypo.likelihood.collocation import (
     linearise_segment,
     parts_of,
 )
-from brv_hypo.likelihood.condensing import Recomputed, eliminate
+from brv_hypo.likelihood.condensing import eliminate
 from brv_hypo.likelihood.kkt import BlockRows, Eliminated, Quadratic, upper_triangle
 from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.segment import Grid
-from brv_hypo.likelihood.student import Tails
 
 # ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 
@@ -41,44 +38,37 @@ _ROUNDING = 1e-7
 _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """
-_MANY = 32768
-"""Samples, of all segments, from which eliminated states with process noise are not kept."""
 _ANCHOR = 10.0
 """Standard deviation, in sizes of the state, by which an anchored initial state may move in one step."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """All that stays the same during a fit.
-
-    `size` (n_states,) is the magnitude of each state; `process_noise` (n_states,) the standard deviation of
-    the noise that drives each state, per root second; 0 makes its dynamics a constraint. `reach` (p,) limits
-    the change of each parameter in one step: infinite but for delays, whose effect is linear over a short
-    time only.
-    """
+    """All that stays the same during a fit."""
 
     model: Model
+    """The user's functions."""
     grids: tuple[Grid, ...]
+    """The segments."""
     parameters: Parameters
+    """The free parameters."""
     size: FloatArray
+    """Magnitude of each state, (n_states,)."""
     process_noise: FloatArray
+    """Standard deviation of the noise that drives each state, (n_states,), per root second; 0 makes its dynamics a
+    constraint.
+    """
     reach: FloatArray
+    """Largest change of each parameter in one step, (p,): infinite but for what acts alike over a short way only."""
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance; where the noise has
-    `tails`, the squares of its scales on the diagonal.
-    """
+    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance."""
 
     x: tuple[FloatArray, ...]
     theta: FloatArray
     covariance: FloatArray
-    tails: Tails | None = None
-
-    def weights(self, s: int) -> FloatArray | None:
-        """What the samples of segment s weigh, (n_outputs, n); None where all weigh 1."""
-        return None if self.tails is None else self.tails.weights[s]
 
 
 @dataclass(frozen=True)
@@ -105,21 +95,24 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class Step:
-    """A Gauss-Newton step: in theta, in the states of each segment, and what it promises.
-
-    `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in
-    standard errors (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of
-    the objective, <= 0; `cost` and `violation` what `objective` has at its foot.
-    """
+    """A Gauss-Newton step, and what it promises."""
 
     theta: FloatArray
+    """Change of the parameters, (p,)."""
     x: tuple[FloatArray, ...]
+    """Change of the states of each segment, (n_states, n)."""
     triangle: FloatArray
+    """Factor T of the information matrix T'T, priors left out, (p, p)."""
     length: float
+    """Length of the step in standard errors (root mean square)."""
     multiplier: float
+    """Largest scaled multiplier of the dynamics."""
     decrease: float
+    """Promised change of the objective, <= 0."""
     cost: float
+    """Objective where the step begins."""
     violation: float
+    """Violation of the dynamics there."""
 
 
 class SingularStatesError(ArithmeticError):
@@ -143,14 +136,14 @@ def linearised(problem: Problem, iterate: Iterate) -> tuple[Parts, ...]:
 
 
 def _parts(problem: Problem, iterate: Iterate, s: int) -> Iterator[tuple[slice, Linearisation]]:
-    grid, theta = problem.grids[s], problem.parameters.of_segment(s, iterate.theta)
+    grid, theta = problem.grids[s], problem.parameters.as_mapping(iterate.theta)
     for part in parts_of(grid.n):
-        yield part, linearise_segment(problem.model, grid, iterate.x[s], theta, problem.parameters.base, part)
+        yield part, linearise_segment(problem.model, grid, iterate.x[s], theta, problem.parameters.names, part)
 
 
 def _moved_to(problem: Problem, iterate: Iterate, s: int, held: Parts) -> Iterator[tuple[slice, Linearisation]]:
     """Derivatives as they were held, with what the segment's dynamics and outputs leave at the iterate."""
-    theta = problem.parameters.of_segment(s, iterate.theta)
+    theta = problem.parameters.as_mapping(iterate.theta)
     defect, output = evaluate_segment(problem.model, problem.grids[s], iterate.x[s], theta)
     for part, each in held:
         yield part, replace(each, defect=defect[part], output=output[part])
@@ -167,19 +160,10 @@ def sensitivities(
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
-    noisy = is_long(problem) and bool(np.any(problem.process_noise))
-    found = []
-    for s in range(len(problem.grids)):
-        again = partial(_eliminated, problem, iterate, s, anchored, None if held is None else held[s])
-        eliminated = again()
-        sensitivity = sensitivity_of(eliminated)
-        found.append(replace(sensitivity, eliminated=Recomputed(again)) if noisy else sensitivity)
-    return tuple(found)
-
-
-def is_long(problem: Problem) -> bool:
-    """Whether eliminated states with process noise take too much memory to be kept."""
-    return sum(grid.n for grid in problem.grids) > _MANY
+    return tuple(
+        sensitivity_of(_eliminated(problem, iterate, s, anchored, None if held is None else held[s]))
+        for s in range(len(problem.grids))
+    )
 
 
 def _eliminated(
@@ -187,9 +171,7 @@ def _eliminated(
 ) -> Eliminated:
     """Segment s linearised and its states eliminated."""
     linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
-    quadratic = quadratic_of(
-        problem, problem.grids[s], iterate.x[s], linear, iterate.covariance, iterate.weights(s)
-    )
+    quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
     if not quadratic.exact:
         quadratic = _memoryless(quadratic)
     if anchored:
@@ -200,30 +182,14 @@ def _eliminated(
     return eliminated
 
 
-class Triangular(Protocol):
-    """A segment whose states are eliminated."""
-
-    @property
-    def triangle(self) -> FloatArray:
-        """See `Sensitivity`."""
-
-
-def information_factor(problem: Problem, segments: Sequence[Triangular]) -> FloatArray:
+def information_factor(segments: Sequence[Sensitivity]) -> FloatArray:
     """Upper triangle of [J_p r] over all segments, (p + 1, p + 1).
 
     Its first p columns factor the information matrix.
     """
-    parameters = problem.parameters
-    p = len(parameters.names)
-    if len(segments) == 1 and np.array_equal(parameters.segment_index[0], np.arange(p)):
+    if len(segments) == 1:
         return segments[0].triangle
-    rows = [np.zeros((0, p + 1))]
-    for index, segment in zip(parameters.segment_index, segments, strict=True):
-        spread = np.zeros((segment.triangle.shape[0], p + 1))
-        spread[:, index] = segment.triangle[:, :-1]
-        spread[:, -1] = segment.triangle[:, -1]
-        rows.append(spread)
-    return upper_triangle(np.concatenate(rows))
+    return upper_triangle(np.concatenate([segment.triangle for segment in segments]))
 
 
 def gauss_newton_step(
@@ -239,7 +205,7 @@ def gauss_newton_step(
     """
     parameters = problem.parameters
     p = len(parameters.names)
-    data = information_factor(problem, segments)
+    data = information_factor(segments)
     informed = np.isfinite(parameters.prior_std)
     prior = np.zeros((p, p + 1))
     weight = np.where(informed, 1.0 / parameters.prior_std, 0.0)
@@ -253,14 +219,23 @@ def gauss_newton_step(
     change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
     x = []
     multiplier = 0.0
-    for segment, index in zip(segments, parameters.segment_index, strict=True):
-        states, multipliers = segment.eliminated.step(np.concatenate([[1.0], change[index]]))
+    for segment in segments:
+        states, multipliers = segment.eliminated.step(np.append(1.0, change))
         x.append(states.T * problem.size[:, None])
         multiplier = max(multiplier, float(np.abs(multipliers).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     cost, violation = objective(problem, iterate)
-    return Step(change, tuple(x), data[:p, :p], length, multiplier, promised - cost, cost, violation)
+    return Step(
+        theta=change,
+        x=tuple(x),
+        triangle=data[:p, :p],
+        length=length,
+        multiplier=multiplier,
+        decrease=promised - cost,
+        cost=cost,
+        violation=violation,
+    )
 
 
 def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
@@ -269,10 +244,10 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     The first of outputs, process noise and priors; the second in the L1 norm, scaled.
     """
     total, violation = 0.0, 0.0
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        theta = problem.parameters.of_segment(s, iterate.theta)
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
+        theta = problem.parameters.as_mapping(iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
-        whitener = _whitener(iterate.covariance, grid, iterate.weights(s), slice(None))
+        whitener = whitening(iterate.covariance, grid.measured)
         residual = _whitened(whitener, grid, output, slice(None))
         scaled = np.concatenate([start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
@@ -299,7 +274,6 @@ def quadratic_of(
     x: FloatArray,
     linear: Iterable[tuple[slice, Linearisation]],
     covariance: FloatArray,
-    weights: FloatArray | None = None,
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
@@ -307,7 +281,7 @@ def quadratic_of(
     outputs, dynamics = [], []
     for part, each in linear:
         first = part.indices(grid.n)[0]
-        whitener = _whitener(covariance, grid, weights, part)
+        whitener = whitening(covariance, grid.measured[:, part])
         rows.put("residual", first, _whitened(whitener, grid, each.output, part))
         rows.put("by_parameter", first, whitener @ each.output_by_parameter)
         rows.put("defect", first + 1, each.defect / size)
@@ -337,12 +311,6 @@ class _Rows:
         self.filled[name][first : first + len(values)] = values
 
 
-def _whitener(covariance: FloatArray, grid: Grid, weights: FloatArray | None, part: slice) -> FloatArray:
-    """See `whitening`, of a part; `weights` (n_outputs, n) multiply the outputs' squares."""
-    found = whitening(covariance, grid.measured[:, part])
-    return found if weights is None else np.sqrt(weights.T[part])[:, :, None] * found
-
-
 def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
     """Whitened predicted minus measured output of a part, (samples, n_outputs), zero in gaps."""
     difference = np.where(grid.measured.T[part], output - grid.y.T[part], 0.0)
@@ -353,14 +321,9 @@ def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
     """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
     triangle = eliminated.triangle()
     direct = eliminated.problem.by_parameter
-    void = unseen_columns(triangle, np.einsum("nap,nap->p", direct, direct))
+    void = np.sum(triangle[:, :-1] ** 2, axis=0) <= _ROUNDING**2 * np.einsum("nap,nap->p", direct, direct)
     triangle[:, :-1][:, void] = 0.0
     return Sensitivity(eliminated, triangle, void)
-
-
-def unseen_columns(triangle: FloatArray, direct: FloatArray) -> BoolArray:
-    """Parameters, (p,), of whose derivatives, of squares `direct` (p,) with the states held, these leave rounding."""
-    return np.asarray(np.sum(triangle[:, :-1] ** 2, axis=0) <= _ROUNDING**2 * direct)
 
 
 def _memoryless(quadratic: Quadratic) -> Quadratic:

@@ -246,9 +246,6 @@ class Eliminated(Protocol):
     def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """dx and the multipliers of the dynamics, (n, n_states) each; row 0 of these is the initial state's."""
 
-    def at_start(self) -> FloatArray:
-        """dx of the first sample, (n_states, 1 + p)."""
-
     def rows(self) -> tuple[FloatArray, FloatArray | None]:
         """r + J dx + J_p dp, (n, n_outputs, 1 + p), and the whitened process noise (n, n_states, 1 + p), None
         where there is none: of both the constant part and the derivative by dp.
@@ -286,17 +283,20 @@ def residual_last(columns: FloatArray) -> FloatArray:
 # ---- Eliminates the states of one segment from a Gauss-Newton step: one banded solve ----
 
 
-SINGULAR = 1e13
+_SINGULAR = 1e13
 """Condition, from the growth of a random right-hand side, at which states count as undetermined."""
 
 
 @dataclass(frozen=True)
 class BandSolution:
-    """States and multipliers as affine functions of dp, kept whole: `x` and `multiplier` (n, n_states, 1 + p)."""
+    """States and multipliers as affine functions of dp, kept whole: `x` and `multiplier` (n, n_states, 1 + p);
+    `log_det` is that of the matrix, see `log_determinant`.
+    """
 
     problem: Quadratic
     x: FloatArray
     multiplier: FloatArray
+    log_det: float
 
     def states(self, weights: FloatArray) -> FloatArray:
         """See `Eliminated`."""
@@ -305,10 +305,6 @@ class BandSolution:
     def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Eliminated`."""
         return np.asarray(self.x @ weights), np.asarray(self.multiplier @ weights)
-
-    def at_start(self) -> FloatArray:
-        """See `Eliminated`."""
-        return np.asarray(self.x[0])
 
     def rows(self) -> tuple[FloatArray, FloatArray | None]:
         """See `Eliminated`."""
@@ -328,23 +324,40 @@ def eliminate_by_band(problem: Quadratic) -> BandSolution | None:
 
     None where the outputs leave a state undetermined.
     """
-    n, n_states = problem.defect.shape
-    weight = _balance(problem.by_state)
-    band, width = _assemble(problem, weight)
-    right = _right_hand_side(problem, weight)
-    norm = float(np.abs(band).sum(axis=0).max())
     from scipy.linalg import lapack  # here, for a cheap import of the package
 
-    lu, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
-    if info != 0:
+    n, n_states = problem.defect.shape
+    weight = _balance(problem.by_state)
+    right = _right_hand_side(problem, weight)
+    factor, pivots, norm, log_det = _factored(problem, weight)
+    if not np.isfinite(log_det):
         return None
+    width = (factor.shape[0] - 1) // 3
     probe = np.random.default_rng(0).standard_normal((right.shape[0], 1))
-    solution, _ = lapack.dgbtrs(lu, width, width, np.append(right, probe, axis=1), pivots, overwrite_b=1)
+    solution, _ = lapack.dgbtrs(factor, width, width, np.append(right, probe, axis=1), pivots, overwrite_b=1)
     growth = float(np.linalg.norm(solution[:, -1]) / np.linalg.norm(probe))
-    if not growth * norm < SINGULAR or not np.all(np.isfinite(solution)):
+    if not growth * norm < _SINGULAR or not np.all(np.isfinite(solution)):
         return None
     stages = solution[:, :-1].reshape(n, 2, n_states, -1)
-    return BandSolution(problem, stages[:, 1], stages[:, 0] * weight)
+    return BandSolution(problem, stages[:, 1], stages[:, 0] * weight, log_det)
+
+
+def log_determinant(problem: Quadratic) -> float:
+    """log |det| of the matrix without the rows of free initial states' multipliers; nan where it is singular."""
+    return _factored(problem, _balance(problem.by_state))[3]
+
+
+def _factored(problem: Quadratic, weight: float) -> tuple[FloatArray, IntArray, float, float]:
+    """LU factor and pivots of the matrix with the objective divided by `weight`; its norm; log |det| without that."""
+    from scipy.linalg import lapack
+
+    band, width = _assemble(problem, weight)
+    norm = float(np.abs(band).sum(axis=0).max())
+    factor, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
+    if info != 0:
+        return factor, pivots, norm, float("nan")
+    free = np.count_nonzero(np.isinf(problem.variance[0]))
+    return factor, pivots, norm, float(np.sum(np.log(np.abs(factor[2 * width]))) + free * np.log(weight))
 
 
 def _balance(by_state: BlockRows) -> float:

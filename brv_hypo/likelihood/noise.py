@@ -10,8 +10,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
 Shape = Literal["diagonal", "full"]
-Kind = Literal["diagonal", "full", "student"]
-"""Of noise: Gaussian, outputs independent or not, or Student's t, outputs independent."""
+"""Of the noise covariance: outputs independent or not."""
 
 _ROUNDING = 1e-14
 _BITS = 62
@@ -27,23 +26,16 @@ def whitening(covariance: FloatArray, measured: BoolArray) -> FloatArray:
 
     `covariance` (n_outputs, n_outputs), `measured` (n_outputs, n). Rows of gaps are zero.
     """
-    patterns, index = gap_patterns(measured)
-    return pattern_whitening(covariance, patterns)[index]
-
-
-def pattern_whitening(covariance: FloatArray, patterns: BoolArray) -> FloatArray:
-    """The same of every pattern (patterns, n_outputs) for one covariance or several, (..., patterns, n_outputs,
-    n_outputs).
-    """
-    n_outputs = covariance.shape[-1]
-    variance = np.diagonal(covariance, axis1=-2, axis2=-1)
+    n_outputs = len(covariance)
+    variance = np.diag(covariance)
     if np.count_nonzero(covariance) == np.count_nonzero(variance):  # of outputs that are independent
-        return np.where(patterns, 1.0 / np.sqrt(variance)[..., None, :], 0.0)[..., None] * np.eye(n_outputs)
-    weights = np.zeros((*covariance.shape[:-2], len(patterns), n_outputs, n_outputs))
-    for g, pattern in enumerate(patterns):
-        observed = np.flatnonzero(pattern)
-        rows, columns = observed[:, None], observed
-        weights[..., g, rows, columns] = np.linalg.inv(np.linalg.cholesky(covariance[..., rows, columns]))
+        return np.where(measured.T, 1.0 / np.sqrt(variance), 0.0)[:, :, None] * np.eye(n_outputs)
+    weights = np.zeros((measured.shape[1], n_outputs, n_outputs))
+    for pattern, where in _patterns(measured):
+        block = np.ix_(pattern, pattern)
+        of_pattern = np.zeros((n_outputs, n_outputs))
+        of_pattern[block] = np.linalg.inv(np.linalg.cholesky(covariance[block]))
+        weights[where] = of_pattern
     return weights
 
 
@@ -128,14 +120,6 @@ def least_variance(y: FloatArray) -> FloatArray:
         [np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y]
     )
     return np.asarray(_ROUNDING * np.where(mean_square > 0, mean_square, 1.0))
-
-
-def gap_patterns(measured: BoolArray) -> tuple[BoolArray, IntArray]:
-    """Sets of outputs measured together, (patterns, n_outputs), and which of them each sample has, (n,)."""
-    if measured.all():
-        return np.ones((1, measured.shape[0]), dtype=np.bool_), np.zeros(measured.shape[1], dtype=np.int64)
-    _, first, index = np.unique(_codes(measured), return_index=True, return_inverse=True)
-    return measured[:, first].T, index.reshape(-1).astype(np.int64)
 
 
 def _patterns(measured: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:

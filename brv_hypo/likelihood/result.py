@@ -1,20 +1,17 @@
-"""What a fit returns, its report, and intervals by profile likelihood.
+"""What a fit returns, and its report.
 
-`FitResult` is a table by parameter; `report` writes it as text in the manner of lmfit. `profile_interval` holds a
-parameter at a value and fits everything else again, noise included: an end of the interval is where the
-log-likelihood has dropped by half the chi-square quantile of one degree of freedom. The signed root of the drop is
-nearly linear in the parameter, so that a few fits find the end.
+`FitResult` is a table by parameter; its `report` writes it as text in the manner of lmfit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
 from brv_hypo.likelihood.noise import whitening
@@ -32,8 +29,6 @@ if TYPE_CHECKING:
 _CORRELATED = 0.5
 """Least correlation that is listed."""
 _MOST_CORRELATIONS = 10
-_FAR = 0.5
-"""Weight below which a sample is counted as far off."""
 
 
 def fit_report(result: FitResult) -> str:
@@ -80,21 +75,12 @@ def _noise(result: FitResult) -> list[str]:
     ):
         spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
         colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
-        found.append(f"    output {i}: {np.sqrt(variance):.4g}{spread}{_tails(result, i)}, innovations {colour}")
+        found.append(f"    output {i}: {np.sqrt(variance):.4g}{spread}, innovations {colour}")
     for i, (size, error) in enumerate(zip(result.process_noise, result.process_noise_std_error, strict=True)):
         if size > 0.0:
             spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
             found.append(f"    state {i} is driven by {size:.4g}{spread} per root second")
     return found
-
-
-def _tails(result: FitResult, output: int) -> str:
-    """Degrees of freedom of an output's noise, and how many samples hardly count."""
-    if result.noise_freedom is None:
-        return ""
-    weights = np.concatenate([each[output] for each in result.weights])
-    freedom, far = result.noise_freedom[output], int(np.sum(weights < _FAR))
-    return f" (scale of Student's t, {freedom:.3g} degrees of freedom; {far} samples weigh less than {_FAR:g})"
 
 
 def _parameters(result: FitResult) -> list[str]:
@@ -107,7 +93,7 @@ def _parameters(result: FitResult) -> list[str]:
         error, white = result.std_error_coloured[name], result.std_error[name]
         note = f" +/- {error:.3g} (white {white:.3g})" if np.isfinite(error) else " (not determined)"
         relative = f" ({abs(error / value):.2%})" if np.isfinite(error) and value != 0.0 else ""
-        kind = " (at its bound)" if name in result.at_bound else "" if name in result.names else " (constrained)"
+        kind = " (at its bound)" if name in result.at_bound else ""
         found.append(f"    {name:<{width}}  {value: .6g}{note}{relative}{kind}")
     return found
 
@@ -147,88 +133,74 @@ class StartingPoint:
 
 @dataclass(frozen=True)
 class FitResult(Tabular):
-    """A maximum-likelihood fit; p free parameters in the order of `names`.
-
-    Attributes:
-        status: a `Status`, which equals its text: "converged", "coarse mesh", "iteration limit", "stalled",
-            "undetermined" (a state that no output sees) or "diverged"; `status.remedy` says what to try.
-        message: cause and remedy where it did not converge.
-        names: the free parameters; a per-segment parameter b is b[0], b[1], ...
-        theta: estimate by name, those held fixed included.
-        std_error: standard error by name, residuals taken as white; nan at a bound or where the data do not
-            determine the parameter.
-        std_error_coloured: the same, corrected for coloured residuals (Morelli and Klein 1997): report this
-            one. With process noise, which is itself the model of what colours the residuals, equal to
-            std_error.
-        covariance: (p, p), residuals taken as white.
-        covariance_coloured: (p, p), corrected.
-        log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the
-            constant -1/2 N log(2 pi) is left out, as in the report.
-        innovation_covariance: B of Eq. 3.11, (n_outputs, n_outputs).
-        noise_covariance: covariance of the measurement noise; B itself in output error.
-        process_noise: standard deviation that drives each state, (n_states,), per root second; zeros in
-            output error.
-        noise_std_error: with process noise, standard errors of the outputs' noise standard deviations, the roots of
-            `noise_covariance`'s diagonal, (n_outputs,); nan where given, or where one went to 0 (see remarks),
-            and in output error.
-        process_noise_std_error: the same of `process_noise`, (n_states,).
-        iterations: Gauss-Newton steps taken in theta.
-        history: NLLF, violation of the dynamics, step length and fraction after each iteration.
-        identifiability: condition, and near-null directions by name.
-        whiteness: test of each output's innovations.
-        states: by segment, (n_states, n).
-        initial_state_std_error: by segment, (n_states,), state units: standard errors of `states[:, 0]`, those of
-            theta accounted for, residuals taken as white; 0 where it was held, nan where it is not determined.
-        innovations: by segment, measured minus predicted output, (n_outputs, n); nan in gaps.
-        at_bound: parameters that ended at a bound: their errors, and the meaning of the others', are
-            conditional.
-        derivatives: how the functions were differentiated.
-        samples: number of measured values, all outputs and segments.
-        linear: the linear model at the estimate, from which `theta_without` has the estimate without some of
-            the samples; None with process noise, and noise "student".
-        mesh_shift: how far the discretisation moves an estimate at most, in standard errors, by an estimate of the
-            dynamics' errors between samples; nan where that is not known (delays, records of many thousand samples).
-        mesh_steps: steps of the dynamics between samples.
-        starting_points: the searches that were compared, the first of them first; this is the best of them.
-        noise_freedom: with noise "student", degrees of freedom of each output's, (n_outputs,): 200, at most, is next to
-            Gaussian. `noise_covariance` then has the squares of the scales, and standard errors are those of an
-            M-estimator, which outliers do not falsify.
-        weights: with noise "student", what each sample counts, by segment, (n_outputs, n): about 1, next to 0 for
-            outliers; 1 in gaps.
-        remarks: what makes the errors mean something else than they say, though the search converged.
-    """
+    """A maximum-likelihood fit; p free parameters in the order of `names`."""
 
     status: Status
+    """How the search ended; equals its text, such as "converged"; `status.remedy` says what to try."""
     message: str
+    """Cause and remedy where it did not converge."""
     names: tuple[str, ...]
+    """The free parameters."""
     theta: dict[str, float]
+    """Estimate by name, those held included."""
     std_error: dict[str, float]
+    """Standard error by name, residuals taken as white; nan at a bound or where the data do not determine the
+    parameter.
+    """
     std_error_coloured: dict[str, float]
+    """The same, corrected for coloured residuals (Morelli and Klein 1997): report this one. With process noise, which
+    is itself the model of what colours the residuals, equal to std_error.
+    """
     covariance: FloatArray
+    """(p, p), residuals taken as white."""
     covariance_coloured: FloatArray
+    """(p, p), corrected."""
     log_likelihood: float
+    """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
+    left out, as in the report.
+    """
     innovation_covariance: FloatArray
+    """B of Eq. 3.11, (n_outputs, n_outputs)."""
     noise_covariance: FloatArray
+    """Covariance of the measurement noise; B itself in output error."""
     process_noise: FloatArray
+    """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
     noise_std_error: FloatArray
+    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_covariance`'s
+    diagonal, (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
+    """
     process_noise_std_error: FloatArray
+    """The same of `process_noise`, (n_states,)."""
     iterations: int
+    """Gauss-Newton steps taken in theta."""
     history: tuple[Progress, ...]
+    """NLLF, violation of the dynamics, step length and fraction after each iteration."""
     identifiability: Identifiability
+    """Condition, and near-null directions by name."""
     whiteness: tuple[Whiteness, ...]
+    """Test of each output's innovations."""
     states: tuple[FloatArray, ...]
-    initial_state_std_error: tuple[FloatArray, ...]
+    """By segment, (n_states, n)."""
     innovations: tuple[FloatArray, ...]
+    """By segment, measured minus predicted output, (n_outputs, n); nan in gaps."""
     at_bound: tuple[str, ...]
+    """Parameters that ended at a bound: their errors, and the meaning of the others', are conditional."""
     derivatives: Method
+    """How the functions were differentiated."""
     samples: int
+    """Number of measured values, all outputs and segments."""
     linear: Linearised | None
+    """The linear model at the estimate, for `change_by`; None with process noise."""
     mesh_shift: float = float("nan")
+    """How far the discretisation moves an estimate at most, in standard errors, by an estimate of the dynamics' errors
+    between samples; nan where that is not known (delays, records of many thousand samples).
+    """
     mesh_steps: int = 1
+    """Steps of the dynamics between samples."""
     starting_points: tuple[StartingPoint, ...] = ()
+    """The searches that were compared, the first of them first; this is the best of them."""
     remarks: tuple[str, ...] = ()
-    noise_freedom: FloatArray | None = None
-    weights: tuple[FloatArray, ...] = ()
+    """What makes the errors mean something else than they say, though the search converged."""
 
     __repr__ = Tabular.__repr__
     __eq__ = Tabular.__eq__
@@ -254,22 +226,18 @@ class FitResult(Tabular):
             for name, value in self.theta.items()
         ]
 
-    def theta_without(self, left_out: Sequence[BoolArray]) -> dict[str, float]:
-        """Estimate by name where the marked samples, (n,) a segment, take no part, to first order.
-
-        Raises:
-            UsageError: with process noise or noise "student", or masks that do not fit.
-        """
-        change = dict(zip(self.names, self._linear().change_without(left_out).tolist(), strict=True))
-        return {name: value + change.get(name, 0.0) for name, value in self.theta.items()}
-
     def change_by(self, measured_more: Sequence[FloatArray]) -> dict[str, float]:
         """Change of the free parameters by name where the outputs were measured so much higher, (n_outputs, n) a
         segment, to first order; what is not finite counts as nothing.
 
         Raises:
-            UsageError: as `theta_without`.
+            UsageError: with process noise, or where the states are not determined.
         """
+        if self.linear is None:
+            raise UsageError(
+                f"a fit of status {self.status!r} with process noise {self.process_noise} cannot say what it would be "
+                "of other measurements: expected one without process noise, whose states are determined"
+            )
         gained = []
         for more in measured_more:
             observed = np.isfinite(more)
@@ -278,18 +246,7 @@ class FitResult(Tabular):
                     "nij,jn->ni", whitening(self.noise_covariance, observed), np.where(observed, more, 0.0)
                 )
             )
-        return dict(zip(self.names, self._linear().change_by(gained).tolist(), strict=True))
-
-    def _linear(self) -> Linearised:
-        """The linear model, where there is one."""
-        if self.linear is None:
-            raise UsageError(
-                f"a fit of status {self.status!r} with process noise {self.process_noise} and noise of "
-                f"{self.noise_freedom} degrees of freedom cannot say what it would be without some samples, or of "
-                "others: expected one without process noise, of Gaussian noise, whose states are determined. "
-                "Fit again, such samples as nan in y"
-            )
-        return self.linear
+        return dict(zip(self.names, self.linear.change_by(gained).tolist(), strict=True))
 
     def report(self) -> str:
         """The fit as text: status, noise, parameters with their errors, correlations, warnings."""
@@ -311,89 +268,3 @@ class FitResult(Tabular):
     def nllf(self) -> float:
         """The negative log-likelihood of Eq. 3.10 with erratum E8."""
         return -self.log_likelihood
-
-
-_CLOSE = 0.01
-"""Distance of the root of the drop from its target, in standard errors, at which an end is found."""
-_FITS = 12
-"""Fits that the search for one end may take."""
-_FARTHEST = 30.0
-"""Standard errors at which an end that was not found is called infinite."""
-
-
-class Refit(Protocol):
-    """Fits again from start values, with some parameters held: a call of `fit` with all else as it was."""
-
-    def __call__(self, theta0: Mapping[str, float], fixed: Collection[str]) -> FitResult:
-        """The fit."""
-        ...
-
-
-@dataclass(frozen=True)
-class ProfileInterval:
-    """An interval of one parameter; `points` are (value, drop of the log-likelihood) of every fit, by value.
-
-    An end is infinite where the likelihood does not drop enough however far the parameter goes, nan where the fits
-    there did not converge.
-    """
-
-    name: str
-    level: float
-    lower: float
-    upper: float
-    points: tuple[tuple[float, float], ...]
-
-
-def profile_interval(refit: Refit, result: FitResult, name: str, level: float = 0.95) -> ProfileInterval:
-    """The interval of a free parameter at which `refit` loses too much likelihood against `result`.
-
-    Raises:
-        UsageError: a parameter that is not free or has no standard error, a level outside (0, 1).
-    """
-    if name not in result.names or not np.isfinite(result.std_error[name]):
-        known = [each for each in result.names if np.isfinite(result.std_error[each])]
-        raise UsageError(
-            f"{name!r} has no standard error to start a profile from; expected one of {known}. A per-segment parameter "
-            "cannot be held in one segment alone"
-        )
-    if not 0.0 < level < 1.0:
-        raise UsageError(f"level is {level}; expected a number between 0 and 1, such as 0.95")
-    from scipy.special import ndtri
-
-    root = float(ndtri(0.5 + level / 2.0))
-    points = {result.theta[name]: 0.0}
-    lower, upper = (_end(refit, result, name, side, root, points) for side in (-1.0, 1.0))
-    return ProfileInterval(name, level, lower, upper, tuple(sorted(points.items())))
-
-
-def _end(
-    refit: Refit, result: FitResult, name: str, side: float, root: float, points: dict[float, float]
-) -> float:
-    """Where the root of twice the drop reaches `root`: secant steps, kept between a point inside and one outside."""
-    sigma = result.std_error[name]
-    start = dict(result.theta)
-    inside, outside = (0.0, 0.0), (np.inf, np.inf)
-    away = root
-    for _ in range(_FITS):
-        value = result.theta[name] + side * away * sigma
-        held = refit({key: start[key] for key in result.theta} | {name: value}, (name,))
-        if not held.converged:
-            return float("nan")
-        drop = max(result.log_likelihood - held.log_likelihood, 0.0)
-        points[value] = drop
-        start = dict(held.theta)
-        reached = float(np.sqrt(2.0 * drop))
-        if abs(reached - root) < _CLOSE:
-            return value
-        if reached < root:
-            inside = (away, reached)
-        else:
-            outside = (away, reached)
-        if not np.isfinite(outside[0]):
-            if away >= _FARTHEST:
-                return side * np.inf
-            away = min(max(1.5 * away, away * min(root / max(reached, 1e-3), 4.0)), _FARTHEST)
-        else:
-            share = (root - inside[1]) / (outside[1] - inside[1])
-            away = inside[0] + float(np.clip(share, 0.1, 0.9)) * (outside[0] - inside[0])
-    return float("nan")

@@ -29,9 +29,7 @@ from brv_hypo.likelihood.gauss_newton import (
     Parts,
     Problem,
     Sensitivity,
-    Triangular,
     information_factor,
-    is_long,
     linearised,
 )
 from brv_hypo.likelihood.noise import Shape
@@ -162,12 +160,8 @@ def scored(
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
-    kept = () if is_long(problem) else solved.segments
-    segments = (
-        each.sensitivity(problem, iterate.covariance, found) for each, found in zip(linear, kept, strict=False)
-    )
     first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
-    return Scored(problem, iterate, first, last, information, tuple(segments))
+    return Scored(problem, iterate, first, last, information, solved.segments)
 
 
 def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
@@ -306,7 +300,7 @@ def _log_dets(
 ) -> FloatArray:
     """log det C after changes (k, unknowns), but for a constant, (k,)."""
     changed = changed_variances(problem, iterate, directions, changes)
-    return np.asarray(sum(each.log_dets(*changed) for each in linear))
+    return np.array([sum(each.log_det(q, r) for each in linear) for q, r in zip(*changed, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -333,10 +327,10 @@ def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _
         segments.append(found)
     combinations, log_det = _orthonormal(problem, iterate, segments)
     outputs, noise = [], []
-    for segment, index in zip(segments, problem.parameters.segment_index, strict=True):
-        turn = np.zeros((1 + index.size, 1 + combinations.shape[1]))
+    for segment in segments:
+        turn = np.zeros((1 + len(combinations), 1 + combinations.shape[1]))
         turn[0, 0] = 1.0
-        turn[1:, 1:] = np.where(segment.void[:, None], 0.0, combinations[index])
+        turn[1:, 1:] = np.where(segment.void[:, None], 0.0, combinations)
         outputs.append(segment.outputs @ turn)
         noise.append(segment.noise @ turn)
     total = sum(float(np.sum(rows[:, :, 0] ** 2)) for rows in (*outputs, *noise))
@@ -344,7 +338,7 @@ def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _
 
 
 def _orthonormal(
-    problem: Problem, iterate: Iterate, segments: Sequence[Triangular]
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]
 ) -> tuple[FloatArray, float]:
     """Combinations of theta (p, k) of unit information, priors in it, and log det I(theta), over what the data and
     the bounds leave free.
@@ -352,7 +346,7 @@ def _orthonormal(
     parameters = problem.parameters
     inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
     p = inside.size
-    data = information_factor(problem, segments)[:p, :p]
+    data = information_factor(segments)[:p, :p]
     informed = np.isfinite(parameters.prior_std)
     rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)[informed]])
     size = np.linalg.norm(rows, axis=0)
@@ -440,7 +434,7 @@ def _theta_gradient(
         if integrated is None:
             return np.full(p, np.nan)
         segments.append(integrated)
-    triangle = information_factor(problem, segments)
+    triangle = information_factor(segments)
     return np.asarray(triangle[:, :p].T @ triangle[:, p])
 
 

@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood import student
 from brv_hypo.likelihood.collocation import evaluate_segment
 from brv_hypo.likelihood.filter_error import Determinant, disturbance_cost
 from brv_hypo.likelihood.gauss_newton import (
@@ -69,7 +68,7 @@ _CAUSES = {
     Status.CONVERGED: ("the step is negligible against the standard errors", ""),
     Status.COARSE: (
         "the search converged, but the motion is too fast for the mesh, so that estimates and errors are wrong",
-        "Sample faster, eliminate the fastest state (let it follow the others at once), or raise mesh_steps",
+        "Sample faster, or eliminate the fastest state (let it follow the others at once)",
     ),
     Status.ITERATION_LIMIT: (
         "the iterations were not enough",
@@ -87,8 +86,7 @@ _CAUSES = {
     ),
     Status.STIFF: (
         "between two samples the fastest state settles so many times over that rounding hides the slow ones",
-        "Let that state follow the others at once (set its rate to 0 and solve for it), sample faster, or raise "
-        "mesh_steps",
+        "Let that state follow the others at once (set its rate to 0 and solve for it), or sample faster",
     ),
     Status.DIVERGED: (
         "the step is not finite: the functions overflowed or returned nan",
@@ -134,53 +132,65 @@ class Progress:
     """What the progress callback sees after each iteration."""
 
     iteration: int
+    """Number of the step, from 1."""
     cost: float
+    """NLLF after it."""
     violation: float
+    """Mean violation of the dynamics, in sizes of the states."""
     step_length: float
+    """Length of the step, in standard errors (root mean square)."""
     fraction: float
+    """Fraction of the step that was taken."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How the search runs; see `fit`. `student`: the noise has tails, its covariance is diagonal. `draft`: where the
-    mesh is too coarse, the fit goes on on a finer one; `errors`: those of the estimates are wanted.
-    """
+    """How the search runs; see `fit`."""
 
     max_iterations: int
+    """Limit of Gauss-Newton steps."""
     tolerance: float
+    """Step, as a fraction of the standard errors, at which the search ends."""
     noise: Shape
+    """Shape of the measurement noise's covariance."""
     estimate_noise: bool
+    """Whether that is estimated."""
     estimate_process_noise: bool
-    student: bool = False
+    """Whether the process noise is, too."""
     progress: Callable[[Progress], None] | None = None
+    """Called after each iteration."""
     mesh_steps: int = 1
+    """Steps of the dynamics between samples."""
     draft: bool = False
+    """Whether the fit goes on on a finer mesh where this one is too coarse."""
     errors: bool = True
+    """Whether those of the estimates are wanted."""
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Least variance of each output's noise, (n_outputs,)."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Where the search ended and how; `problem` carries the process noise as estimated.
-
-    `segments` are the sensitivities from which the last step came, where that step was negligible and they
-    still hold.
-    """
+    """Where the search ended and how."""
 
     problem: Problem
+    """The problem, with the process noise as estimated."""
     iterate: Iterate
+    """Where the search ended."""
     status: Status
+    """How it ended."""
     message: str
+    """The same in words, with cause and remedy."""
     history: tuple[Progress, ...]
+    """Every iteration."""
     segments: tuple[Sensitivity, ...] = ()
+    """The sensitivities from which the last step came, where that step was negligible and they still hold."""
 
 
 def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     if options.estimate_process_noise:
         problem, iterate = _noise_first(problem, iterate, options)
-    if options.student:
-        iterate = _with_tails(problem, iterate, options)
     history: list[Progress] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
     derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
@@ -255,8 +265,8 @@ def _advanced(
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
     """Measured minus predicted output of each segment, (n_outputs, n); nan in gaps."""
     found = []
-    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
-        _, output = evaluate_segment(problem.model, grid, x, problem.parameters.of_segment(s, iterate.theta))
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
+        _, output = evaluate_segment(problem.model, grid, x, problem.parameters.as_mapping(iterate.theta))
         found.append(grid.y - output.T)
     return tuple(found)
 
@@ -264,8 +274,6 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
 def _nllf(problem: Problem, iterate: Iterate, determinant: Determinant) -> float:
     """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
-    if iterate.tails is not None:
-        return student.negative_log_likelihood(difference, np.diag(iterate.covariance), iterate.tails.freedom)
     fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
     if not np.any(problem.process_noise):
         return fit
@@ -290,7 +298,7 @@ class _HeldDerivatives:
     def __init__(self, problem: Problem, far: float) -> None:
         self._problem, self._far = problem, far
         samples = sum(grid.n for grid in problem.grids)
-        self._holds = samples * len(problem.parameters.base) <= _HELD_VALUES
+        self._holds = samples * len(problem.parameters.names) <= _HELD_VALUES
         if np.any(problem.process_noise):
             self._far = 0.0
         self._known: tuple[Parts, ...] | None = None
@@ -370,8 +378,6 @@ class _Noise:
 
 
 def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
-    if iterate.tails is not None:
-        return _with_new_tails(problem, iterate, options)
     if not options.estimate_noise:
         return iterate, True
     difference = np.concatenate(residuals(problem, iterate), axis=1)
@@ -379,19 +385,3 @@ def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[It
     new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
     change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
     return replace(iterate, covariance=new), change < _CONVERGED_CHANGE
-
-
-def _with_tails(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
-    """The first scales and weights; scales stay where they were given."""
-    square, tails = student.first_tails(residuals(problem, iterate), options.floor)
-    covariance = np.diag(square) if options.estimate_noise else iterate.covariance
-    return replace(iterate, covariance=covariance, tails=tails)
-
-
-def _with_new_tails(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
-    found, old = residuals(problem, iterate), np.diag(iterate.covariance)
-    together = np.concatenate(found, axis=1)
-    square, freedom = student.fitted(together, old, options.floor, not options.estimate_noise)
-    tails = student.tails_of(found, square, freedom)
-    converged = float(np.max(np.abs(square / old - 1.0))) < _CONVERGED_CHANGE
-    return replace(iterate, covariance=np.diag(square), tails=tails), converged

@@ -1,21 +1,20 @@
 """A continuous measured record, and its time grid for collocation.
 
 A `Segment` holds times, inputs, outputs (nan where nothing was measured) and a first guess of the states. Inputs run
-between samples as their `hold` says: constant, linear, or by the local cubic of `Interpolator`, whose nodal slopes
-are those of the quartic through five samples: fourth-order accurate, with a continuous first derivative, so that a
-cost that depends on x(t - tau) is smooth in tau.
+between samples as `hold` says: constant, linear, or by the local cubic of `Interpolator`, whose nodal slopes are those
+of the quartic through five samples: fourth-order accurate, with a continuous first derivative, so that a cost that
+depends on x(t - tau) is smooth in tau.
 
 A `TimeVaryingParameter` is theta(t) = sum over j of weight_j basis_j(t), the weights being parameters; its derivative
-is computed once, those by the weights are the basis functions times it.
-
-`build_grid` checks a segment and lays out its grid; `stepped_inputs` detects inputs that look like zero-order holds.
+is computed once, those by the weights are the basis functions times it. `build_grid` checks a segment and lays out its
+grid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -185,81 +184,63 @@ Hold = Literal["zero", "linear", "cubic"]
 
 
 @dataclass(frozen=True)
-class History:
-    """What is known before a segment starts, for delayed quantities.
-
-    t (n,), s; x (n_states, n); u (n_inputs, n).
-    """
-
-    t: FloatArray
-    x: FloatArray
-    u: FloatArray
-
-
-@dataclass(frozen=True)
 class Segment:
-    """A continuous stretch of record, with its own initial state.
-
-    Attributes:
-        t: sample times, (n,), s, increasing; at least six.
-        u: known inputs, (n_inputs, n); (0, n) where there are none.
-        y: measured outputs, (n_outputs, n); NaN where one was not measured.
-        x0: guess of the initial state, (n_states,), or of the whole history, (n_states, n); empty for a model without
-            states.
-        x0_std: how well the initial state is known: infinity leaves it free (the default), 0 holds it at
-            x0, anything between is a Gaussian prior; scalar or (n_states,).
-        u_mid: inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out.
-        hold: each input between samples, or one word for all: "zero" keeps the value of the last sample and jumps
-            at the next, as a digital controller does; "linear"; "cubic". Delayed inputs are interpolated by a cubic.
-        history: states and inputs before the start, which delayed quantities need; without it the first
-            sample is held backwards.
-        time_varying: parameters that vary along the segment as known shapes, whose weights are in theta0.
-        ignores: parameters that neither function looks at in this segment, such as the biases of another
-            record's instruments: they are not differentiated by.
-    """
+    """A continuous stretch of record, with its own initial state."""
 
     t: FloatArray
+    """Sample times, (n,), s, increasing; at least six."""
     u: FloatArray
+    """Known inputs, (n_inputs, n); (0, n) where there are none."""
     y: FloatArray
+    """Measured outputs, (n_outputs, n); NaN where one was not measured."""
     x0: FloatArray
+    """Guess of the initial state, (n_states,), or of the whole history, (n_states, n)."""
     x0_std: float | FloatArray = np.inf
+    """How well the initial state is known, scalar or (n_states,): infinity leaves it free, 0 holds it at x0, anything
+    between is a Gaussian prior.
+    """
     u_mid: FloatArray | None = None
-    history: History | None = None
+    """Inputs halfway between samples, (n_inputs, n - 1); as `hold` says when left out."""
     time_varying: tuple[TimeVaryingParameter, ...] = ()
+    """Parameters that vary along the segment as known shapes, whose weights are in theta0."""
     ignores: frozenset[str] = frozenset()
-    hold: Hold | Sequence[Hold] = "cubic"
-
-
-@dataclass(frozen=True)
-class DelayedSamples:
-    """Quantities a delay earlier: weights on the samples, plus what comes from the history before them."""
-
-    stencil: Stencil
-    before: History | None
-    before_rate: History | None
+    """Parameters that neither function looks at in this segment, such as the biases of another record's instruments:
+    they are not differentiated by.
+    """
+    hold: Hold = "cubic"
+    """Inputs between samples: "zero" keeps the value of the last sample and jumps at the next, as a digital controller
+    does; "linear"; "cubic". Delayed inputs are interpolated by a cubic.
+    """
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A segment made ready: samples and midpoints, measured mask, interpolator.
-
-    `t` and `u` hold the n samples first and then the n - 1 midpoints, (2 n - 1,) and (n_inputs, 2 n - 1); so do
-    the time-varying parameters. Where an input `jumps` at the samples, the n - 1 ends of the intervals follow,
-    before the jump.
+    """A segment made ready: n samples, the n - 1 midpoints between them and, where inputs jump at the samples, the
+    n - 1 ends of the intervals, before the jump.
     """
 
     t: FloatArray
+    """Times of samples, midpoints and ends, in that order, (2 n - 1,) or (3 n - 2,), s."""
     u: FloatArray
+    """Inputs there, (n_inputs, times)."""
     y: FloatArray
+    """Measured outputs, (n_outputs, n), NaN in gaps."""
     measured: BoolArray
+    """Where they are not, (n_outputs, n)."""
     step: FloatArray
+    """Lengths of the intervals, (n - 1,), s."""
     start: FloatArray
+    """Guess of the initial state, (n_states,), or of the history, (n_states, n)."""
     start_std: FloatArray
+    """Standard deviation of the initial state, (n_states,), infinite where it is free."""
     interpolator: Interpolator
-    history: History | None = None
+    """Of the samples, for delays."""
     time_varying: tuple[SampledParameter, ...] = ()
+    """Time-varying parameters at `t`."""
     ignores: frozenset[str] = frozenset()
+    """See `Segment`."""
     jumps: bool = False
+    """Whether inputs jump at the samples."""
 
     @property
     def n(self) -> int:
@@ -271,42 +252,15 @@ class Grid:
         """The guess of the initial state, (n_states,)."""
         return self.start if self.start.ndim == 1 else self.start[:, 0]
 
-    def delayed_samples(self, delay: float) -> DelayedSamples:
+    def delayed(self, delay: float) -> Stencil:
         """How x(t - delay) and u(t - delay) come about at all samples and midpoints; delay in s."""
-        query = self.t - delay
-        stencil = self.interpolator.stencil(query)
-        history = self.history
-        if history is None or delay <= 0:
-            return DelayedSamples(stencil, None, None)
-        early = query < self.t[0]
-        within = ~early[:, None]
-        stencil = Stencil(stencil.index, stencil.value * within, stencil.rate * within)
-        past = Interpolator(np.asarray(history.t, dtype=float)).stencil(query[early])
-        known = [
-            _spread(early, signal)
-            for signal in (
-                past.apply(history.x),
-                past.apply(history.u),
-                past.apply_rate(history.x),
-                past.apply_rate(history.u),
-            )
-        ]
-        return DelayedSamples(stencil, History(query, *known[:2]), History(query, *known[2:]))
+        return self.interpolator.stencil(self.t - delay)
 
 
 def inputs_of(segment: Segment) -> FloatArray:
     """The known inputs at the samples, (n_inputs, n); (0, n) where there are none."""
     u = np.asarray(segment.u, dtype=float)
     return u.reshape(0, np.size(segment.t)) if u.size == 0 else np.atleast_2d(u)
-
-
-def with_history(segment: Segment, x: FloatArray) -> Segment:
-    """The segment with a history (n_states, n), what is known of its initial state as it was."""
-    start = np.asarray(segment.x0, dtype=float)
-    held = np.isfinite(np.broadcast_to(np.asarray(segment.x0_std, dtype=float), (x.shape[0],)))
-    history = x.copy()
-    history[held, 0] = start[held] if start.ndim == 1 else start[held, 0]
-    return replace(segment, x0=history)
 
 
 def build_grid(segment: Segment, number: int) -> Grid:
@@ -321,80 +275,53 @@ def build_grid(segment: Segment, number: int) -> Grid:
     u = inputs_of(segment)
     x0 = np.asarray(segment.x0, dtype=float)
     _check(t, u, y, x0, number)
-    interpolator = Interpolator(t)
+    if segment.hold not in get_args(Hold):
+        raise UsageError(f"segment {number}: hold is {segment.hold!r}; expected one of {list(get_args(Hold))}")
+    given = np.asarray(segment.x0_std, dtype=float)
+    if given.shape not in ((), x0.shape[:1]) or not np.all(given >= 0.0):
+        raise UsageError(
+            f"segment {number}: x0_std is {given.tolist()}; expected one number, or one for each of the {x0.shape[0]} "
+            "states, none negative: 0 holds an initial state, infinity leaves it free"
+        )
     middle = 0.5 * (t[:-1] + t[1:])
-    hold = holds(segment.hold, u.shape[0], number)
-    u_mid = (
-        _halfway(u, hold, interpolator, middle)
-        if segment.u_mid is None
-        else np.asarray(segment.u_mid, dtype=float)
-    )
+    u_mid = inputs_at(segment, middle) if segment.u_mid is None else np.asarray(segment.u_mid, dtype=float)
     if u_mid.shape != (u.shape[0], t.size - 1):
         raise UsageError(
             f"segment {number}: u_mid has shape {u_mid.shape}; expected {(u.shape[0], t.size - 1)}, "
             "one column per interval"
         )
-    times, inputs = [t, middle], [u, u_mid]
-    if "zero" in hold:
-        kept = np.array([kind == "zero" for kind in hold])[:, None]
-        times.append(t[1:])
-        inputs.append(np.where(kept, u[:, :-1], u[:, 1:]))
-    at = np.concatenate(times)
+    jumps = segment.hold == "zero"
+    at = np.concatenate([t, middle, t[1:] if jumps else t[:0]])
     return Grid(
         t=at,
-        u=np.concatenate(inputs, axis=1),
+        u=np.concatenate([u, u_mid, u[:, :-1] if jumps else u[:, :0]], axis=1),
         y=y,
         measured=np.isfinite(y),
         step=np.diff(t),
         start=x0,
-        start_std=_start_std(segment.x0_std, x0.shape[0], number),
-        interpolator=interpolator,
-        history=segment.history,
+        start_std=np.broadcast_to(given, x0.shape[:1]),
+        interpolator=Interpolator(t),
         time_varying=sampled(segment.time_varying, at, number),
         ignores=frozenset(segment.ignores),
-        jumps="zero" in hold,
+        jumps=jumps,
     )
 
 
-def holds(hold: Hold | Sequence[Hold], count: int, number: int) -> tuple[str, ...]:
-    """What each of `count` inputs of segment `number` does between samples; UsageError for what is no such word."""
-    found = (hold,) * count if isinstance(hold, str) else tuple(hold)
-    if len(found) != count or not set(found) <= {"zero", "linear", "cubic"}:
-        raise UsageError(
-            f"segment {number}: hold is {hold!r}; expected 'zero', 'linear' or 'cubic', one word for all inputs or "
-            f"one for each of the {count}"
-        )
-    return found
-
-
-def _halfway(
-    u: FloatArray, hold: tuple[str, ...], interpolator: Interpolator, middle: FloatArray
-) -> FloatArray:
-    """Inputs at the midpoints (n_inputs, n - 1), each as it is held."""
-    ways = {
-        "zero": u[:, :-1],
-        "linear": 0.5 * (u[:, :-1] + u[:, 1:]),
-        "cubic": interpolator.stencil(middle).apply(u) if "cubic" in hold else u[:, :-1],
-    }
-    return as_held(ways, hold)
-
-
-def as_held(ways: Mapping[str, FloatArray], hold: Sequence[str]) -> FloatArray:
-    """Inputs (n_inputs, times), each as it is held, out of all of them in every way."""
-    found = np.empty_like(ways["zero"])
-    for row, kind in enumerate(hold):
-        found[row] = ways[kind][row]
-    return found
-
-
-def _start_std(x0_std: float | FloatArray, n_states: int, number: int) -> FloatArray:
-    given = np.asarray(x0_std, dtype=float)
-    if given.shape not in ((), (n_states,)) or not np.all(given >= 0.0):
-        raise UsageError(
-            f"segment {number}: x0_std is {given.tolist()}; expected one number, or one for each of the {n_states} "
-            "states, none negative: 0 holds an initial state, infinity leaves it free"
-        )
-    return np.broadcast_to(given, (n_states,))
+def inputs_at(segment: Segment, at: FloatArray) -> FloatArray:
+    """Inputs (n_inputs, len(at)) at times within the segment, as it has them between its samples."""
+    t, u = np.asarray(segment.t, dtype=float), inputs_of(segment)
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
+    s = (at - t[before]) / (t[before + 1] - t[before])
+    if segment.u_mid is not None:
+        middle = np.asarray(segment.u_mid, dtype=float)[:, before]
+        end = u[:, before if segment.hold == "zero" else before + 1]
+        within = 2 * (s - 0.5) * (s - 1) * u[:, before] + 4 * s * (1 - s) * middle + 2 * s * (s - 0.5) * end
+        return np.where(at >= t[-1], u[:, -1:], within)
+    if segment.hold == "zero":
+        return u[:, np.where(at >= t[-1], t.size - 1, before)]
+    if segment.hold == "linear":
+        return np.asarray((1.0 - s) * u[:, before] + s * u[:, before + 1])
+    return Interpolator(t).stencil(at).apply(u)
 
 
 def check_consistent(grids: Sequence[Grid]) -> None:
@@ -413,13 +340,6 @@ def check_consistent(grids: Sequence[Grid]) -> None:
                 f"the segments have {counts} {what}; expected the same number in each, since one model describes them "
                 "all. An output that a segment lacks is a row of NaN"
             )
-
-
-def _spread(where: BoolArray, signal: FloatArray) -> FloatArray:
-    """The signal's columns at the marked places, zero elsewhere."""
-    full = np.zeros((signal.shape[0], where.size))
-    full[:, where] = signal
-    return full
 
 
 def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: int) -> None:
@@ -449,61 +369,10 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
         )
     if x0.ndim in (1, 2) and x0.shape[0] == 0:
         raise UsageError(
-            f"segment {number}: x0 is empty, so that the model has no states; expected at least one. For a model "
-            "without states give None as dynamics"
+            f"segment {number}: x0 is empty, so that the model has no states; expected at least one"
         )
     if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
         raise UsageError(
             f"segment {number}: x0 has shape {x0.shape}; expected finite values, "
             f"(n_states,) or (n_states, {t.size})"
         )
-
-
-# Share of the intervals over which such an input keeps its value exactly, at least: a fast motion rarely keeps it.
-_KEPT = 0.5
-# Share of its changes that are isolated between intervals that keep the value: those of a smooth pulse stand together.
-_ALONE = 0.5
-# Changes that are alone, at least: one or two are a switch, or a sample that was repeated.
-_LEAST_CHANGES = 3
-# Median change as a share of the input's range, at least: rounding to fewer than 20 levels makes such ones too.
-_LARGE = 0.05
-
-
-def stepped_inputs(segments: Sequence[Segment]) -> tuple[str, ...]:
-    """A remark that names the inputs that keep and jump, but have the hold "cubic"; none where there are none."""
-    found = {
-        row: share
-        for number, segment in enumerate(segments)
-        if segment.u_mid is None
-        for row, share in _stepped_on_cubics(segment, number).items()
-    }
-    if not found:
-        return ()
-    return (
-        f"inputs {sorted(found)} run on a cubic between samples (hold 'cubic'), but keep their value over "
-        f"{100.0 * min(found.values()):.0f} % of the intervals and jump between: likely cause: a digital controller's "
-        "commands, for which a cubic biases the estimate. Give the segments hold='zero' for these inputs ('linear' if "
-        "they ramp from sample to sample), and take the likelier fit",
-    )
-
-
-def _stepped_on_cubics(segment: Segment, number: int) -> dict[int, float]:
-    """The rows of such inputs, with the share of the intervals over which each keeps its value."""
-    rows = inputs_of(segment)
-    kinds = holds(segment.hold, len(rows), number)
-    return {
-        row: float(np.mean(np.diff(values) == 0.0))
-        for row, (values, kind) in enumerate(zip(rows, kinds, strict=True))
-        if kind == "cubic" and _is_stepped(values)
-    }
-
-
-def _is_stepped(values: FloatArray) -> bool:
-    """True for samples (n,) that stay exactly, and change by large isolated steps."""
-    change = np.abs(np.diff(values))
-    kept: BoolArray = change == 0.0
-    if np.mean(kept) < _KEPT or np.all(kept):
-        return False
-    alone = ~kept[1:-1] & kept[:-2] & kept[2:]
-    large = float(np.median(change[~kept])) > _LARGE * float(np.ptp(values))
-    return bool(large and np.count_nonzero(alone) >= max(_LEAST_CHANGES, _ALONE * np.count_nonzero(~kept)))

@@ -1,24 +1,21 @@
-"""Where the search starts: smoothed states, several starting points, long gaps, finer meshes.
+"""Where the search starts: smoothed states, several starting points, finer meshes.
 
 States are read off the outputs, then smoothed with the dynamics held loosely; long segments are cut into shorter ones
 with first states of their own for that (multiple shooting). A model that is not quite right has more than one
-optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long gap the
-outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion across.
-Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances: `begin`,
-`best_of`, `bridged`, `refine`.
+optimum: the search is started from several guesses of the noise, and the best likelihood wins. Where the mesh moves the
+estimate by more than is tolerable, the fit is repeated on a finer one. Entrances: `begin`, `best_of`, `refine`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
-from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -33,17 +30,7 @@ from brv_hypo.likelihood.noise import least_variance, noise_from_differences
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.result import FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
-from brv_hypo.likelihood.segment import (
-    WIDTH,
-    Grid,
-    History,
-    Interpolator,
-    Segment,
-    as_held,
-    build_grid,
-    inputs_of,
-    with_history,
-)
+from brv_hypo.likelihood.segment import Grid, Segment, build_grid, inputs_at
 
 PIECE = 8192
 """Samples of a piece: far more than loose dynamics remember, few enough to be solved in little memory."""
@@ -53,18 +40,12 @@ def cut(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
     """The problem with every long segment as several; what a delay sees before a piece is held where it stands."""
     grids: list[Grid] = []
     states: list[FloatArray] = []
-    index = []
-    for grid, x, own in zip(problem.grids, iterate.x, problem.parameters.segment_index, strict=True):
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
         edges = _edges(grid.n)
         for first, last in pairwise(edges):
-            grids.append(_piece(grid, x, first, last, bool(problem.model.delays)) if len(edges) > 2 else grid)
+            grids.append(_piece(grid, x, first, last) if len(edges) > 2 else grid)
             states.append(x[:, first:last])
-            index.append(own)
-    parameters = replace(problem.parameters, segment_index=tuple(index))
-    return (
-        replace(problem, grids=tuple(grids), parameters=parameters),
-        replace(iterate, x=tuple(states)),
-    )
+    return replace(problem, grids=tuple(grids)), replace(iterate, x=tuple(states))
 
 
 def joined(whole: Problem, states: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
@@ -80,14 +61,10 @@ def _edges(n: int) -> list[int]:
     return np.linspace(0, n, max(round(n / PIECE), 1) + 1).astype(np.int64).tolist()  # type: ignore[no-any-return]
 
 
-def _piece(grid: Grid, x: FloatArray, first: int, last: int, delayed: bool) -> Grid:
+def _piece(grid: Grid, x: FloatArray, first: int, last: int) -> Grid:
     intervals = np.arange(first, last - 1)
     ends = 2 * grid.n - 1 + intervals if grid.jumps else intervals[:0]
     where = np.concatenate([np.arange(first, last), grid.n + intervals, ends])
-    history = grid.history
-    if delayed and first >= WIDTH:
-        before = slice(0, first + 1)
-        history = History(grid.t[before], x[:, before], grid.u[:, before])
     return Grid(
         t=grid.t[where],
         u=grid.u[:, where],
@@ -97,7 +74,6 @@ def _piece(grid: Grid, x: FloatArray, first: int, last: int, delayed: bool) -> G
         start=grid.first if first == 0 else x[:, first],
         start_std=grid.start_std if first == 0 else np.full_like(grid.start_std, np.inf),
         interpolator=grid.interpolator.part(first, last),
-        history=history,
         time_varying=tuple(varying.part(where) for varying in grid.time_varying),
         ignores=grid.ignores,
         jumps=grid.jumps,
@@ -167,7 +143,7 @@ def states_from_outputs(
     A state that the outputs do not show at a sample stays at its initial value.
     """
     histories = []
-    for s, grid in enumerate(grids):
+    for grid in grids:
         if grid.start.ndim == 2:
             histories.append(grid.start.copy())
             continue
@@ -175,7 +151,7 @@ def states_from_outputs(
         measured = _without_gaps(grid)
         moved = np.empty_like(x)
         for part in parts_of(grid.n):
-            linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), (), part)
+            linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), (), part)
             pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(part.start), rcond=1e-6)
             difference = measured[:, part] - linear.output.T
             moved[:, part] = x[:, part] + np.einsum("nij,jn->in", pseudo_inverse, difference)
@@ -277,175 +253,58 @@ def _without_gaps(grid: Grid) -> FloatArray:
     return filled
 
 
-# ---- Long gaps, in which nothing was measured: fitted around first, then bridged by the model ----
-
-
-_LONG = 8
-"""Times the usual distance of measured samples from which a gap is bridged."""
-_LEAST = 2 * WIDTH
-"""Samples of a stretch at least."""
-_TOO_FAR = 10.0
-"""Times the largest measured state above which the motion across a gap is discarded."""
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Samples first to last of a segment, both measured."""
-
-    number: int
-    first: int
-    last: int
-
-
-def stretches(segments: Sequence[Segment]) -> tuple[Stretch, ...]:
-    """What lies between long gaps; empty where no segment has one."""
-    found = []
-    gaps = 0
-    for number, segment in enumerate(segments):
-        observed = np.flatnonzero(np.isfinite(np.atleast_2d(segment.y)).any(axis=0))
-        apart = np.diff(observed)
-        wide = np.flatnonzero(apart > _LONG * np.median(apart)) if apart.size else apart
-        gaps += wide.size
-        edges = [0, *(wide + 1).tolist(), observed.size]
-        spans = [(int(observed[a]), int(observed[b - 1])) for a, b in pairwise(edges)]
-        found += [Stretch(number, a, b) for a, b in spans if b - a + 1 >= _LEAST]
-    return tuple(found) if gaps else ()
-
-
-def pieces_of(segments: Sequence[Segment], between: Sequence[Stretch]) -> list[Segment]:
-    """The stretches as segments, their initial states free but where a segment's own is known."""
-    found = []
-    for stretch in between:
-        segment = segments[stretch.number]
-        where = slice(stretch.first, stretch.last + 1)
-        x0 = np.asarray(segment.x0, dtype=float)
-        found.append(
-            replace(
-                segment,
-                t=np.asarray(segment.t)[where],
-                u=inputs_of(segment)[:, where],
-                y=np.atleast_2d(segment.y)[:, where],
-                x0=x0[:, where] if x0.ndim == 2 else x0,
-                x0_std=segment.x0_std if stretch.first == 0 else np.inf,
-                u_mid=None if segment.u_mid is None else segment.u_mid[:, stretch.first : stretch.last],
-            )
-        )
-    return found
-
-
-def bridged(
-    segments: Sequence[Segment],
-    between: Sequence[Stretch],
-    times: Sequence[FloatArray],
-    states: Sequence[FloatArray],
-    model: Model,
-    theta: Mapping[str, float],
-) -> list[Segment]:
-    """The segments with histories: the states of each stretch, (n_states, n) at `times`, and the motion between."""
-    found = []
-    for number, segment in enumerate(segments):
-        grid = build_grid(segment, number)
-        t = grid.t[: grid.n]
-        own = [i for i, stretch in enumerate(between) if stretch.number == number]
-        if not own:
-            found.append(segment)
-            continue
-        known = np.concatenate([states[i] for i in own], axis=1)
-        at = np.concatenate([times[i] for i in own])
-        x = np.stack([np.interp(t, at, row) for row in known])
-        for i, following in zip(own, [*own[1:], None], strict=True):
-            stop = grid.n if following is None else between[following].first
-            carried = _carried(model, grid, x, between[i].last, stop, theta)
-            if np.all(np.abs(carried) < _TOO_FAR * np.abs(known).max(axis=1, keepdims=True)):
-                x[:, between[i].last : stop] = carried
-        found.append(with_history(segment, x))
-    return found
-
-
-def _carried(
-    model: Model, grid: Grid, x: FloatArray, first: int, stop: int, theta: Mapping[str, float]
-) -> FloatArray:
-    """States from sample `first` to before `stop` by Runge-Kutta steps from the first, (n_states, stop - first)."""
-    found = x[:, first:stop].copy()
-
-    def slope(state: FloatArray, at: int) -> FloatArray:
-        where = slice(at, at + 1)
-        time_varying = tuple(varying.part(where) for varying in grid.time_varying)
-        points = Points(state[:, None], grid.u[:, where], grid.t[where], time_varying=time_varying)
-        return evaluate(model.dynamics, points, theta)[:, 0]
-
-    with np.errstate(all="ignore"):
-        for k in range(found.shape[1] - 1):
-            at, now, h = first + k, found[:, k], grid.step[first + k]
-            end = 2 * grid.n - 1 + at if grid.jumps else at + 1
-            k1 = slope(now, at)
-            k2 = slope(now + h / 2 * k1, grid.n + at)
-            k3 = slope(now + h / 2 * k2, grid.n + at)
-            k4 = slope(now + h * k3, end)
-            found[:, k + 1] = now + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return found
-
-
-# ---- Several beginnings of one fit: a model that is not quite right has more than one optimum ----
+# ---- Several starting points of one fit: a model that is not quite right has more than one optimum ----
 
 
 _SUSPECT = 1e-3
 """p-value of an output's whiteness below which a second beginning is worth its time."""
 _APART = 1.0
 """Difference of log-likelihoods from which two ends are different optima."""
-_LONGEST = 100_000
-"""Samples up to which a second beginning is tried."""
 _POOR_LIKELIHOOD = 3.0
 """Mean square of residuals over that of the known noise above which a second beginning is worth its time."""
 _WINDOW = 9
 """Samples of the running mean whose residual is the third guess of the noise."""
 
 
-@dataclass(frozen=True)
-class FirstNoise:
-    """A first guess of the noise covariance (n_outputs, n_outputs), and where it is from."""
-
-    source: str
-    covariance: FloatArray
-
-
-def first_noises(y: FloatArray) -> tuple[FirstNoise, ...]:
-    """Guesses from the outputs (n_outputs, n), nan in gaps; the smallest first, which is right for a right model."""
+def first_noises(y: FloatArray) -> dict[str, FloatArray]:
+    """Guesses of the noise covariance (n_outputs, n_outputs), by where they are from, of outputs (n_outputs, n), nan in
+    gaps; the smallest first, which is right for a right model.
+    """
     floor = least_variance(y)
     variances = np.array([np.var(row[np.isfinite(row)]) if np.isfinite(row).any() else 1.0 for row in y])
-    return (
-        FirstNoise("differences of the outputs", noise_from_differences(y)),
-        FirstNoise("residual of smoothed outputs", np.diag(np.maximum(_unsmooth(y), floor))),
-        FirstNoise("variances of the outputs", np.diag(np.maximum(variances, floor))),
-    )
+    return {
+        "differences of the outputs": noise_from_differences(y),
+        "residual of smoothed outputs": np.diag(np.maximum(_unsmooth(y), floor)),
+        "variances of the outputs": np.diag(np.maximum(variances, floor)),
+    }
 
 
 def best_of(
-    noises: Sequence[FirstNoise],
-    run: Callable[[FloatArray], FitResult],
-    samples: int,
-    known: bool = False,
+    noises: Mapping[str, FloatArray], run: Callable[[FloatArray], FitResult], *, alone: bool, known: bool
 ) -> FitResult:
-    """The fit of the greatest likelihood; others than the first are tried where its residuals are not white, or, where
-    the noise is `known`, far larger than it.
+    """The fit of the greatest likelihood.
+
+    Others than the first, unless that is to stay `alone`, are tried where its residuals are not white, or, where the
+    noise is `known`, far larger than it.
     """
-    ends = [(noises[0].source, run(noises[0].covariance))]
-    first = ends[0][1]
-    sound = _as_small_as_known(first) if known else all(test.p_value >= _SUSPECT for test in first.whiteness)
-    if not (first.converged and sound) and samples <= _LONGEST:
-        ends += [(noise.source, run(noise.covariance)) for noise in noises[1:]]
+    (source, first), *others = noises.items()
+    ends = {source: run(first)}
+    found = ends[source]
+    sound = _as_small_as_known(found) if known else all(test.p_value >= _SUSPECT for test in found.whiteness)
+    if not alone and not (found.converged and sound):
+        ends |= {source: run(noise) for source, noise in others}
     return chosen(ends)
 
 
-def chosen(ends: Sequence[tuple[str, FitResult]]) -> FitResult:
-    """The end of the greatest likelihood; among those as good as it, one that converged."""
-    likelihoods = np.array([found.log_likelihood for _, found in ends])
+def chosen(ends: Mapping[str, FitResult]) -> FitResult:
+    """The end of the greatest likelihood, by source; among those as good as it, one that converged."""
+    likelihoods = np.array([found.log_likelihood for found in ends.values()])
     greatest = np.max(likelihoods, initial=-np.inf, where=np.isfinite(likelihoods))
     best = min(
-        (found for (_, found), value in zip(ends, likelihoods, strict=True) if not value < greatest - _APART),
+        (found for found, value in zip(ends.values(), likelihoods, strict=True) if not value < greatest - _APART),
         key=lambda found: (not found.converged, -found.log_likelihood),
     )
-    starting_points = tuple(StartingPoint(source, found.status, found.log_likelihood) for source, found in ends)
+    starting_points = tuple(StartingPoint(source, found.status, found.log_likelihood) for source, found in ends.items())
     apart = [each for each in starting_points if not each.log_likelihood >= greatest - _APART]
     message = best.message
     if apart:
@@ -475,6 +334,9 @@ def _unsmooth(y: FloatArray) -> FloatArray:
     return found
 
 
+# ---- Finer meshes: more steps between samples ----
+
+
 TOLERATED = 0.1
 """Shift by the mesh, in standard errors, at which it is fine enough."""
 MOST_STEPS = 32
@@ -487,21 +349,25 @@ _LARGEST_RAISE = 8
 """Factor by which the steps are raised at once: far from fine the error does not follow its order yet."""
 
 
-def refine(
-    segments: Sequence[Segment],
-    run: Callable[[Sequence[Segment], int], FitResult],
-    follow: Callable[[Sequence[Segment], int, FitResult], FitResult] | None,
-) -> FitResult:
+def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitResult:
     """Fits on finer meshes until the shift is tolerable, or the steps are at their limit: then the status says so.
 
-    `run` fits segments on a mesh of that many steps between samples; `follow` does from where a fit ended that is near,
-    the segments' histories being its states; None where it cannot.
+    `run` fits segments on a mesh of so many steps between samples; with a result as third argument it begins where that
+    ended, the segments' histories being its states.
     """
     steps = 1
     found = run(segments, steps)
     while found.mesh_shift > TOLERATED and steps < MOST_STEPS:
-        steps = min(steps * _raise(found.mesh_shift), MOST_STEPS)
-        found = _on_mesh(segments, steps, found, run, follow)
+        before = found
+        wanted = (before.mesh_shift / TOLERATED) ** (1.0 / _ORDER) if np.isfinite(before.mesh_shift) else np.inf
+        steps = min(steps * int(min(2.0 ** np.ceil(np.log2(max(wanted, 2.0))), _LARGEST_RAISE)), MOST_STEPS)
+        if before.converged and before.mesh_shift <= _NEAR:
+            known = [_begun(segment, x) for segment, x in zip(segments, before.states, strict=True)]
+            found = run([finer(segment, i, steps) for i, segment in enumerate(known)], steps, before)
+            if found.converged:
+                found = replace(found, starting_points=(*before.starting_points, *found.starting_points))
+                continue
+        found = run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
     if not found.mesh_shift > TOLERATED:
         return found
     size = f"an estimate is off by {found.mesh_shift:.2g} standard errors with {steps} steps between samples"
@@ -511,32 +377,19 @@ def refine(
     return replace(found, message=f"{found.message}. {mesh}")
 
 
-def _on_mesh(
-    segments: Sequence[Segment],
-    steps: int,
-    before: FitResult,
-    run: Callable[[Sequence[Segment], int], FitResult],
-    follow: Callable[[Sequence[Segment], int, FitResult], FitResult] | None,
-) -> FitResult:
-    if follow is not None and before.converged and before.mesh_shift <= _NEAR:
-        known = [with_history(segment, x) for segment, x in zip(segments, before.states, strict=True)]
-        found = follow([finer(segment, i, steps) for i, segment in enumerate(known)], steps, before)
-        if found.converged:
-            return replace(found, starting_points=(*before.starting_points, *found.starting_points))
-    return run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
-
-
-def _raise(shift: float) -> int:
-    """Factor for the steps, a power of two."""
-    wanted = (shift / TOLERATED) ** (1.0 / _ORDER) if np.isfinite(shift) else np.inf
-    return int(min(2.0 ** np.ceil(np.log2(max(wanted, 2.0))), _LARGEST_RAISE))
+def _begun(segment: Segment, x: FloatArray) -> Segment:
+    """The segment with states (n_states, n) to begin with, what is known of its initial state as it was."""
+    history = x.copy()
+    first = np.asarray(segment.x0, dtype=float).reshape(len(x), -1)[:, 0]
+    history[:, 0] = np.where(np.isinf(segment.x0_std), x[:, 0], first)
+    return replace(segment, x0=history)
 
 
 def finer(segment: Segment, number: int, steps: int) -> Segment:
     """The segment with `steps` - 1 samples between each two, at which nothing was measured."""
     build_grid(segment, number)  # refuses what is unfit
     t = np.asarray(segment.t, dtype=float)
-    inside = _inserted(t, steps)
+    inside = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(steps) / steps).ravel(), t[-1])
     middle = 0.5 * (inside[:-1] + inside[1:])
     y = np.atleast_2d(np.asarray(segment.y, dtype=float))
     fine = np.full((y.shape[0], inside.size), np.nan)
@@ -545,31 +398,5 @@ def finer(segment: Segment, number: int, steps: int) -> Segment:
     if x0.ndim == 2:
         x0 = np.stack([np.interp(inside, t, row) for row in x0])
     return replace(
-        segment, t=inside, y=fine, u=_inputs(segment, inside), u_mid=_inputs(segment, middle), x0=x0
+        segment, t=inside, y=fine, u=inputs_at(segment, inside), u_mid=inputs_at(segment, middle), x0=x0
     )
-
-
-def _inserted(t: FloatArray, steps: int) -> FloatArray:
-    fractions = np.arange(steps) / steps
-    return np.append((t[:-1, None] + np.diff(t)[:, None] * fractions).ravel(), t[-1])
-
-
-def _inputs(segment: Segment, at: FloatArray) -> FloatArray:
-    """Inputs (n_inputs, len(at)) as the segment has them between its samples."""
-    t = np.asarray(segment.t, dtype=float)
-    u = inputs_of(segment)
-    hold = (segment.hold,) * len(u) if isinstance(segment.hold, str) else tuple(segment.hold)
-    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
-    s = (at - t[before]) / (t[before + 1] - t[before])
-    last = np.where(at >= t[-1], t.size - 1, before)
-    if segment.u_mid is not None:
-        middle = np.asarray(segment.u_mid, dtype=float)[:, before]
-        end = np.where(np.array([kind == "zero" for kind in hold])[:, None], u[:, before], u[:, before + 1])
-        within = 2 * (s - 0.5) * (s - 1) * u[:, before] + 4 * s * (1 - s) * middle + 2 * s * (s - 0.5) * end
-        return np.where(at >= t[-1], u[:, -1:], within)
-    ways = {
-        "zero": u[:, last],
-        "linear": (1.0 - s) * u[:, before] + s * u[:, before + 1],
-        "cubic": Interpolator(t).stencil(at).apply(u),
-    }
-    return as_held(ways, hold)

@@ -1,4 +1,4 @@
-"""Several beginnings: the best likelihood wins, disagreement is said, a right model is fitted once."""
+"""Several starting points: the best likelihood wins, disagreement is said, a right model is fitted once."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_a_wrong_model_is_begun_from_every_noise_and_the_best_is_kept() -> None:
 
 @pytest.mark.parametrize("better", [Status.CONVERGED, Status.STALLED])
 def test_an_inferior_optimum_is_never_called_converged(better: Status) -> None:
-    best = chosen([("a", ended(100.0)), ("b", ended(200.0, better))])
+    best = chosen({"a": ended(100.0), "b": ended(200.0, better)})
     assert best.log_likelihood == 200.0
     assert best.status is better
     assert "Beginnings disagree" in best.message
@@ -54,13 +54,13 @@ def test_an_inferior_optimum_is_never_called_converged(better: Status) -> None:
 
 
 def test_of_ends_equally_good_one_that_converged_is_taken() -> None:
-    best = chosen([("a", ended(100.1, Status.STALLED)), ("b", ended(100.0)), ("c", ended(float("nan")))])
+    best = chosen({"a": ended(100.1, Status.STALLED), "b": ended(100.0), "c": ended(float("nan"))})
     assert best.status is Status.CONVERGED
     assert best.log_likelihood == 100.0
 
 
 def test_first_noises_rise() -> None:
-    noises = [np.diag(each.covariance) for each in first_noises(SHORT.simulate(400, seed=1).y)]
+    noises = [np.diag(each) for each in first_noises(SHORT.simulate(400, seed=1).y).values()]
     assert np.all(noises[0] <= 1.2 * noises[1])
     assert np.all(noises[1] < noises[2])
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood.collocation import Model, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.segment import History, Segment, build_grid
+from brv_hypo.likelihood.segment import Segment, build_grid
 from tests.studies.likelihood.problems import ModelProblem, lagging_body, spinning_body
 
 
@@ -23,18 +23,13 @@ def late_output() -> ModelProblem:
 @pytest.mark.parametrize(
     "problem", [spinning_body(), lagging_body(), late_output()], ids=["no delay", "delay", "late"]
 )
-@pytest.mark.parametrize("history", [False, True])
-def test_derivatives_by_states_and_parameters(problem: ModelProblem, history: bool) -> None:
+def test_derivatives_by_states_and_parameters(problem: ModelProblem) -> None:
     rng = np.random.default_rng(0)
     n, n_states = 23, problem.x0.size
     t = np.cumsum(rng.uniform(0.03, 0.05, n))
     u = problem.inputs(t)
-    past = np.arange(-8, 1) * 0.04 + t[0]
-    before = (
-        History(past, rng.standard_normal((n_states, past.size)), problem.inputs(past)) if history else None
-    )
     y = np.zeros((problem.noise.size, n))
-    grid = build_grid(Segment(t, u, y, np.zeros(n_states), history=before), 0)
+    grid = build_grid(Segment(t, u, y, np.zeros(n_states)), 0)
     model = Model(problem.dynamics, problem.outputs, problem.delays)
     x = 0.1 * rng.standard_normal((n_states, n))
     names = tuple(problem.truth)

@@ -30,8 +30,8 @@ def test_the_likelihood_is_that_of_the_outputs_with_the_states_integrated_out() 
     t = np.linspace(0.0, (n - 1) * h, n)
     segment = Segment(t, np.zeros((0, n)), y[None], np.zeros(1))
     result = fit(
-        dynamics, lambda x, u, theta, t: x, [segment], {"a": a, "idle": 0.0}, [np.sqrt(q)], fixed=("idle",),
-        priors={"a": (a, 1e-9)}, noise_covariance=np.array([[r]]),
+        dynamics, lambda x, u, theta, t: x, [segment], {"a": a, "idle": 0.0}, [np.sqrt(q)],
+        {"idle": (0.0, 0.0)}, priors={"a": (a, 1e-9)}, noise=np.array([[r]]),
     )  # fmt: skip
     assert result.converged, result.message
     # Hermite-Simpson step of a linear system: after x_k+1 = before x_k + w, with w of variance q h
@@ -119,7 +119,7 @@ def test_the_noise_is_at_the_stationary_point_of_its_restricted_likelihood(shape
 
     def restricted(process: FloatArray, noise: FloatArray) -> float:
         found = fit(
-            BUMPY.dynamics, BUMPY.outputs, [segment], result.theta, process, noise_covariance=noise, near_start=True
+            BUMPY.dynamics, BUMPY.outputs, [segment], result.theta, process, noise=noise, near_start=True
         )  # fmt: skip
         assert found.converged, found.message
         return found.nllf - 0.5 * float(np.linalg.slogdet(found.covariance)[1])
@@ -206,7 +206,7 @@ def test_no_process_noise_is_output_error() -> None:
     segment = quiet.simulate(300, seed=0)
     known = np.diag(quiet.noise**2)
     plain, zero, nearly = (
-        fit(quiet.dynamics, quiet.outputs, [segment], dict(quiet.truth), drive, noise_covariance=known)
+        fit(quiet.dynamics, quiet.outputs, [segment], dict(quiet.truth), drive, noise=known)
         for drive in (None, [0.0, 0.0], [1e-7, 1e-7])
     )
     assert zero.theta == plain.theta
@@ -266,7 +266,7 @@ def test_errors_hold_what_the_noise_is_not_known_by() -> None:
 
     def fitted(size: FloatArray, estimate: bool = False) -> FitResult:
         return fit(
-            spring, problem.outputs, [segment], truth, size, noise_covariance=np.diag(sigma**2), tolerance=1e-7,
+            spring, problem.outputs, [segment], truth, size, noise=np.diag(sigma**2), tolerance=1e-7,
             estimate_process_noise=estimate,
         )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Derivatives that the user gives: the same fit as without, and refused where they are wrong."""
+"""Derivatives that come with a function: the same fit as without."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from brv_hypo.errors import UsageError
-from brv_hypo.likelihood import FitResult, Segment, TimeVaryingParameter, fit
-from brv_hypo.likelihood.derivatives import PartialJacobian
+from brv_hypo.likelihood import FitResult, PartialJacobian, Segment, TimeVaryingParameter, fit
 
 TRUTH = {"w2": 9.0, "damping": 0.3, "bias": 0.1}
 START = {"w2": 7.0, "damping": 0.0, "bias": 0.0}
@@ -19,18 +17,8 @@ def pendulum(x: Any, u: Any, theta: Any, t: Any) -> Any:
     return np.stack([x[1], -theta["w2"] * np.sin(x[0]) - theta["damping"] * x[1] + u[0]])
 
 
-def by_hand(x: Any, u: Any, theta: Any, t: Any) -> Any:
-    none, one = np.zeros_like(t), np.ones_like(t)
-    by_state = np.array([[none, one], [-theta["w2"] * np.cos(x[0]), -theta["damping"] * one]])
-    return by_state, {"w2": np.stack([none, -np.sin(x[0])]), "damping": np.stack([none, -x[1]])}
-
-
 def angle(x: Any, u: Any, theta: Any, t: Any) -> Any:
     return x[:1] + theta["bias"]
-
-
-def of_angle(x: Any, u: Any, theta: Any, t: Any) -> Any:
-    return np.stack([np.ones_like(x[:1]), np.zeros_like(x[:1])], axis=1), {"bias": np.ones_like(x[:1])}
 
 
 def record(n: int = 200) -> Segment:
@@ -61,23 +49,8 @@ def same(found: FitResult, expected: FitResult) -> None:
         assert found.std_error[name] == pytest.approx(error, rel=1e-4)
 
 
-@pytest.mark.parametrize("noise", [None, [0.0, 0.05]])
-def test_the_fit_is_the_same(noise: Any) -> None:
-    calls = 0
-
-    def counted(x: Any, u: Any, theta: Any, t: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        return by_hand(x, u, theta, t)
-
-    plain = fitted(process_noise=noise)
-    same(fitted(process_noise=noise, dynamics_jacobian=counted, outputs_jacobian=of_angle), plain)
-    assert calls > 5
-    same(fitted(process_noise=noise, dynamics_jacobian=lambda *a: (by_hand(*a)[0], {})), plain)
-
-
 def test_the_fit_is_the_same_where_some_derivatives_are_known() -> None:
-    known = PartialJacobian(pendulum, lambda *arguments: {"damping": by_hand(*arguments)[1]["damping"]})
+    known = PartialJacobian(pendulum, lambda x, u, theta, t: {"damping": np.stack([np.zeros_like(t), -x[1]])})
     same(fit(known, angle, [SEGMENT], START), fitted())
 
 
@@ -88,72 +61,18 @@ def test_without_errors_the_search_is_the_same() -> None:
     assert not np.isfinite(list(found.std_error.values())).any()
 
 
-def test_ties_and_courses_follow() -> None:
+def test_time_varying_parameters_follow() -> None:
+    """Known by a slope, or by one difference where the function is affine in it."""
+
     def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return x[:1] + theta["drift"]
 
-    def of_outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
-        return of_angle(x, u, theta, t)[0], {"drift": np.ones_like(x[:1])}
-
-    course = TimeVaryingParameter("drift", ("b0", "b1"), lambda t: np.stack([np.ones_like(t), t]))
-    segment = Segment(SEGMENT.t, SEGMENT.u, SEGMENT.y, SEGMENT.x0, hold="linear", time_varying=(course,))
-    start = {"length": 1.4, "damping": 0.0, "b0": 0.0, "b1": 0.0}
-    options: dict[str, Any] = {"constraints": {"w2": lambda theta: 9.81 / theta["length"]}}
-
-    def with_length(x: Any, u: Any, theta: Any, t: Any) -> Any:
-        by_state, found = by_hand(x, u, theta, t)
-        return by_state, found | {"length": np.zeros_like(x)}
-
-    plain = fit(pendulum, outputs, [segment], start, **options)
-    found = fit(
-        pendulum, outputs, [segment], start, dynamics_jacobian=with_length, outputs_jacobian=of_outputs, **options
-    )
-    same(found, plain)
-    assert found.theta["w2"] == pytest.approx(9.81 / found.theta["length"])
-
-
-def wrong_state(x: Any, u: Any, theta: Any, t: Any) -> Any:
-    by_state, found = by_hand(x, u, theta, t)
-    by_state[1, 0] *= 1.01
-    return by_state, found
-
-
-def wrong_parameter(x: Any, u: Any, theta: Any, t: Any) -> Any:
-    by_state, found = by_hand(x, u, theta, t)
-    return by_state, found | {"damping": -found["damping"]}
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        (wrong_state, r"dynamics_jacobian: the derivative of row 1 by state 0 is .* differences of dynamics give"),
-        (wrong_parameter, "row 1 by parameter 'damping'"),
-        (lambda *a: by_hand(*a)[0], "expected a pair"),
-        (lambda *a: (by_hand(*a)[0].transpose(2, 0, 1), {}), "rows, states, samples"),
-        (lambda *a: (by_hand(*a)[0], {"w2": 0.0}), "derivative by 'w2' of shape"),
-    ],
-)
-def test_wrong_ones_are_refused(given: Any, message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        fitted(dynamics_jacobian=given)
-
-
-def test_they_do_not_go_with_delays() -> None:
-    with pytest.raises(UsageError, match="together with delays"):
-        fitted(dynamics_jacobian=by_hand, delays=("bias",))
-
-
-def test_those_of_jax_just_work() -> None:
-    jax = pytest.importorskip("jax")
-    jax.config.update("jax_enable_x64", True)
-    jnp = jax.numpy
-
-    def one(x: Any, u: Any, theta: Any, t: Any) -> Any:
-        return jnp.stack([x[1], -theta["w2"] * jnp.sin(x[0]) - theta["damping"] * x[1] + u[0]])
-
-    samples = (1, 1, None, 0)
-    given = jax.jit(jax.vmap(jax.jacfwd(one, argnums=(0, 2)), in_axes=samples, out_axes=-1))
-    found = fit(
-        jax.jit(jax.vmap(one, in_axes=samples, out_axes=-1)), angle, [SEGMENT], START, dynamics_jacobian=given
-    )
-    same(found, fitted())
+    drift = TimeVaryingParameter("drift", ("b0", "b1"), lambda t: np.stack([np.ones_like(t), t]))
+    segment = Segment(SEGMENT.t, SEGMENT.u, SEGMENT.y, SEGMENT.x0, hold="linear", time_varying=(drift,))
+    start = {"w2": 7.0, "damping": 0.0, "b0": 0.0, "b1": 0.0}
+    plain = fit(pendulum, outputs, [segment], start)
+    for known in (
+        PartialJacobian(outputs, lambda x, u, theta, t: {"drift": np.ones_like(x[:1])}),
+        PartialJacobian(outputs, lambda x, u, theta, t: {}, frozenset({"drift"})),
+    ):
+        same(fit(pendulum, known, [segment], start), plain)

@@ -92,9 +92,9 @@ def test_a_known_noise_that_residuals_exceed_is_begun_from_others_too() -> None:
         body.outputs,
         [Segment(segment.t, segment.u, y, segment.x0)],
         body.truth,
-        noise_covariance=known,
+        noise=known,
     )
-    straight = fit(body.dynamics, body.outputs, [segment], body.truth, noise_covariance=known)
+    straight = fit(body.dynamics, body.outputs, [segment], body.truth, noise=known)
     assert len(straight.starting_points) == 1
     assert len(bent.starting_points) == 4
     assert straight.status is Status.CONVERGED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, fit
-from brv_hypo.likelihood.segment import stepped_inputs
+from tests.studies.likelihood.problems import by_central_differences
 from tests.studies.likelihood.single_shooting import fit_single_shooting
 
 TRUTH = {"a": 1.5, "b": 2.0, "c": 0.7}
@@ -28,7 +27,7 @@ def outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
 
 
 def record(held: str) -> Segment:
-    """A switched input, held or drawn as straight lines from switch to switch, and a smooth one."""
+    """A switched input and a sine, held or drawn as straight lines from sample to sample."""
     rng = np.random.default_rng(3)
     t = np.arange(150) / 10
     switched = np.repeat(rng.choice([-1.0, 1.0], 30), 5)
@@ -38,8 +37,8 @@ def record(held: str) -> Segment:
     x = np.zeros(fine.size)
     for k, interval in enumerate(between):
         middle = fine[k] + step / 2
-        own = switched[interval] if held == "zero" else np.interp(middle, t, switched)
-        forcing = TRUTH["b"] * own + TRUTH["c"] * np.sin(middle)
+        own = [u[interval] if held == "zero" else np.interp(middle, t, u) for u in (switched, np.sin(t))]
+        forcing = TRUTH["b"] * own[0] + TRUTH["c"] * own[1]
         x[k + 1] = x[k] + (forcing / TRUTH["a"] - x[k]) * -np.expm1(-TRUTH["a"] * step)
     y = x[::_FINE] + SIGMA * rng.standard_normal(t.size)
     return Segment(t, np.stack([switched, np.sin(t)]), y[None], np.zeros(1))
@@ -52,51 +51,18 @@ def errors(result: FitResult) -> FloatArray:
 @pytest.mark.parametrize("held", ["zero", "linear"])
 def test_the_right_hold_is_unbiased_and_a_cubic_is_not(held: Any) -> None:
     segment = record(held)
-    told = Segment(segment.t, segment.u, segment.y, segment.x0, hold=(held, "cubic"))
+    told = Segment(segment.t, segment.u, segment.y, segment.x0, hold=held)
     right, wrong = (fit(dynamics, outputs, [s], dict.fromkeys(TRUTH, 1.0)) for s in (told, segment))
     assert right.converged, right.message
     assert np.abs(errors(right)).max() < 4.0
     assert right.nllf < wrong.nllf - 100.0
-    assert right.remarks == ()
-    (said,) = wrong.remarks
-    assert said.startswith("inputs [0] run on a cubic between samples (hold 'cubic')")
-    assert "hold='zero'" in said
 
 
-T = np.arange(200) / 20
-BURST = np.where((T > 4.0) & (T < 5.0), np.sin(2.0 * np.pi * T) ** 2, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("values", "stepped"),
-    [
-        pytest.param(np.repeat(np.sin(np.arange(20)), 10), True, id="a slow controller"),
-        pytest.param(np.where((T // 1.7) % 2, 1.0, -1.0), True, id="a switch"),
-        pytest.param(np.sin(3.0 * T), False, id="smooth"),
-        pytest.param(np.round(100.0 * np.sin(0.5 * T)) / 100.0, False, id="rounded"),
-        pytest.param(BURST, False, id="a smooth burst"),
-        pytest.param(np.ones(200), False, id="constant"),
-        pytest.param(np.where(T > 5.0, 1.0, 0.0), False, id="one step"),
-    ],
-)
-def test_samples_that_stay_and_jump_are_told_where_they_run_on_a_cubic(values: FloatArray, stepped: bool) -> None:
-    segment = Segment(T, np.stack([np.cos(T), values]), T[None], np.zeros(1))
-    assert bool(stepped_inputs([segment])) == stepped
-    for other in (replace(segment, hold=("cubic", "zero")), replace(segment, u_mid=np.zeros((2, 199)))):
-        assert stepped_inputs([segment, other]) == stepped_inputs([segment])
-        assert stepped_inputs([other]) == ()
-
-
-def test_without_inputs_nothing_is_told() -> None:
-    assert stepped_inputs([Segment(T, np.zeros((0, 200)), T[None], np.zeros(1))]) == ()
-
-
-def test_one_word_holds_all_inputs_and_central_differences_agree() -> None:
+def test_central_differences_agree() -> None:
     segment = record("zero")
     held = Segment(segment.t, segment.u, segment.y, segment.x0, hold="zero")
-    both = Segment(segment.t, segment.u, segment.y, segment.x0, hold=("zero", "zero"))
     one = fit(dynamics, outputs, [held], dict.fromkeys(TRUTH, 1.0))
-    other = fit(dynamics, outputs, [both], dict.fromkeys(TRUTH, 1.0), derivatives="central")
+    other = fit(by_central_differences(dynamics), outputs, [held], dict.fromkeys(TRUTH, 1.0))
     for name in TRUTH:
         assert other.theta[name] == pytest.approx(one.theta[name], abs=1e-3 * one.std_error[name])
 
@@ -104,7 +70,7 @@ def test_one_word_holds_all_inputs_and_central_differences_agree() -> None:
 @pytest.mark.parametrize("hold", ["first", ("zero",)])
 def test_an_unknown_hold_is_refused(hold: Any) -> None:
     segment = record("zero")
-    with pytest.raises(UsageError, match="expected 'zero', 'linear' or 'cubic'"):
+    with pytest.raises(UsageError, match=r"expected one of \['zero', 'linear', 'cubic'\]"):
         fit(dynamics, outputs, [Segment(segment.t, segment.u, segment.y, segment.x0, hold=hold)], TRUTH)
 
 

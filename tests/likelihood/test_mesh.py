@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, Status, fit, starts
 from brv_hypo.likelihood.starts import finer
-from brv_hypo.likelihood.uncertainty import MARK
 from tests.studies.likelihood.hard_study import TRUTH, followed, measured, motion, reaction, slow_reaction
-from tests.studies.likelihood.problems import kinetics, short_period
+from tests.studies.likelihood.problems import short_period
 
 SIGMA = 0.01
 INTERVAL = 0.05
@@ -34,17 +33,22 @@ def oscillator(frequency: float) -> tuple[Segment, dict[str, float]]:
     return Segment(TIMES, np.zeros((0, TIMES.size)), y[None], np.array([1.0, 0.0])), truth
 
 
-def run(frequency: float, **options: Any) -> tuple[FitResult, dict[str, float]]:
+def run(frequency: float, steps: int | None = None, **options: Any) -> tuple[FitResult, dict[str, float]]:
+    """The fit, on a mesh of so many steps between samples if they are given, and the truth."""
     segment, truth = oscillator(frequency)
     start = {name: 0.95 * value for name, value in truth.items()}
-    return fit(dynamics, lambda x, u, theta, t: x[:1], [segment], start, **options), truth
+    if steps is None:
+        return fit(dynamics, lambda x, u, theta, t: x[:1], [segment], start, **options), truth
+    with mock.patch.object(starts, "MOST_STEPS", 1):
+        found = fit(dynamics, lambda x, u, theta, t: x[:1], [finer(segment, 0, steps)], start, **options)
+    return found, truth
 
 
 @pytest.mark.parametrize("frequency", [8.0, 20.0])
 def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency: float) -> None:
     known = np.array([[SIGMA**2]])
-    coarse, _ = run(frequency, mesh_steps=1, noise_covariance=known)
-    fine, _ = run(frequency, mesh_steps=8, noise_covariance=known)
+    coarse, _ = run(frequency, 1, noise=known)
+    fine, _ = run(frequency, 8, noise=known)
     moved = max(abs(fine.theta[k] - coarse.theta[k]) / coarse.std_error[k] for k in coarse.names)
     assert coarse.mesh_shift == pytest.approx(moved, rel=0.4)
     assert fine.mesh_shift < 0.01 * coarse.mesh_shift
@@ -54,13 +58,13 @@ def test_process_noise_between_samples_is_no_error_of_the_mesh() -> None:
     problem = replace(short_period(), process_noise=np.array([0.005, 0.03]), hold="linear")
     segment = problem.simulate(1000, seed=1)
 
-    def fitted(steps: int | None) -> FitResult:
+    def fitted(segment: Segment) -> FitResult:
         return fit(
             problem.dynamics, problem.outputs, [segment], problem.truth, problem.process_noise,
-            noise_covariance=np.diag(problem.noise**2), mesh_steps=steps,
+            noise=np.diag(problem.noise**2),
         )  # fmt: skip
 
-    coarse, fine = fitted(None), fitted(2)
+    coarse, fine = fitted(segment), fitted(finer(segment, 0, 2))
     moved = max(abs(fine.theta[k] - coarse.theta[k]) / coarse.std_error[k] for k in coarse.names)
     assert coarse.mesh_steps == 1
     assert moved < 2e-3
@@ -73,7 +77,7 @@ def test_the_mesh_is_refined_until_the_estimate_is_right(frequency: float) -> No
     assert result.converged, result.message
     assert (result.mesh_steps == 1) == (frequency < 10.0)
     assert result.mesh_shift < 0.1
-    finest, _ = run(frequency, mesh_steps=32)
+    finest, _ = run(frequency, 32)
     for name, value in truth.items():
         assert abs(result.theta[name] - value) < 4.0 * result.std_error[name]
         assert result.std_error[name] == pytest.approx(finest.std_error[name], rel=0.2)
@@ -82,15 +86,16 @@ def test_the_mesh_is_refined_until_the_estimate_is_right(frequency: float) -> No
     assert all(test.lags == 20 for test in result.whiteness)
 
 
-def test_what_is_left_out_is_counted_in_samples_on_a_fine_mesh_too() -> None:
+def test_other_measurements_are_counted_in_samples_on_a_fine_mesh_too() -> None:
     result, truth = run(20.0)
-    half = np.arange(TIMES.size) >= 100
-    without = result.theta_without([half])
+    more = 0.3 * SIGMA * np.sin(20.0 * TIMES)[None]
+    change = result.change_by([more])
     segment, _ = oscillator(20.0)
-    segment = Segment(segment.t, segment.u, np.where(half, np.nan, segment.y), segment.x0)
+    segment = replace(segment, y=segment.y + more)
     again = fit(dynamics, lambda x, u, theta, t: x[:1], [segment], truth)
     for name in truth:
-        assert without[name] == pytest.approx(again.theta[name], abs=0.5 * again.std_error[name])
+        moved = again.theta[name] - result.theta[name]
+        assert change[name] == pytest.approx(moved, abs=0.1 * again.std_error[name])
 
 
 def test_a_mesh_that_stays_coarse_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,20 +122,6 @@ def test_a_finer_segment_has_the_inputs_of_the_coarse_one(hold: Any) -> None:
     else:
         inside = np.interp(fine.t, t, u[0]) if hold == "linear" else np.sin(2.0 * fine.t)
         np.testing.assert_allclose(fine.u[0], inside, atol=2e-4)
-    with pytest.raises(UsageError, match="mesh_steps"):
-        run(8.0, mesh_steps=0)
-
-
-@pytest.mark.parametrize(("speed", "told"), [(40.0, False), (100.0, True)])
-def test_errors_that_change_with_their_estimate_are_told(speed: float, told: bool) -> None:
-    """At 100 1/s the fast phase is over within a sample, and sigma grows as exp(k1 / 20 Hz)."""
-    problem = kinetics(speed)
-    result = fit(problem.dynamics, problem.outputs, [problem.simulate(100, seed=1)], problem.truth)
-    marked = [remark for remark in result.remarks if MARK in remark]
-    assert result.converged
-    assert result.mesh_steps > 1
-    assert bool(marked) == told
-    assert all("'k1', 'k3'" in remark and "profile_interval" in remark for remark in marked)
 
 
 def robertson(times: FloatArray) -> Segment:
@@ -169,10 +160,10 @@ def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest
 
 def test_a_fit_on_a_finer_mesh_goes_on_from_one_that_was_near() -> None:
     result, _ = run(9.0)
-    again, _ = run(9.0, mesh_steps=result.mesh_steps)
+    again, _ = run(9.0, result.mesh_steps)
     assert result.mesh_steps > 1
     assert result.iterations <= again.iterations
-    assert [beginning.source for beginning in result.starting_points] == [
+    assert [point.source for point in result.starting_points] == [
         "differences of the outputs",
         "an earlier fit",
     ]

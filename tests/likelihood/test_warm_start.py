@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.likelihood import FitResult, Segment, fit, search
 from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, linearised
-from tests.studies.likelihood.problems import spinning_body
+from tests.studies.likelihood.problems import by_central_differences, spinning_body
 
 BODY = spinning_body()
 SEGMENT = BODY.simulate(400, seed=2)
@@ -20,7 +20,7 @@ def fitted(tolerance: float = 1e-6) -> FitResult:
     """The body fitted from a tenth off."""
     start = {name: 0.9 * value for name, value in BODY.truth.items()}
     return fit(
-        BODY.dynamics, BODY.outputs, [SEGMENT], start, derivatives="central", mesh_steps=1, tolerance=tolerance
+        by_central_differences(BODY.dynamics), BODY.outputs, [SEGMENT], start, tolerance=tolerance
     )
 
 
@@ -29,7 +29,7 @@ EXACT = fitted()
 
 def again(segment: Segment, **options: Any) -> FitResult:
     return fit(
-        BODY.dynamics, BODY.outputs, [segment], EXACT.theta, derivatives="central", near_start=True, **options
+        by_central_differences(BODY.dynamics), BODY.outputs, [segment], EXACT.theta, near_start=True, **options
     )
 
 

@@ -19,7 +19,6 @@ from brv_hypo.likelihood.fit import fit
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import Segment
-from brv_hypo.likelihood.uncertainty import MARK
 from tests.studies.likelihood.problems import (
     ModelProblem,
     growing_body,
@@ -100,7 +99,7 @@ class Kind:
 @dataclass(frozen=True)
 class KindResult:
     """Fits of one kind: convergence (trials,), errors in standard errors (trials, p), whether all of them together
-    are beyond 3 sigma (trials,), and whether a remark says that standard errors depend on the estimate (trials,).
+    are beyond 3 sigma (trials,).
     """
 
     name: str
@@ -108,7 +107,6 @@ class KindResult:
     coarse: BoolArray
     score: FloatArray
     beyond: BoolArray
-    remarked: BoolArray
 
 
 def record_kinds() -> tuple[Kind, ...]:
@@ -153,7 +151,6 @@ def run_kind(kind: Kind, trials: int, seed: int) -> KindResult:
         coarse=np.array([result.status is Status.COARSE for result in found]),
         score=np.array([problem.score(result) for result in found]),
         beyond=np.array([_beyond(result, problem.truth) for result in found]),
-        remarked=np.array([any(MARK in remark for remark in result.remarks) for result in found]),
     )
 
 
@@ -162,7 +159,7 @@ def hold_bias(samples: int = 300) -> FloatArray:
     problem = held_short_period()
     quiet = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
     known = np.diag(problem.noise**2)
-    found = fit(problem.dynamics, problem.outputs, [quiet], problem.truth, noise_covariance=known)
+    found = fit(problem.dynamics, problem.outputs, [quiet], problem.truth, noise=known)
     return np.array(problem.score(found))
 
 
@@ -243,8 +240,7 @@ def _print_kinds(results: Sequence[KindResult], echo: Callable[[str], None]) -> 
         scatter = np.sqrt(np.mean(found.score[good] ** 2)) if good.any() else float("nan")
         echo(
             f"{found.name}: {good.mean():.1%} of {good.size} converged, {found.coarse.mean():.1%} coarse mesh; of the "
-            f"converged {int((found.beyond & good).sum())} beyond 3 sigma, scatter {scatter:.2f} sigma, "
-            f"{int((found.remarked & good).sum())} remarked that their errors change with the estimate"
+            f"converged {int((found.beyond & good).sum())} beyond 3 sigma, scatter {scatter:.2f} sigma"
         )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.derivatives import Function
+from brv_hypo.likelihood.derivatives import Function, PartialJacobian
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import Hold, Segment
 
@@ -22,6 +22,11 @@ from brv_hypo.likelihood.segment import Hold, Segment
 
 _SUBSTEPS = 8
 """Steps of the simulation between samples."""
+
+
+def by_central_differences(function: Function) -> Function:
+    """The function, differentiated by central differences."""
+    return PartialJacobian(function, lambda *arguments: {})
 
 
 @dataclass(frozen=True)

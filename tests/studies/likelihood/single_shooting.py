@@ -224,7 +224,7 @@ class _Shooter:
 def _record(segment: Segment, number: int, substeps: int) -> _Record:
     """Times and inputs at every half step: two per Runge-Kutta step."""
     grid = build_grid(segment, number)
-    if segment.hold != "cubic" and {*segment.hold} != {"cubic"}:
+    if segment.hold != "cubic":
         raise UsageError(
             f"segment {number}: hold is {segment.hold!r}; single shooting interpolates inputs by cubics only. "
             "Use `fit`, which knows all holds"

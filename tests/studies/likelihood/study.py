@@ -3,7 +3,6 @@
 coverage: how often 95 % intervals hold the truth, with white and with coloured noise, and the spread of the
 estimates against the Cramer-Rao bound. hard: unstable motion, started half off, beside single shooting.
 delay: a delay started a tenth of a second off. filter: coverage of parameters and of both noises, all estimated.
-tails: coverage beside outliers, noise taken as Student's t and as Gaussian.
 trapped: a model without the stall that was flown. records: gaps, missing samples, held inputs, coarse grids. hold: the
 bias of a held input. stiff, kinetics: standard errors of motion that is fast for its samples. See `hard_study` for
 these five. robertson: a reaction that is too stiff, and the remedy of its status.
@@ -20,7 +19,6 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.fit import fit
-from brv_hypo.likelihood.noise import Kind
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import Segment
 from tests.studies.likelihood.hard_study import (
@@ -41,8 +39,6 @@ from tests.studies.likelihood.problems import (
 from tests.studies.likelihood.single_shooting import fit_single_shooting
 
 _NINETY_FIVE = 1.959964
-_OUTLIERS, _LARGER = 0.05, 10.0
-"""Share of outliers, and how many times larger their noise is."""
 _SAME_MINIMUM = 0.5
 """Difference in NLLF to the fit that starts at the truth below which a fit found the same minimum."""
 
@@ -129,7 +125,7 @@ def cramer_rao(problem: ModelProblem, samples: int) -> FloatArray:
     quiet = replace(problem, noise=np.zeros_like(problem.noise), process_noise=None)
     known = np.diag(problem.noise**2)
     segment = quiet.simulate(samples, seed=0)
-    exact = fit(problem.dynamics, problem.outputs, [segment], problem.truth, noise_covariance=known)
+    exact = fit(problem.dynamics, problem.outputs, [segment], problem.truth, noise=known)
     return np.sqrt(np.diag(exact.covariance))
 
 
@@ -199,30 +195,6 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
     return FilterStudy(*map(np.array, (theta, process, measurement, iterations, seconds, converged)))
 
 
-def with_outliers(problem: ModelProblem, samples: int, seed: int | np.random.SeedSequence) -> Segment:
-    """A record in which one sample in 20 of an output has ten times the noise."""
-    clean = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
-    rng = np.random.default_rng(seed)
-    times = np.where(rng.random(clean.y.shape) < _OUTLIERS, _LARGER, 1.0)
-    return replace(clean, y=clean.y + problem.noise[:, None] * times * rng.standard_normal(clean.y.shape))
-
-
-def tails(trials: int, seed: int, noise: Kind, samples: int = 300) -> tuple[FloatArray, FloatArray, float]:
-    """The short period beside outliers: errors of its parameters, (trials, p), in standard errors and as fractions of
-    the truth, and the share that converged.
-    """
-    problem = short_period()
-    start = problem.start(0.8)
-    score, error, converged = [], [], []
-    for child in np.random.SeedSequence(seed).spawn(trials):
-        segment = with_outliers(problem, samples, child)
-        result = fit(problem.dynamics, problem.outputs, [segment], start, noise=noise)
-        converged.append(result.converged)
-        score.append(problem.score(result))
-        error.append([(result.theta[k] - v) / v for k, v in problem.truth.items()])
-    return np.array(score), np.array(error), float(np.mean(converged))
-
-
 def _records(
     problem: ModelProblem, samples: int, trials: int, seed: int, correlation: float
 ) -> Iterator[Segment]:
@@ -271,17 +243,6 @@ def _print_filter(trials: int, seed: int, echo: Callable[[str], None]) -> None:
         )
 
 
-def _print_tails(trials: int, seed: int, echo: Callable[[str], None]) -> None:
-    kinds: tuple[Kind, ...] = ("student", "diagonal")
-    found = {kind: tails(trials, seed, kind) for kind in kinds}
-    least = np.sqrt(np.mean(found["student"][1] ** 2, axis=0))
-    for kind, (score, error, converged) in found.items():
-        echo(f"one sample in 20 with ten times the noise, noise {kind!r}, {trials} trials: {converged:.1%} converged")
-        ratio = float(np.median(np.sqrt(np.mean(error**2, axis=0)) / least))
-        covered, rms = np.mean(np.abs(score) <= _NINETY_FIVE), np.sqrt(np.mean(score**2))
-        echo(f"  95 % intervals cover {covered:.1%}; rms {rms:.2f} sigma; errors {ratio:.2f} times those of 'student'")
-
-
 def _print_hard(trials: int, seed: int, echo: Callable[[str], None]) -> None:
     found = hard_motion(trials, seed)
     echo(f"unstable motion, alpha grows {found.growth:.0f} times in 2 s, start 50 % off, {trials} trials")
@@ -308,7 +269,6 @@ _STUDIES: dict[str, Callable[[int, int, Callable[[str], None]], None]] = {
     "hard": _print_hard,
     "delay": _print_delay,
     "filter": _print_filter,
-    "tails": _print_tails,
     "trapped": print_trapped,
     "records": print_records,
     "hold": print_hold,
