@@ -84,7 +84,7 @@ def _search(
     iterations = 0
     if _misfit(problem) > IDENTIFIED_POOR_START:
         first = problem.solve(
-            fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, errors=False, progress=progress
+            fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, progress=progress
         )
         iterations += first.iterations
         problem = _refreshed(problem, first)

@@ -162,12 +162,9 @@ class Problem:
         max_iterations: int | None = None,
         near_start: bool = True,
         fixed: Sequence[str] = (),
-        errors: bool = True,
         progress: Callable[[Progress], None] | None = None,
     ) -> FitResult:
-        """Maximum likelihood; `noise` (4, 4) is B where it is to be held, `fixed` the parameters that are; without
-        `errors` those are unknown.
-        """
+        """Maximum likelihood; `noise` (4, 4) is B where it is to be held, `fixed` the parameters that are."""
         return fit(
             PartialJacobian(self.model.dynamics, self.model.dynamics_slopes, self.affine),
             PartialJacobian(self.model.outputs, self.model.outputs_slopes, self.affine),
@@ -182,7 +179,6 @@ class Problem:
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
-            errors=errors,
             progress=progress,
         )
 

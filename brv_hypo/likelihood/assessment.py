@@ -169,7 +169,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    segments, loose = _sensitivities(outcome, options.errors)
+    segments, loose = _sensitivities(outcome)
     rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
     if segments:
         triangle = information_factor(segments)[:p, :p]
@@ -261,14 +261,12 @@ def _covariances(
     return white, coloured
 
 
-def _sensitivities(outcome: Outcome, wanted: bool) -> tuple[Segments, Segments]:
+def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
     """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
 
-    The second is empty where nothing had to be tied; both where they are not `wanted`.
+    The second is empty where nothing had to be tied.
     """
     problem, iterate = outcome.problem, outcome.iterate
-    if not wanted:
-        return (), ()
     try:
         return outcome.segments or sensitivities(problem, iterate), ()
     except SingularStatesError:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.kkt import (
     BlockRows,
     Eliminated,
@@ -258,19 +258,14 @@ class Condensed:
         found[0, np.isinf(problem.variance[0])] = 0.0
         return found
 
-    def rows(self) -> tuple[FloatArray, FloatArray | None]:
+    def residuals(self) -> FloatArray:
         """See `Eliminated`."""
         every = np.eye(self.problem.by_parameter.shape[2] + 1)
         found = self.problem.direct()
         for piece, paths in self._run(every):
             observed = np.asarray(piece.outputs @ paths.reshape(-1, paths.shape[2]))
             found[piece.observed] += observed.reshape(-1, *found.shape[1:])
-        known = _known_start(self.problem)
-        if not known.any():
-            return found, None
-        strayed = np.zeros((*self.problem.defect.shape, found.shape[2]))
-        strayed[0] = _strayed(self.problem, self.starts.x[0])
-        return found, strayed
+        return found
 
     def triangle(self) -> FloatArray:
         """See `Eliminated`."""
@@ -345,7 +340,7 @@ def _together(recursion: Recursion, spans: tuple[Span, ...]) -> Starts | None:
     held = problem.variance[0] == 0.0
     equal = np.concatenate([np.eye(m, free)[held], stacked[:, :, columns:].reshape(-1, free)])
     offset = np.concatenate([first[held], stacked[:, :, :columns].reshape(-1, columns)])
-    known = _known_start(problem)
+    known = np.isfinite(problem.variance[0]) & (problem.variance[0] > 0.0)  # by a Gaussian prior
     weight = 1.0 / np.sqrt(problem.variance[0, known])[:, None]
     matrix = np.concatenate([triangle[:, :free], weight * np.eye(m, free)[known]])
     rest = np.concatenate([triangle[:, [-1, *range(free, free + columns - 1)]], weight * first[known]])
@@ -423,20 +418,6 @@ def _unit(m: int, columns: int, free: int, at: int) -> FloatArray:
     """A reset's first states as unknowns: (m, columns + free)."""
     found = np.zeros((m, columns + free))
     found[:, columns + at : columns + at + m] = np.eye(m)
-    return found
-
-
-def _known_start(problem: Quadratic) -> BoolArray:
-    """Which initial states have a Gaussian prior, (n_states,)."""
-    return np.asarray(np.isfinite(problem.variance[0]) & (problem.variance[0] > 0.0))
-
-
-def _strayed(problem: Quadratic, start: FloatArray) -> FloatArray:
-    """The initial state's distance from its prior mean in standard deviations, (n_states, 1 + p); 0 without one."""
-    known = _known_start(problem)
-    found = np.zeros_like(start)
-    away = start + problem.defects(slice(0, 1))[0]
-    found[known] = away[known] / np.sqrt(problem.variance[0, known])[:, None]
     return found
 
 

@@ -250,19 +250,17 @@ class Marginal:
 
     def integrated(self, process_noise: FloatArray, covariance: FloatArray) -> Integrated | None:
         """The states eliminated; None where they are not determined."""
-        quadratic = self._quadratic(process_noise, covariance)
-        solution = eliminate_by_band(quadratic)
+        solution = eliminate_by_band(self._quadratic(process_noise, covariance))
         if solution is None:
             return None
         found = sensitivity_of(solution)
-        outputs, noise = solution.rows()
         return Integrated(
-            found.eliminated,
-            found.triangle,
-            found.void,
-            outputs,
-            np.zeros((*quadratic.defect.shape, outputs.shape[2])) if noise is None else noise,
-            self._of_noise(covariance) + solution.log_det,
+            eliminated=solution,
+            triangle=found.triangle,
+            void=found.void,
+            outputs=solution.residuals(),
+            noise=solution.noise(),
+            log_det=self._of_noise(covariance) + solution.log_det,
         )
 
     def weighed(self, rows: FloatArray, covariance: FloatArray) -> FloatArray:

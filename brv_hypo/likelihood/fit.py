@@ -47,7 +47,6 @@ def fit(
     max_iterations: int = 50,
     tolerance: float = 1e-5,
     near_start: bool = False,
-    errors: bool = True,
     progress: Callable[[Progress], None] | None = None,
 ) -> FitResult:
     """Maximum-likelihood parameters of x' = f(x, u, theta, t), y = h(x, u, theta, t) + noise, by collocation.
@@ -82,8 +81,6 @@ def fit(
         tolerance: step, as a fraction of the standard errors, at which the search ends.
         near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
             begins there, without the steps that bring a poor start near, and with one step between samples.
-        errors: False leaves the errors of the estimates unknown, which saves a linearisation where the search ends
-            before it converges.
         progress: called after each iteration.
 
     Returns:
@@ -103,7 +100,6 @@ def fit(
         estimate_process_noise=estimate_process_noise,
         progress=progress,
         draft=not near_start,
-        errors=errors,
     )
     task = _Task(
         dynamics=dynamics,

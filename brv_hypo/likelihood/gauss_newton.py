@@ -88,7 +88,7 @@ class Sensitivity:
         """The whitened residual that a step of the states alone would leave, and its derivative by the parameters
         with the states following, (n, n_outputs, 1 + p).
         """
-        found, _ = self.eliminated.rows()
+        found = self.eliminated.residuals()
         found[:, :, 1:][:, :, self.void] = 0.0
         return found
 

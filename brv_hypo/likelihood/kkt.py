@@ -246,13 +246,13 @@ class Eliminated(Protocol):
     def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """dx and the multipliers of the dynamics, (n, n_states) each; row 0 of these is the initial state's."""
 
-    def rows(self) -> tuple[FloatArray, FloatArray | None]:
-        """r + J dx + J_p dp, (n, n_outputs, 1 + p), and the whitened process noise (n, n_states, 1 + p), None
-        where there is none: of both the constant part and the derivative by dp.
-        """
+    def residuals(self) -> FloatArray:
+        """r + J dx + J_p dp, (n, n_outputs, 1 + p): the constant part and the derivative by dp."""
 
     def triangle(self) -> FloatArray:
-        """Upper triangle of the same rows, the constant part as last column, (1 + p, 1 + p)."""
+        """Upper triangle of the same rows and of the whitened process noise, the constant part as last column, (1 + p,
+        1 + p).
+        """
 
 
 # ---- Upper triangles of tall matrices by QR, a slab at a time ----
@@ -306,17 +306,21 @@ class BandSolution:
         """See `Eliminated`."""
         return np.asarray(self.x @ weights), np.asarray(self.multiplier @ weights)
 
-    def rows(self) -> tuple[FloatArray, FloatArray | None]:
+    def residuals(self) -> FloatArray:
         """See `Eliminated`."""
-        residual = self.problem.direct() + self.problem.by_state.dot(self.x)
+        return self.problem.direct() + self.problem.by_state.dot(self.x)
+
+    def noise(self) -> FloatArray:
+        """The whitened process noise, (n, n_states, 1 + p), the initial state's row first."""
         variance = np.where(np.isfinite(self.problem.variance), self.problem.variance, 0.0)
-        return residual, np.sqrt(variance)[:, :, None] * self.multiplier if np.any(variance) else None
+        return np.asarray(np.sqrt(variance)[:, :, None] * self.multiplier)
 
     def triangle(self) -> FloatArray:
         """See `Eliminated`."""
-        return upper_triangle(
-            np.concatenate([residual_last(part) for part in self.rows() if part is not None])
-        )
+        rows = [residual_last(self.residuals())]
+        if np.any(self.problem.variance[np.isfinite(self.problem.variance)]):
+            rows.append(residual_last(self.noise()))
+        return upper_triangle(np.concatenate(rows))
 
 
 def eliminate_by_band(problem: Quadratic) -> BandSolution | None:

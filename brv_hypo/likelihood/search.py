@@ -23,7 +23,6 @@ from brv_hypo.likelihood.gauss_newton import (
     Problem,
     Sensitivity,
     SingularStatesError,
-    Step,
     gauss_newton_step,
     line_search,
     linearised,
@@ -163,8 +162,6 @@ class Options:
     """Steps of the dynamics between samples."""
     draft: bool = False
     """Whether the fit goes on on a finer mesh where this one is too coarse."""
-    errors: bool = True
-    """Whether those of the estimates are wanted."""
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Least variance of each output's noise, (n_outputs,)."""
 
@@ -208,14 +205,20 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
                 segments, unseen = _sensitivities(problem, iterate, derivatives.at(iterate))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
-        step = _step(problem, iterate, segments, determinant)
+        noisy = bool(np.any(problem.process_noise))
+        gradient = determinant.gradient(problem, iterate, segments) if noisy else None
+        step = gauss_newton_step(problem, iterate, segments, gradient)
         derivatives.moved(step.length)
         determinant.moved(step.length)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
-        term = partial(determinant.term, problem) if np.any(problem.process_noise) else None
-        following, fraction = _advanced(problem, iterate, step, extrapolation, penalty, term)
+        term = partial(determinant.term, problem) if noisy else None
+        further = extrapolation.improved(iterate, step)
+        if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
+            following, fraction = moved(problem, iterate, further, 1.0), 1.0
+        else:
+            following, fraction = line_search(problem, iterate, step, penalty, term)
         if fraction == 0.0:
             if step.length > _NEAR or blind == 0:
                 return ended(Status.STALLED)
@@ -228,7 +231,11 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
             Progress(
-                iteration, _nllf(problem, iterate, determinant), violation, step.length, fraction
+                iteration=iteration,
+                cost=_nllf(problem, iterate, determinant),
+                violation=violation,
+                step_length=step.length,
+                fraction=fraction,
             )
         )
         if options.progress is not None:
@@ -243,23 +250,6 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
 
 def _singular(error: SingularStatesError) -> Status:
     return Status.STIFF if error.stiff else Status.UNDETERMINED
-
-
-def _advanced(
-    problem: Problem,
-    iterate: Iterate,
-    step: Step,
-    extrapolation: Extrapolation,
-    penalty: float,
-    term: Callable[[Iterate], float] | None,
-) -> tuple[Iterate, float]:
-    """The whole of a slow step's extrapolation, or of one too short beside process noise for the merit to tell; else as
-    far along the step as the merit falls.
-    """
-    further = extrapolation.improved(iterate, step)
-    if further is not step or (term is not None and step.length < _TOO_SHORT):
-        return moved(problem, iterate, further, 1.0), 1.0
-    return line_search(problem, iterate, step, penalty, term)
 
 
 def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
@@ -278,14 +268,6 @@ def _nllf(problem: Problem, iterate: Iterate, determinant: Determinant) -> float
     if not np.any(problem.process_noise):
         return fit
     return fit + disturbance_cost(problem, iterate) + determinant.term(problem, iterate)
-
-
-def _step(
-    problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...], determinant: Determinant
-) -> Step:
-    noisy = bool(np.any(problem.process_noise))
-    gradient = determinant.gradient(problem, iterate, segments) if noisy else None
-    return gauss_newton_step(problem, iterate, segments, gradient)
 
 
 class _HeldDerivatives:
@@ -366,7 +348,13 @@ class _Noise:
         """Both with new variances, after a step of this length, and whether these have settled."""
         options = self._options
         if not np.any(problem.process_noise):
-            return problem, *_estimated(problem, iterate, options)
+            if not options.estimate_noise:
+                return problem, iterate, True
+            difference = np.concatenate(residuals(problem, iterate), axis=1)
+            old = iterate.covariance
+            new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
+            change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
+            return problem, replace(iterate, covariance=new), change < _CONVERGED_CHANGE
         wanted = _wanted(problem, options, options.estimate_noise)
         if not wanted.count:
             return problem, iterate, True
@@ -375,13 +363,3 @@ class _Noise:
         self.segments = found.segments
         self._information = found.information if found.first < _NEAR_NOISE else None
         return found.problem, found.iterate, found.first < _CONVERGED_MOVE
-
-
-def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
-    if not options.estimate_noise:
-        return iterate, True
-    difference = np.concatenate(residuals(problem, iterate), axis=1)
-    old = iterate.covariance
-    new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
-    change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
-    return replace(iterate, covariance=new), change < _CONVERGED_CHANGE

@@ -170,7 +170,7 @@ def assert_same(found: Eliminated | None, expected: Eliminated | None) -> None:
     for one, other, digits in (
         (x, x_expected, 1e-9),
         (multiplier, multiplier_expected, 1e-6),  # only their size matters
-        (found.rows()[0], expected.rows()[0], 1e-9),
+        (found.residuals(), expected.residuals(), 1e-9),
         (triangle.T @ triangle, triangle_expected.T @ triangle_expected, 1e-9),
     ):
         np.testing.assert_allclose(one, other, rtol=100 * digits, atol=digits * np.abs(other).max())

@@ -54,13 +54,6 @@ def test_the_fit_is_the_same_where_some_derivatives_are_known() -> None:
     same(fit(known, angle, [SEGMENT], START), fitted())
 
 
-def test_without_errors_the_search_is_the_same() -> None:
-    found, expected = fitted(errors=False, max_iterations=2), fitted(max_iterations=2)
-    assert found.theta == expected.theta
-    assert found.log_likelihood == expected.log_likelihood
-    assert not np.isfinite(list(found.std_error.values())).any()
-
-
 def test_time_varying_parameters_follow() -> None:
     """Known by a slope, or by one difference where the function is affine in it."""
 
