@@ -48,19 +48,20 @@ class Model:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One segment about states x and parameters theta; p parameters of the segment.
-
-    Attributes:
-        defect: (n - 1, n_states). defect_by_state: BlockRows. defect_by_parameter: (n - 1, n_states, p).
-        output: (n, n_outputs). output_by_state: BlockRows. output_by_parameter: (n, n_outputs, p).
-    """
+    """One segment about states x and parameters theta, p of them."""
 
     defect: FloatArray
+    """Defects, (n - 1, n_states)."""
     defect_by_state: BlockRows
+    """Their derivatives by the states."""
     defect_by_parameter: FloatArray
+    """Their derivatives by the parameters, (n - 1, n_states, p)."""
     output: FloatArray
+    """Predicted outputs, (n, n_outputs)."""
     output_by_state: BlockRows
+    """Their derivatives by the states."""
     output_by_parameter: FloatArray
+    """Their derivatives by the parameters, (n, n_outputs, p)."""
 
 
 def parts_of(n: int) -> list[slice]:
@@ -115,15 +116,18 @@ def linearise_segment(
 
 
 class _Place(NamedTuple):
-    """A part of a grid: its samples and one more, where there is one, for the last interval; the points halfway;
-    the intervals' ends where inputs jump there; the steps (s); how many samples are its own.
-    """
+    """A part of a grid."""
 
     samples: IntArray
+    """Its samples and one more, where there is one, for the last interval."""
     middles: IntArray
+    """The points halfway."""
     ends: IntArray
+    """The intervals' ends, where inputs jump there."""
     step: FloatArray
+    """Lengths of the intervals, s."""
     own: int
+    """How many samples are its own."""
 
     @classmethod
     def of(cls, grid: Grid, part: slice) -> _Place:
@@ -149,14 +153,18 @@ class _Place(NamedTuple):
 
 @dataclass(frozen=True)
 class _There:
-    """A part of a segment at states x (n_states, n) and parameters theta; `back` is what its delays see."""
+    """A part of a segment at some states and parameters."""
 
     model: Model
     grid: Grid
     x: FloatArray
+    """States of the whole segment, (n_states, n)."""
     theta: Mapping[str, float]
+    """Parameters by name."""
     back: Mapping[str, Stencil]
+    """What the delays see, by their names."""
     place: _Place
+    """The part."""
 
     @cached_property
     def here(self) -> FloatArray:

@@ -23,18 +23,22 @@ def compiled(function: Compiled) -> Compiled:
 
 
 class Filter(NamedTuple):
-    """A Kalman filter's run: `innovation` (n, q), the `inverse` of its covariance (n, q, q), unit rows where nothing
-    was measured; `gain` (n, m, q); `before` and `after` (n, m, m), covariance of the state before and after its
-    sample; half the sum of log det and of squares of the innovations.
-    """
+    """A Kalman filter's run."""
 
     innovation: FloatArray
+    """Innovations, (n, q), nan where nothing was measured."""
     inverse: FloatArray
+    """Inverse of their covariance, (n, q, q), unit rows where nothing was measured."""
     gain: FloatArray
+    """Gains, (n, m, q)."""
     before: FloatArray
+    """Covariance of the state before its sample, (n, m, m)."""
     after: FloatArray
+    """The same after it."""
     log_det: float
+    """Half the sum of log det of the innovations' covariance."""
     squares: float
+    """Half the sum of the innovations' weighted squares."""
 
 
 @compiled

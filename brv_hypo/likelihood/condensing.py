@@ -54,18 +54,20 @@ class Span(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A span's rows of D: what acts on its own states, factored, and on the samples from `low` before them.
-
-    `tie` (n_states, samples from low to the span's last) is the row that a reset replaced; None elsewhere.
-    `outputs` acts on the same samples, for the output rows `observed`.
-    """
+    """A span's rows of D and of the outputs, which act on the samples from `low` to the span's last."""
 
     low: int
+    """The first sample that they act on."""
     factor: SuperLU
+    """What acts on the span's own states, factored."""
     before: csr_array[np.float64]
+    """What acts on the samples before them."""
     tie: csr_array[np.float64] | None
+    """The row that a reset replaced; None elsewhere."""
     outputs: csr_array[np.float64]
+    """The outputs' rows."""
     observed: slice
+    """Which of the outputs' rows these are."""
 
     def solved_backward(self, right: FloatArray) -> FloatArray:
         """The solution of the transposed rows of the span's own states."""

@@ -63,18 +63,20 @@ class Delayed(NamedTuple):
 
 @dataclass(frozen=True)
 class Points:
-    """Where a function is evaluated: x (n_states, n), u (n_inputs, n), t (n,), and what its delays see.
-
-    `delayed` holds x(t - delay) and u(t - delay) by the delay's name, `rates` their derivatives by time;
-    `time_varying` the parameters that vary along the samples.
-    """
+    """Where a function is evaluated."""
 
     x: FloatArray
+    """States, (n_states, n)."""
     u: FloatArray
+    """Inputs, (n_inputs, n)."""
     t: FloatArray
+    """Times, (n,), s."""
     delayed: Mapping[str, Delayed] = field(default_factory=dict)
+    """x(t - delay) and u(t - delay) by the delay's name."""
     rates: Mapping[str, Delayed] = field(default_factory=dict)
+    """Their derivatives by time."""
     time_varying: tuple[SampledParameter, ...] = ()
+    """The parameters that vary along the samples."""
 
     def repeated(self, shift: FloatArray) -> Points:
         """All points once for each column of `shift`, (n_states, times), which is added to x. Without delays."""

@@ -157,17 +157,20 @@ def _by_theta(
 
 @dataclass(frozen=True)
 class _Motion:
-    """A segment as a filter takes it: `inverse` (n - 1, n_states, n_states) that of the defects' derivatives by the
-    state after, `transition` (n - 1, n_states, n_states), `shift` (n - 1, n_states), `step` (n - 1,), `residual` (n,
-    n_outputs), `observe` (n, n_outputs, n_states).
-    """
+    """A segment as a filter takes it."""
 
     inverse: FloatArray
+    """That of the defects' derivatives by the state after, (n - 1, n_states, n_states)."""
     transition: FloatArray
+    """From state to state, (n - 1, n_states, n_states)."""
     shift: FloatArray
+    """What the dynamics add to the states, (n - 1, n_states)."""
     step: FloatArray
+    """Lengths of the intervals, (n - 1,), s."""
     residual: FloatArray
+    """Measured less predicted outputs, (n, n_outputs), nan in gaps."""
     observe: FloatArray
+    """The outputs' derivatives by the states, (n, n_outputs, n_states)."""
 
     def run(self, process_noise: FloatArray, covariance: FloatArray) -> _Run:
         """The filter's, with these variances."""
@@ -201,14 +204,14 @@ class _Run:
 
 
 def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
-    grid, x = problem.grids[s], iterate.x[s]
+    grid = problem.grids[s]
     linear = linearise_segment(
-        problem.model, grid, x, problem.parameters.as_mapping(iterate.theta), ()
+        problem.model, grid, iterate.x[s], problem.parameters.as_mapping(iterate.theta), ()
     )
     before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
     inverse = np.asarray(np.linalg.inv(after), dtype=float)
     return _Motion(
-        inverse,
+        inverse=inverse,
         transition=np.asarray(-inverse @ before),
         shift=-(inverse @ linear.defect[:, :, None])[:, :, 0],
         step=grid.step,

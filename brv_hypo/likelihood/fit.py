@@ -23,10 +23,14 @@ from brv_hypo.likelihood.starts import (
     MOST_STEPS,
     begin,
     best_of,
+    bridged,
+    chosen,
     first_noises,
+    pieces_of,
     refine,
     state_sizes,
     states_from_outputs,
+    stretches,
 )
 
 
@@ -137,14 +141,33 @@ class _Task:
     options: Options
 
     def solve(self, segments: Sequence[Segment], steps: int, before: FitResult | None = None) -> FitResult:
-        """The fit on one mesh of so many steps between samples, from where one on another mesh ended."""
+        """The fit on one mesh of so many steps between samples, from where one on another mesh ended.
+
+        Across long gaps once more from the stretches between them, which process noise bridges itself.
+        """
         if before is not None:
             theta = {name: before.theta[name] for name in self.theta0}
             driving = None if self.process_noise is None else before.process_noise
             near = replace(
                 self, theta0=theta, process_noise=driving, first_noise=before.noise_covariance, near_start=True
             )
-            return near.solve(segments, steps)
+            return near._solve(segments, steps)[0]
+        found, model = self._solve(segments, steps)
+        driven = self.process_noise is not None and np.any(self.process_noise)
+        between = () if self.near_start or self.delays or driven else stretches(segments)
+        if not between:
+            return found
+        pieces = pieces_of(segments, between)
+        part, _ = self._solve(pieces, steps)
+        if not part.converged:
+            return found
+        times = [np.asarray(piece.t, dtype=float)[::steps] for piece in pieces]
+        theta = {name: part.theta[name] for name in self.theta0}
+        whole = bridged(segments, between, times, part.states, model, theta)
+        again, _ = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
+        return chosen({"the whole record": found, "the stretches between gaps": again})
+
+    def _solve(self, segments: Sequence[Segment], steps: int) -> tuple[FitResult, Model]:
         grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
         if not grids:
             raise UsageError("no segments were given; expected at least one")
@@ -179,7 +202,8 @@ class _Task:
             noises = {"the noise that was given": known} | noises
         if self.near_start and self.first_noise is not None:
             noises = {"an earlier fit": _covariance(self.first_noise, len(y))} | noises
-        return best_of(noises, run, alone=self.near_start or y.shape[1] > _LONGEST, known=known is not None)
+        alone = self.near_start or y.shape[1] > _LONGEST
+        return best_of(noises, run, alone=alone, known=known is not None), model
 
     def _driving(self, n_states: int) -> FloatArray:
         """Process noise of each state, (n_states,)."""

@@ -75,7 +75,7 @@ class BlockRows:
     @cached_property
     def filled(self) -> tuple[int, ...]:
         """Where along the width any block is not zero."""
-        return tuple(np.flatnonzero(self._nonzero.any(axis=0)).tolist())
+        return tuple(w for w in range(self.blocks.shape[1]) if self.blocks[:, w].any())
 
     @cached_property
     def _nonzero(self) -> BoolArray:
@@ -196,23 +196,22 @@ class BlockRows:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """The quadratic problem of one segment: n samples, p parameters.
-
-    Attributes:
-        residual: r, (n, n_outputs), whitened. by_state: J. by_parameter: J_p, (n, n_outputs, p).
-        defect: c, (n, n_states); row 0 is that of the initial state. defect_by_state: D without row 0, which
-            is the unit matrix.
-        defect_by_parameter: C, (n, n_states, p).
-        variance: diagonal of Q, (n, n_states); row 0 infinite where the initial state is free.
-    """
+    """The quadratic problem of one segment: n samples, p parameters."""
 
     residual: FloatArray
+    """r, (n, n_outputs), whitened."""
     by_state: BlockRows
+    """J."""
     by_parameter: FloatArray
+    """J_p, (n, n_outputs, p)."""
     defect: FloatArray
+    """c, (n, n_states); row 0 is that of the initial state."""
     defect_by_state: BlockRows
+    """D without row 0, which is the unit matrix."""
     defect_by_parameter: FloatArray
+    """C, (n, n_states, p)."""
     variance: FloatArray
+    """Diagonal of Q, (n, n_states); row 0 infinite where the initial state is free."""
 
     @property
     def exact(self) -> bool:
@@ -332,11 +331,12 @@ def eliminate_by_band(problem: Quadratic) -> BandSolution | None:
 
     n, n_states = problem.defect.shape
     weight = _balance(problem.by_state)
+    band, width = _assemble(problem, weight)
     right = _right_hand_side(problem, weight)
-    factor, pivots, norm, log_det = _factored(problem, weight)
+    norm = float(np.abs(band).sum(axis=0).max())
+    factor, pivots, log_det = _factored(problem, band, weight)
     if not np.isfinite(log_det):
         return None
-    width = (factor.shape[0] - 1) // 3
     probe = np.random.default_rng(0).standard_normal((right.shape[0], 1))
     solution, _ = lapack.dgbtrs(factor, width, width, np.append(right, probe, axis=1), pivots, overwrite_b=1)
     growth = float(np.linalg.norm(solution[:, -1]) / np.linalg.norm(probe))
@@ -348,20 +348,20 @@ def eliminate_by_band(problem: Quadratic) -> BandSolution | None:
 
 def log_determinant(problem: Quadratic) -> float:
     """log |det| of the matrix without the rows of free initial states' multipliers; nan where it is singular."""
-    return _factored(problem, _balance(problem.by_state))[3]
+    weight = _balance(problem.by_state)
+    return _factored(problem, _assemble(problem, weight)[0], weight)[2]
 
 
-def _factored(problem: Quadratic, weight: float) -> tuple[FloatArray, IntArray, float, float]:
-    """LU factor and pivots of the matrix with the objective divided by `weight`; its norm; log |det| without that."""
+def _factored(problem: Quadratic, band: FloatArray, weight: float) -> tuple[FloatArray, IntArray, float]:
+    """LU factor and pivots of the assembled band, and `log_determinant`."""
     from scipy.linalg import lapack
 
-    band, width = _assemble(problem, weight)
-    norm = float(np.abs(band).sum(axis=0).max())
+    width = (band.shape[0] - 1) // 3
     factor, pivots, info = lapack.dgbtrf(band, width, width, overwrite_ab=1)
     if info != 0:
-        return factor, pivots, norm, float("nan")
+        return factor, pivots, float("nan")
     free = np.count_nonzero(np.isinf(problem.variance[0]))
-    return factor, pivots, norm, float(np.sum(np.log(np.abs(factor[2 * width]))) + free * np.log(weight))
+    return factor, pivots, float(np.sum(np.log(np.abs(factor[2 * width]))) + free * np.log(weight))
 
 
 def _balance(by_state: BlockRows) -> float:

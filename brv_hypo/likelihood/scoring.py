@@ -116,16 +116,20 @@ def directions_of(
 
 @dataclass(frozen=True)
 class Scored:
-    """Where scoring led; the length of its first and of its last step, in standard errors; the Hessian it ended with;
-    the sensitivities there, none where the states are not determined or too many to be kept.
-    """
+    """Where scoring led."""
 
     problem: Problem
+    """With the process noise that was found."""
     iterate: Iterate
+    """With the measurement noise that was found."""
     first: float = 0.0
+    """Length of the first step, in standard errors."""
     last: float = 0.0
+    """The same of the last."""
     information: FloatArray | None = None
+    """The Hessian that it ended with, (k, k)."""
     segments: tuple[Sensitivity, ...] = ()
+    """The sensitivities there, none where the states are not determined."""
 
 
 def scored(
@@ -161,7 +165,14 @@ def scored(
         if lengths[-1] < enough:
             break
     first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
-    return Scored(problem, iterate, first, last, information, solved.segments)
+    return Scored(
+        problem=problem,
+        iterate=iterate,
+        first=first,
+        last=last,
+        information=information,
+        segments=solved.segments,
+    )
 
 
 def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
@@ -305,17 +316,20 @@ def _log_dets(
 
 @dataclass(frozen=True)
 class _Solved:
-    """With the states best for the variances, the functions linear: the objective, and log det I(theta).
-
-    The whitened rows of both, of each segment: outputs (n, n_outputs, 1 + k), process noise (n, n_states, 1 + k), the
-    initial state's row first; the residual's column, then those of k orthonormal combinations of theta.
+    """With the states best for the variances, the functions linear. Columns of rows are those of the residual, then
+    those of k orthonormal combinations of theta.
     """
 
     objective: float
+    """Half the weighted sum of squares."""
     log_det: float
+    """log det I(theta)."""
     outputs: tuple[FloatArray, ...]
+    """Whitened outputs of each segment, (n, n_outputs, 1 + k)."""
     noise: tuple[FloatArray, ...]
+    """Whitened process noise, (n, n_states, 1 + k), the initial state's row first."""
     segments: tuple[Integrated, ...]
+    """The segments, states integrated out."""
 
 
 def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _Solved | None:
@@ -334,7 +348,13 @@ def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _
         outputs.append(segment.outputs @ turn)
         noise.append(segment.noise @ turn)
     total = sum(float(np.sum(rows[:, :, 0] ** 2)) for rows in (*outputs, *noise))
-    return _Solved(0.5 * total, log_det, tuple(outputs), tuple(noise), tuple(segments))
+    return _Solved(
+        objective=0.5 * total,
+        log_det=log_det,
+        outputs=tuple(outputs),
+        noise=tuple(noise),
+        segments=tuple(segments),
+    )
 
 
 def _orthonormal(

@@ -1,21 +1,24 @@
-"""Where the search starts: smoothed states, several starting points, finer meshes.
+"""Where the search starts: smoothed states, several starting points, long gaps, finer meshes.
 
 States are read off the outputs, then smoothed with the dynamics held loosely; long segments are cut into shorter ones
 with first states of their own for that (multiple shooting). A model that is not quite right has more than one
-optimum: the search is started from several guesses of the noise, and the best likelihood wins. Where the mesh moves the
-estimate by more than is tolerable, the fit is repeated on a finer one. Entrances: `begin`, `best_of`, `refine`.
+optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long gap the
+outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion across.
+Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances: `begin`,
+`best_of`, `bridged`, `refine`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
+from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -30,7 +33,7 @@ from brv_hypo.likelihood.noise import least_variance, noise_from_differences
 from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.result import FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
-from brv_hypo.likelihood.segment import Grid, Segment, build_grid, inputs_at
+from brv_hypo.likelihood.segment import WIDTH, Grid, Segment, build_grid, inputs_at, inputs_of
 
 PIECE = 8192
 """Samples of a piece: far more than loose dynamics remember, few enough to be solved in little memory."""
@@ -253,6 +256,115 @@ def _without_gaps(grid: Grid) -> FloatArray:
     return filled
 
 
+# ---- Long gaps, in which nothing was measured: fitted around first, then bridged by the model ----
+
+
+_LONG = 8
+"""Times the usual distance of measured samples from which a gap is bridged."""
+_LEAST = 2 * WIDTH
+"""Samples of a stretch at least."""
+_TOO_FAR = 10.0
+"""Times the largest measured state above which the motion across a gap is discarded."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples first to last of a segment, both measured."""
+
+    number: int
+    first: int
+    last: int
+
+
+def stretches(segments: Sequence[Segment]) -> tuple[Stretch, ...]:
+    """What lies between long gaps; empty where no segment has one."""
+    found = []
+    gaps = 0
+    for number, segment in enumerate(segments):
+        observed = np.flatnonzero(np.isfinite(np.atleast_2d(segment.y)).any(axis=0))
+        apart = np.diff(observed)
+        wide = np.flatnonzero(apart > _LONG * np.median(apart)) if apart.size else apart
+        gaps += wide.size
+        edges = [0, *(wide + 1).tolist(), observed.size]
+        spans = [(int(observed[a]), int(observed[b - 1])) for a, b in pairwise(edges)]
+        found += [Stretch(number, a, b) for a, b in spans if b - a + 1 >= _LEAST]
+    return tuple(found) if gaps else ()
+
+
+def pieces_of(segments: Sequence[Segment], between: Sequence[Stretch]) -> list[Segment]:
+    """The stretches as segments, their initial states free but where a segment's own is known."""
+    found = []
+    for stretch in between:
+        segment = segments[stretch.number]
+        where = slice(stretch.first, stretch.last + 1)
+        x0 = np.asarray(segment.x0, dtype=float)
+        found.append(
+            replace(
+                segment,
+                t=np.asarray(segment.t)[where],
+                u=inputs_of(segment)[:, where],
+                y=np.atleast_2d(segment.y)[:, where],
+                x0=x0[:, where] if x0.ndim == 2 else x0,
+                x0_std=segment.x0_std if stretch.first == 0 else np.inf,
+                u_mid=None if segment.u_mid is None else segment.u_mid[:, stretch.first : stretch.last],
+            )
+        )
+    return found
+
+
+def bridged(
+    segments: Sequence[Segment],
+    between: Sequence[Stretch],
+    times: Sequence[FloatArray],
+    states: Sequence[FloatArray],
+    model: Model,
+    theta: Mapping[str, float],
+) -> list[Segment]:
+    """The segments with histories: the states of each stretch, (n_states, n) at `times`, and the motion between."""
+    found = []
+    for number, segment in enumerate(segments):
+        grid = build_grid(segment, number)
+        t = grid.t[: grid.n]
+        own = [i for i, stretch in enumerate(between) if stretch.number == number]
+        if not own:
+            found.append(segment)
+            continue
+        known = np.concatenate([states[i] for i in own], axis=1)
+        at = np.concatenate([times[i] for i in own])
+        x = np.stack([np.interp(t, at, row) for row in known])
+        for i, following in zip(own, [*own[1:], None], strict=True):
+            stop = grid.n if following is None else between[following].first
+            carried = _carried(model, grid, x, between[i].last, stop, theta)
+            if np.all(np.abs(carried) < _TOO_FAR * np.abs(known).max(axis=1, keepdims=True)):
+                x[:, between[i].last : stop] = carried
+        found.append(begun(segment, x))
+    return found
+
+
+def _carried(
+    model: Model, grid: Grid, x: FloatArray, first: int, stop: int, theta: Mapping[str, float]
+) -> FloatArray:
+    """States from sample `first` to before `stop` by Runge-Kutta steps from the first, (n_states, stop - first)."""
+    found = x[:, first:stop].copy()
+
+    def slope(state: FloatArray, at: int) -> FloatArray:
+        where = slice(at, at + 1)
+        time_varying = tuple(varying.part(where) for varying in grid.time_varying)
+        points = Points(state[:, None], grid.u[:, where], grid.t[where], time_varying=time_varying)
+        return evaluate(model.dynamics, points, theta)[:, 0]
+
+    with np.errstate(all="ignore"):
+        for k in range(found.shape[1] - 1):
+            at, now, h = first + k, found[:, k], grid.step[first + k]
+            end = 2 * grid.n - 1 + at if grid.jumps else at + 1
+            k1 = slope(now, at)
+            k2 = slope(now + h / 2 * k1, grid.n + at)
+            k3 = slope(now + h / 2 * k2, grid.n + at)
+            k4 = slope(now + h * k3, end)
+            found[:, k + 1] = now + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return found
+
+
 # ---- Several starting points of one fit: a model that is not quite right has more than one optimum ----
 
 
@@ -362,7 +474,7 @@ def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitRes
         wanted = (before.mesh_shift / TOLERATED) ** (1.0 / _ORDER) if np.isfinite(before.mesh_shift) else np.inf
         steps = min(steps * int(min(2.0 ** np.ceil(np.log2(max(wanted, 2.0))), _LARGEST_RAISE)), MOST_STEPS)
         if before.converged and before.mesh_shift <= _NEAR:
-            known = [_begun(segment, x) for segment, x in zip(segments, before.states, strict=True)]
+            known = [begun(segment, x) for segment, x in zip(segments, before.states, strict=True)]
             found = run([finer(segment, i, steps) for i, segment in enumerate(known)], steps, before)
             if found.converged:
                 found = replace(found, starting_points=(*before.starting_points, *found.starting_points))
@@ -377,7 +489,7 @@ def refine(segments: Sequence[Segment], run: Callable[..., FitResult]) -> FitRes
     return replace(found, message=f"{found.message}. {mesh}")
 
 
-def _begun(segment: Segment, x: FloatArray) -> Segment:
+def begun(segment: Segment, x: FloatArray) -> Segment:
     """The segment with states (n_states, n) to begin with, what is known of its initial state as it was."""
     history = x.copy()
     first = np.asarray(segment.x0, dtype=float).reshape(len(x), -1)[:, 0]

@@ -88,16 +88,18 @@ class Identifiability:
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Ljung-Box test of one output's innovations.
-
-    Statistic on `lags` lags and its p-value; largest autocorrelation and its lag.
-    """
+    """Ljung-Box test of one output's innovations."""
 
     statistic: float
+    """Q, chi-square of `lags` degrees of freedom where they are white."""
     p_value: float
+    """Its p-value."""
     lags: int
+    """Lags that it is of."""
     largest: float
+    """Largest autocorrelation."""
     largest_lag: int
+    """Lag of that."""
 
     @property
     def white(self) -> bool:
@@ -161,7 +163,11 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
         statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
         worst = int(np.argmax(np.abs(r)))
         p_value = float(gammaincc(lags / 2, statistic / 2))
-        tests.append(Whiteness(statistic, p_value, lags, float(r[worst]), worst + 1))
+        tests.append(
+            Whiteness(
+                statistic=statistic, p_value=p_value, lags=lags, largest=float(r[worst]), largest_lag=worst + 1
+            )
+        )
     return tuple(tests)
 
 

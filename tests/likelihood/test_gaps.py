@@ -1,4 +1,4 @@
-"""Gaps of seconds, and half of the samples gone."""
+"""Gaps of seconds, and half of the samples gone: bridged by the model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood import fit
+from brv_hypo.likelihood.starts import pieces_of, stretches
 from tests.studies.likelihood.problems import growing_body, short_period
 
 BODY = growing_body()
@@ -44,6 +45,20 @@ def test_a_known_start_and_inputs_are_kept_across_a_gap() -> None:
     )  # fmt: skip
     assert result.converged
     np.testing.assert_allclose(result.states[0][:, 0], aircraft.x0, atol=1e-9)
+
+
+def test_stretches_lie_between_long_gaps_only() -> None:
+    segment = BODY.simulate(200, seed=1)
+    assert stretches([segment]) == ()
+    slow = segment.y.copy()
+    slow[:, np.arange(200) % 5 != 0] = np.nan
+    assert stretches([replace(segment, y=slow)]) == ()
+    y = segment.y.copy()
+    y[:, 60:120] = np.nan
+    gappy = replace(segment, y=y)
+    between = stretches([segment, gappy])
+    assert [(s.number, s.first, s.last) for s in between] == [(0, 0, 199), (1, 0, 59), (1, 120, 199)]
+    assert [piece.t.size for piece in pieces_of([segment, gappy], between)] == [200, 60, 80]
 
 
 @pytest.mark.parametrize("process_noise", [None, [0.01, 0.01]])
