@@ -44,16 +44,10 @@ from brv_hypo.likelihood.uncertainty import (
 
 _NODES = np.linspace(0.0, 1.0, 5)
 _BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
-
-
-def _partial_weights() -> FloatArray:
-    """Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
-    powers = np.vander(_NODES, increasing=True)
-    integrals = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1)
-    return np.asarray(integrals @ np.linalg.inv(powers))
-
-
-_PARTIAL = _partial_weights()
+_PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ np.linalg.inv(
+    np.vander(_NODES, increasing=True)
+)
+"""Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
 
 
 def mesh_shift(
@@ -243,9 +237,9 @@ def _covariances(
     """
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
-    unknowns = _unknowns(problem, estimated)
-    variance_factor = _variance_factor(problem, samples, unknowns, options)
-    white = raw * variance_factor
+    unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+    # The likelihood of states that noise drives makes up for it itself (`scoring`).
+    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
@@ -329,21 +323,6 @@ def _remarks(
         "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
         "nothing of these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
     )
-
-
-def _unknowns(problem: Problem, estimated: IntArray) -> int:
-    """Parameters and free initial states."""
-    return len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
-
-
-def _variance_factor(problem: Problem, samples: int, unknowns: int, options: Options) -> float:
-    """Factor for what fitting the unknowns took out of the variance of white residuals.
-
-    1 where the noise is known, and with process noise, whose likelihood makes up for it (`scoring`).
-    """
-    if not options.estimate_noise or np.any(problem.process_noise):
-        return 1.0
-    return samples / max(samples - unknowns, 1)
 
 
 def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:

@@ -228,7 +228,8 @@ class Condensed:
 
     def states(self, weights: FloatArray) -> FloatArray:
         """See `Eliminated`."""
-        return np.concatenate([own[:, :, 0] for own in self._own(weights[:, None])])
+        paths = zip(self.spans, self._run(weights[:, None]), strict=True)
+        return np.concatenate([states[span.first - piece.low :, :, 0] for span, (piece, states) in paths])
 
     def step(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Eliminated`. Multipliers backward through the spans, D' l = -J' (r + J dx + J_p dp)."""
@@ -272,12 +273,6 @@ class Condensed:
     def triangle(self) -> FloatArray:
         """See `Eliminated`."""
         return self.starts.triangle
-
-    def _own(self, weights: FloatArray) -> list[FloatArray]:
-        return [
-            paths[span.first - piece.low :]
-            for span, (piece, paths) in zip(self.spans, self._run(weights), strict=True)
-        ]
 
     def _run(self, weights: FloatArray) -> Iterator[tuple[Piece, FloatArray]]:
         starts = self.starts.x @ weights

@@ -172,10 +172,16 @@ def _eliminated(
     """Segment s linearised and its states eliminated."""
     linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
     quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
-    if not quadratic.exact:
-        quadratic = _memoryless(quadratic)
+    if not quadratic.exact:  # delays meet noise on the way to a start only, whose states are near: they are held
+        quadratic = replace(
+            quadratic,
+            by_state=quadratic.by_state.without_couplings(),
+            defect_by_state=quadratic.defect_by_state.without_couplings(),
+        )
     if anchored:
-        quadratic = _anchor(quadratic)
+        free = np.isinf(quadratic.variance)
+        defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
+        quadratic = replace(quadratic, defect=defect, variance=variance)
     eliminated = eliminate(quadratic)
     if eliminated is None:
         raise SingularStatesError(s, float(np.abs(quadratic.defect_by_state.blocks).max()) > _STIFF)
@@ -326,21 +332,6 @@ def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
     return Sensitivity(eliminated, triangle, void)
 
 
-def _memoryless(quadratic: Quadratic) -> Quadratic:
-    """Delayed states held where they are. Delays meet noise on the way to a start only, whose states are near."""
-    return replace(
-        quadratic,
-        by_state=quadratic.by_state.without_couplings(),
-        defect_by_state=quadratic.defect_by_state.without_couplings(),
-    )
-
-
-def _anchor(quadratic: Quadratic) -> Quadratic:
-    free = np.isinf(quadratic.variance)
-    defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
-    return replace(quadratic, defect=defect, variance=variance)
-
-
 def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
     """Initial state less its guess, in its size, (1, n_states)."""
     return ((x[:, 0] - grid.first) / problem.size)[None]
@@ -446,7 +437,7 @@ class Extrapolation:
 
     def _combined(self) -> Step:
         _, step = self._past[-1]
-        weigh = self._metric(step)
+        weigh = np.concatenate([step.triangle, np.diag(1.0 / self.problem.parameters.prior_std)])  # by information
         moves = np.stack([each.theta for _, each in self._past], axis=1)
         differences = weigh @ np.diff(moves, axis=1)
         left, singular, rotation = np.linalg.svd(differences, full_matrices=False)
@@ -461,7 +452,3 @@ class Extrapolation:
         if not np.all(np.abs(theta) <= self.problem.reach):
             return step
         return replace(step, theta=theta, x=tuple(x))
-
-    def _metric(self, step: Step) -> FloatArray:
-        """What weighs a move of theta by its information, priors in it."""
-        return np.concatenate([step.triangle, np.diag(1.0 / self.problem.parameters.prior_std)])

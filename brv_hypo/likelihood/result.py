@@ -31,18 +31,6 @@ _CORRELATED = 0.5
 _MOST_CORRELATIONS = 10
 
 
-def fit_report(result: FitResult) -> str:
-    """Status, statistics, noise, parameters with both errors, correlations, and what to beware of."""
-    blocks = (
-        ["[[Fit]]", *_statistics(result)],
-        ["[[Noise]]", *_noise(result)],
-        ["[[Parameters]]", *_parameters(result)],
-        _correlations(result),
-        _warnings(result),
-    )
-    return "\n".join(line for block in blocks for line in block)
-
-
 def correlations(result: FitResult) -> FloatArray:
     """Correlation of the estimates (p, p), from the coloured covariance; nan where there is no error."""
     error = np.sqrt(np.diag(result.covariance_coloured))
@@ -250,7 +238,14 @@ class FitResult(Tabular):
 
     def report(self) -> str:
         """The fit as text: status, noise, parameters with their errors, correlations, warnings."""
-        return fit_report(self)
+        blocks = (
+            ["[[Fit]]", *_statistics(self)],
+            ["[[Noise]]", *_noise(self)],
+            ["[[Parameters]]", *_parameters(self)],
+            _correlations(self),
+            _warnings(self),
+        )
+        return "\n".join(line for block in blocks for line in block)
 
     def to_dataframe(self) -> DataFrame:
         """A table by parameter: value, std_error (the one to report), std_error_white, free, at_bound.

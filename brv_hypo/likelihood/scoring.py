@@ -152,7 +152,7 @@ def scored(
     lengths = []
     score: Score | None = None
     move = np.zeros(directions.count)
-    value = _value(solved)
+    value = solved.nllf
     for _ in range(_SCORINGS if directions.count else 0):
         gradient = _gradient(problem, iterate, directions, linear, solved)
         if information is None:
@@ -193,26 +193,11 @@ def _moved(
     for _ in range(_HALVINGS):
         trial = moved_noise(problem, iterate, score.directions, move)
         found = _solved(*trial, linear)
-        after = np.inf if found is None else _value(found)
+        after = np.inf if found is None else found.nllf
         if found is not None and after <= value + 1e-10 * abs(value):
             return *trial, found, after, move
         move = 0.5 * move
     return problem, iterate, solved, value, np.zeros_like(move)
-
-
-def score_of(
-    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]
-) -> Score | None:
-    """Gradient and expected Hessian; None where the states are not determined."""
-    solved = _solved(problem, iterate, linear)
-    if solved is None:
-        return None
-    return Score(
-        directions,
-        _gradient(problem, iterate, directions, linear, solved),
-        _information(problem, iterate, directions, linear)
-        + _further_information(problem, iterate, directions, linear, solved),
-    )
 
 
 def marginals(
@@ -239,7 +224,7 @@ def _information(
     problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]
 ) -> FloatArray:
     """The expected Hessian, from second differences of log det C."""
-    count, unit = directions.count, _unit(directions)
+    count, unit = directions.count, _DIFFERENCE * np.eye(directions.count)
     coupled = count if count <= _COUPLED else len(directions.driven) + problem.grids[0].y.shape[0]
     pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
     both = unit[pairs[:, 0]] + unit[pairs[:, 1]]
@@ -259,18 +244,13 @@ def _further_information(
     here = (problem, iterate)
     before = _squares(here, here, directions, linear, solved)[:, 1:].sum(axis=1)
     rows = []
-    for row in _unit(directions):
+    for row in _DIFFERENCE * np.eye(directions.count):
         noise, covariance = changed_variances(problem, iterate, directions, row[None])
         there = replace(problem, process_noise=noise[0]), replace(iterate, covariance=covariance[0])
         found = _solved(*there, linear)
         after = before if found is None else _squares(there, here, directions, linear, found)[:, 1:].sum(axis=1)
         rows.append(0.5 * (after - before) / _DIFFERENCE)
     return np.asarray(0.5 * (np.array(rows) + np.array(rows).T))
-
-
-def _unit(directions: Directions) -> FloatArray:
-    """The changes by which derivatives are had, one a row."""
-    return _DIFFERENCE * np.eye(directions.count)
 
 
 def moved_noise(
@@ -330,6 +310,12 @@ class _Solved:
     """Whitened process noise, (n, n_states, 1 + k), the initial state's row first."""
     segments: tuple[Integrated, ...]
     """The segments, states integrated out."""
+
+    @property
+    def nllf(self) -> float:
+        """Restricted NLLF but for a constant, priors left out; infinite where it is not finite."""
+        total = self.objective + 0.5 * (sum(each.log_det for each in self.segments) + self.log_det)
+        return total if np.isfinite(total) else float("inf")
 
 
 def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _Solved | None:
@@ -397,13 +383,6 @@ def _squares(
         projected += np.einsum("nak,nbk->abk", weighed, weighed)
     measured = [projected[a, b] * (1.0 if a == b else 2.0) for a, b in directions.entries]
     return np.array([*(ratio[:, None] ** 2 * np.asarray(driven)[list(directions.driven)]), *measured])
-
-
-def _value(solved: _Solved) -> float:
-    """Restricted NLLF but for a constant, priors left out; infinite where it is not finite."""
-    log_det = sum(each.log_det for each in solved.segments)
-    total = solved.objective + 0.5 * (log_det + solved.log_det)
-    return total if np.isfinite(total) else float("inf")
 
 
 # ---- What not knowing the variances adds to the errors of theta in filter error ----
@@ -494,9 +473,15 @@ def noise_errors(
     if not directions.count or not np.any(problem.process_noise):
         return unknown
     linear = marginals(problem, iterate)
-    score = score_of(problem, iterate, directions, linear)
-    if score is None:
+    solved = _solved(problem, iterate, linear)
+    if solved is None:
         return unknown
+    score = Score(
+        directions,
+        _gradient(problem, iterate, directions, linear, solved),
+        _information(problem, iterate, directions, linear)
+        + _further_information(problem, iterate, directions, linear, solved),
+    )
     gone = score.vanished
     live = np.flatnonzero(~gone)
     spread = np.zeros((directions.count, directions.count))
@@ -518,19 +503,19 @@ def noise_errors(
         covariance = with_unknown_variances(
             problem, iterate, directions, linear, segments, spread, covariance
         )
-    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, _unseen(problem)))
+    never_measured = ~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
+    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, never_measured))
 
 
-def _unseen(problem: Problem) -> BoolArray:
-    """Outputs that were never measured, (n_outputs,)."""
-    return np.asarray(~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0))
-
-
-def _remarks(directions: Directions, gone: BoolArray, unseen: BoolArray) -> tuple[str, ...]:
+def _remarks(directions: Directions, gone: BoolArray, never_measured: BoolArray) -> tuple[str, ...]:
     """What went to 0, by state and output; outputs that were never measured have no noise that could."""
     states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
     lost = gone[len(directions.driven) :]
-    outputs = [a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b and not unseen[a]]
+    outputs = [
+        a
+        for (a, b), each in zip(directions.entries, lost, strict=True)
+        if each and a == b and not never_measured[a]
+    ]
     found = []
     if states:
         found.append(

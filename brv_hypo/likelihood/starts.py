@@ -106,7 +106,8 @@ def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iter
     """
     first = _prepared(problem, iterate, near)
     given = all(grid.start.ndim == 2 for grid in problem.grids)
-    if near or given or _mean_square(*first) < _POOR:
+    measured = sum(int(grid.measured.sum()) for grid in problem.grids)
+    if near or given or 2.0 * objective(*first)[0] < _POOR * max(measured, 1):
         return first
     zero = _at_zero(problem, iterate)
     if zero is None:
@@ -168,14 +169,6 @@ def state_sizes(histories: Sequence[FloatArray]) -> FloatArray:
     return np.where(size > 0, size, 1.0)
 
 
-def looseness(grids: Sequence[Grid], histories: Sequence[FloatArray], size: FloatArray) -> FloatArray:
-    """Process noise, (n_states,), per root second, that lets the states follow the outputs, not the model."""
-    steps = np.concatenate([np.diff(x, axis=1) for x in histories], axis=1)
-    interval = np.median(np.concatenate([g.step for g in grids]))
-    change = np.maximum(np.sqrt(np.mean(steps**2, axis=1)), _LEAST_LOOSENESS * size)
-    return np.asarray(change / np.sqrt(interval))
-
-
 def delay_reach(
     delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]
 ) -> FloatArray:
@@ -220,7 +213,10 @@ def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
 def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
     """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
     pieces, part = cut(problem, iterate)
-    loose = looseness(problem.grids, iterate.x, problem.size)
+    changes = np.concatenate([np.diff(x, axis=1) for x in iterate.x], axis=1)
+    interval = np.median(np.concatenate([g.step for g in problem.grids]))
+    change = np.maximum(np.sqrt(np.mean(changes**2, axis=1)), _LEAST_LOOSENESS * problem.size)
+    loose = change / np.sqrt(interval)  # process noise that lets the states follow the outputs, not the model
     try:
         if any(g.start.ndim == 1 for g in problem.grids):
             part = smooth(pieces, part, loose)
@@ -233,12 +229,6 @@ def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, 
         pass  # the search says so if they stay undetermined
     found = replace(part, x=joined(problem, part.x))
     return replace(problem, size=pieces.size, reach=pieces.reach), found
-
-
-def _mean_square(problem: Problem, iterate: Iterate) -> float:
-    """Of the whitened residuals, priors and process noise among them."""
-    measured = sum(int(grid.measured.sum()) for grid in problem.grids)
-    return 2.0 * objective(problem, iterate)[0] / max(measured, 1)
 
 
 def _violation(problem: Problem, iterate: Iterate) -> float:
