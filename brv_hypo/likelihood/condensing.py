@@ -69,11 +69,6 @@ class Piece(NamedTuple):
     observed: slice
     """Which of the outputs' rows these are."""
 
-    def solved_backward(self, right: FloatArray) -> FloatArray:
-        """The solution of the transposed rows of the span's own states."""
-        solved = self.factor.solve(right, trans="T")  # type: ignore[call-overload]  # the stubs lack it
-        return np.asarray(solved, dtype=float)
-
 
 class Recursion:
     """The dynamics of a problem, cut into spans."""
@@ -159,7 +154,9 @@ class Recursion:
         factor = splu(rows[:, split:].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
         observed = slice(*np.searchsorted(self._observed_by, [first, last] if first > 0 else [0, last]).tolist())
         outputs = self.problem.by_state.matrix(self.n, observed)[:, low * m : last * m]
-        return Piece(low, factor, rows[:, :split], tie, outputs, observed)
+        return Piece(
+            low=low, factor=factor, before=rows[:, :split], tie=tie, outputs=outputs, observed=observed
+        )
 
     def _solved(self, piece: Piece, right: FloatArray, before: FloatArray) -> FloatArray:
         flat = right.reshape(-1, right.shape[2])
@@ -253,7 +250,8 @@ class Condensed:
             tie = next(stacked) if span.reset else np.zeros(m)
             if piece.tie is not None:
                 pull[here] -= piece.tie.T @ tie
-            multiplier = piece.solved_backward(pull[own])
+            solved = piece.factor.solve(pull[own], trans="T")  # type: ignore[call-overload]  # the stubs lack it
+            multiplier = np.asarray(solved, dtype=float)
             pull[piece.low * m : span.first * m] -= piece.before.T @ multiplier
             found[span.first : span.last] = multiplier.reshape(-1, m)
             if piece.tie is not None:

@@ -283,38 +283,26 @@ def quadratic_of(
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
-    rows = _Rows(grid.n)
-    outputs, dynamics = [], []
+    residual, by_parameter, outputs, dynamics = [], [], [], []
+    defect = [start_defect(problem, grid, x)]
+    defect_by_parameter = [np.zeros((1, size.size, len(problem.parameters.names)))]
     for part, each in linear:
-        first = part.indices(grid.n)[0]
         whitener = whitening(covariance, grid.measured[:, part])
-        rows.put("residual", first, _whitened(whitener, grid, each.output, part))
-        rows.put("by_parameter", first, whitener @ each.output_by_parameter)
-        rows.put("defect", first + 1, each.defect / size)
-        rows.put("defect_by_parameter", first + 1, each.defect_by_parameter / size[:, None])
+        residual.append(_whitened(whitener, grid, each.output, part))
+        by_parameter.append(whitener @ each.output_by_parameter)
+        defect.append(each.defect / size)
+        defect_by_parameter.append(each.defect_by_parameter / size[:, None])
         outputs.append(each.output_by_state.turned(whitener, size))
         dynamics.append(each.defect_by_state.turned(1.0 / size, size))
-    rows.put("defect", 0, start_defect(problem, grid, x))
     return Quadratic(
+        residual=np.concatenate(residual),
         by_state=BlockRows.joined(outputs),
+        by_parameter=np.concatenate(by_parameter),
+        defect=np.concatenate(defect),
         defect_by_state=BlockRows.joined(dynamics),
+        defect_by_parameter=np.concatenate(defect_by_parameter),
         variance=_variance(problem, grid),
-        **rows.filled,
     )
-
-
-class _Rows:
-    """Arrays of n rows, filled a part at a time: no second copy is ever needed."""
-
-    def __init__(self, n: int) -> None:
-        self._n = n
-        self.filled: dict[str, FloatArray] = {}
-
-    def put(self, name: str, first: int, values: FloatArray) -> None:
-        """The values from row `first` on; zero where nothing is put."""
-        if name not in self.filled:
-            self.filled[name] = np.zeros((self._n, *values.shape[1:]))
-        self.filled[name][first : first + len(values)] = values
 
 
 def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
