@@ -196,7 +196,7 @@ class Recursion:
         return int(cuts[np.argmin(np.abs(cuts - wanted))]) if cuts.size else None
 
 
-# ---- Eliminates the states of a segment whose dynamics are exact: they follow from a few first states ----
+# ---- The states of exact dynamics: they follow from a few first states ----
 
 
 _OBSERVABLE = 1e-8
@@ -416,7 +416,7 @@ def _unit(m: int, columns: int, free: int, at: int) -> FloatArray:
     return found
 
 
-# ---- Eliminates the states of one segment from a Gauss-Newton step, at a cost linear in the samples ----
+# ---- The choice between condensation and the band ----
 
 
 _FAR = 3

@@ -279,7 +279,7 @@ def residual_last(columns: FloatArray) -> FloatArray:
     return np.concatenate([rows[:, 1:], rows[:, :1]], axis=1)
 
 
-# ---- Eliminates the states of one segment from a Gauss-Newton step: one banded solve ----
+# ---- The states eliminated by one banded solve ----
 
 
 _SINGULAR = 1e13

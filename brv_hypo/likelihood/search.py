@@ -94,6 +94,9 @@ _CAUSES = {
 }
 
 
+# ---- The search ----
+
+
 _FEASIBLE = 1e-7
 """Largest mean scaled defect of a converged trajectory."""
 _CONVERGED_CHANGE = 2e-3

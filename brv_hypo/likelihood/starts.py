@@ -35,6 +35,9 @@ from brv_hypo.likelihood.result import FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Segment, build_grid, inputs_at, inputs_of
 
+# ---- Long segments as several pieces ----
+
+
 PIECE = 8192
 """Samples of a piece: far more than loose dynamics remember, few enough to be solved in little memory."""
 

@@ -19,34 +19,6 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 
-# ---- The estimate from other measurements, by the linearisation at the estimate ----
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The fit's linear model at its solution, for `FitResult.change_by`."""
-
-    by_parameter: tuple[FloatArray, ...]
-    """Derivatives of the whitened residuals, the states following, by segment: (n, n_outputs, p)."""
-    triangle: FloatArray
-    """Factor of the information matrix, priors left out, (p, p)."""
-    precision: FloatArray
-    """Inverse variance of the priors, (p,)."""
-    estimated: IntArray
-    """The parameters that are free and not at a bound."""
-
-    def change_by(self, gained: Sequence[FloatArray]) -> FloatArray:
-        """Change of the parameters (p,) where the whitened residual gains so much, (n, n_outputs) a segment."""
-        pull = sum(np.einsum("nap,na->p", s, gain) for s, gain in zip(self.by_parameter, gained, strict=True))
-        normal = self.triangle.T @ self.triangle + np.diag(self.precision)
-        size = np.sqrt(np.maximum(np.diag(normal)[self.estimated], 1e-300))
-        free = np.ix_(self.estimated, self.estimated)
-        scaled = np.linalg.pinv(normal[free] / np.outer(size, size), rcond=1e-12, hermitian=True)
-        change = np.zeros(self.precision.size)
-        change[self.estimated] = -(scaled @ (np.asarray(pull)[self.estimated] / size)) / size
-        return change
-
-
 # ---- How well the parameters are known: covariance, near-null directions, whiteness ----
 
 
@@ -271,3 +243,31 @@ def _gain(coefficients: FloatArray, length: int) -> FloatArray:
     response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
     power = np.concatenate([response**2, response[-2:0:-1] ** 2])
     return np.asarray(response / np.sqrt(power.mean()))
+
+
+# ---- The estimate from other measurements, by the linearisation at the estimate ----
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """The fit's linear model at its solution, for `FitResult.change_by`."""
+
+    by_parameter: tuple[FloatArray, ...]
+    """Derivatives of the whitened residuals, the states following, by segment: (n, n_outputs, p)."""
+    triangle: FloatArray
+    """Factor of the information matrix, priors left out, (p, p)."""
+    precision: FloatArray
+    """Inverse variance of the priors, (p,)."""
+    estimated: IntArray
+    """The parameters that are free and not at a bound."""
+
+    def change_by(self, gained: Sequence[FloatArray]) -> FloatArray:
+        """Change of the parameters (p,) where the whitened residual gains so much, (n, n_outputs) a segment."""
+        pull = sum(np.einsum("nap,na->p", s, gain) for s, gain in zip(self.by_parameter, gained, strict=True))
+        normal = self.triangle.T @ self.triangle + np.diag(self.precision)
+        size = np.sqrt(np.maximum(np.diag(normal)[self.estimated], 1e-300))
+        free = np.ix_(self.estimated, self.estimated)
+        scaled = np.linalg.pinv(normal[free] / np.outer(size, size), rcond=1e-12, hermitian=True)
+        change = np.zeros(self.precision.size)
+        change[self.estimated] = -(scaled @ (np.asarray(pull)[self.estimated] / size)) / size
+        return change
