@@ -156,7 +156,9 @@ class _There:
     """A part of a segment at some states and parameters."""
 
     model: Model
+    """The functions."""
     grid: Grid
+    """The segment."""
     x: FloatArray
     """States of the whole segment, (n_states, n)."""
     theta: Mapping[str, float]

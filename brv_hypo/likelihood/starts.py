@@ -96,7 +96,7 @@ _WAITING = 1e-9
 _LEAST_LOOSENESS = 1e-2
 """Least change of a state between samples that smoothing grants it, as a fraction of its size."""
 _POOR = 3.0
-"""Mean square of whitened residuals above which a beginning fits so poorly that another is tried."""
+"""Mean square of whitened residuals above which a starting point fits so poorly that another is tried."""
 _FAR_LESS = 0.5
 """Violation of the dynamics, against that of the start values, at which 0 is the better start."""
 
@@ -362,11 +362,11 @@ def _carried(
 
 
 _SUSPECT = 1e-3
-"""p-value of an output's whiteness below which a second beginning is worth its time."""
+"""p-value of an output's whiteness below which a second starting point is worth its time."""
 _APART = 1.0
 """Difference of log-likelihoods from which two ends are different optima."""
 _POOR_LIKELIHOOD = 3.0
-"""Mean square of residuals over that of the known noise above which a second beginning is worth its time."""
+"""Mean square of residuals over that of the known noise above which a second starting point is worth its time."""
 _WINDOW = 9
 """Samples of the running mean whose residual is the third guess of the noise."""
 
@@ -415,8 +415,8 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
     if apart:
         others = "; ".join(f"{b.log_likelihood:.6g} ({b.status}, from {b.source})" for b in apart)
         message += (
-            f". Beginnings disagree: log-likelihood {best.log_likelihood:.6g} here, elsewhere {others}. The model has "
-            "several optima on these data: compare their residuals, and start from values that are known"
+            f". Starting points disagree: log-likelihood {best.log_likelihood:.6g} here, elsewhere {others}. The model "
+            "has several optima on these data: compare their residuals, and start from values that are known"
         )
     return replace(best, message=message, starting_points=starting_points)
 

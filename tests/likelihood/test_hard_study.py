@@ -67,7 +67,7 @@ def test_what_is_deceived_has_converged_below_the_best() -> None:
 
 
 @pytest.mark.slow
-def test_a_stall_that_the_model_lacks_traps_the_first_beginning_alone() -> None:
+def test_a_stall_that_the_model_lacks_traps_the_first_starting_point_alone() -> None:
     whole, first_alone = trapped(4.0, starts=3, seed=2)
     assert whole.solved.all()
     assert not first_alone.solved.any()
@@ -82,7 +82,7 @@ def test_gaps_and_missing_samples_are_what_they_say() -> None:
 
 
 def test_a_known_noise_that_residuals_exceed_is_begun_from_others_too() -> None:
-    """The cubic spring fitted by a linear one, its noise given: the first beginning is not the only one."""
+    """The cubic spring fitted by a linear one, its noise given: the first starting point is not the only one."""
     body = oscillator(2.0)
     segment = body.simulate(120, seed=0)
     y = segment.y + 0.3 * segment.y**3

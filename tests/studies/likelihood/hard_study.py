@@ -61,7 +61,7 @@ class TrapStudy:
 
 def trapped(severity: float, starts: int, seed: int, samples: int = 480) -> tuple[TrapStudy, TrapStudy]:
     """A flight into stall, fitted by a model without one, from start values up to half off: the fits, and the first
-    beginning of each alone.
+    starting point of each alone.
     """
     flown, model = stalled_aircraft(severity)
     rng = np.random.default_rng(seed)
@@ -194,7 +194,7 @@ def print_trapped(trials: int, seed: int, echo: Callable[[str], None]) -> None:
         found = trapped(severity, min(trials, 50), seed)
         count = found[0].converged.size
         echo(f"aircraft in stall of severity {severity:g}, model without one, {count} starts half off")
-        for what, each in zip(("as `fit` does it", "from its first beginning alone"), found, strict=True):
+        for what, each in zip(("as `fit` does it", "from its first starting point alone"), found, strict=True):
             solved, deceived = each.solved.mean(), each.deceived.mean()
             echo(
                 f"  {what}: {solved:.1%} at the best optimum known, {deceived:.1%} converged at a worse one; "

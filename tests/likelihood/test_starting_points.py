@@ -49,7 +49,7 @@ def test_an_inferior_optimum_is_never_called_converged(better: Status) -> None:
     best = chosen({"a": ended(100.0), "b": ended(200.0, better)})
     assert best.log_likelihood == 200.0
     assert best.status is better
-    assert "Beginnings disagree" in best.message
+    assert "Starting points disagree" in best.message
     assert "100" in best.message
 
 
