@@ -35,12 +35,15 @@ from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
 from brv_hypo.motion.signals import InputError
-from brv_hypo.regression.channels import Rows
-from brv_hypo.regression.force import ForceModel
+from brv_hypo.regression.channels import ForceModel, Rows
 from brv_hypo.regression.moment_model import MomentModel, MovedRecord
-from brv_hypo.regression.propagated_motion import GRAVITY, START, PropagatedMotion, gravity_size, walk_name
-from brv_hypo.regression.wander import (
+from brv_hypo.regression.propagated_motion import (
+    GRAVITY,
+    START,
+    PropagatedMotion,
+    gravity_size,
     walk_modes,
+    walk_name,
     walk_noise,
     walk_sines,
     wind_to_body,

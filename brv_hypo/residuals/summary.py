@@ -19,7 +19,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
-from brv_hypo.residuals.band import pair
+from brv_hypo.residuals.band import lasting, model_error, pair
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, filed
@@ -27,7 +27,6 @@ from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
-from brv_hypo.residuals.model_error import lasting, model_error
 from brv_hypo.residuals.restore import Found, saved
 from brv_hypo.residuals.result import (
     ModelSummary,
