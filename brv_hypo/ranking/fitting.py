@@ -44,6 +44,8 @@ from brv_hypo.regression.fit import (
     renewed,
     scanned,
     scanned_finely,
+)
+from brv_hypo.regression.fit import (
     settled as refitted,
 )
 from brv_hypo.regression.noise import raised_noise

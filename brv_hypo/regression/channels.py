@@ -21,6 +21,7 @@ from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.whitening import NoiseModel, applied
 
+
 @dataclass(frozen=True)
 class Lasting:
     """Noise of rates and force as it is beyond the motion, and the motion's frequency, rad a sample."""

@@ -22,6 +22,7 @@ from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticBend, StaticMoment
 from brv_hypo.model.slope_schedule import SlopeSchedule
 
+
 class _Saved(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
