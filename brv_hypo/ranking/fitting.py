@@ -113,7 +113,9 @@ def searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
-    found = _with_errors(_as_heard(_relinearised(_first(reconstructions, config, hypotheses, say), config, say)))
+    problem, settings = settled(reconstructions, config)
+    first = Fitted(problem, _fitted(problem, hypotheses, say), settings)
+    found = _with_errors(_as_heard(_relinearised(first, config, say)))
     for _ in range(SEARCHED_AGAIN):
         if not _something_stands(found, config.other_prior):
             break
@@ -125,14 +127,6 @@ def searched(
     return found
 
 
-def _first(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
-) -> Fitted:
-    """Every hypothesis fitted in the problem as it is prepared."""
-    problem, settings = settled(reconstructions, config)
-    return Fitted(problem, _fitted(problem, hypotheses, say), settings)
-
-
 def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted:
     """The fits in a problem linearised about the leader, until that lowers what is left no more.
 
@@ -141,7 +135,7 @@ def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted
     """
     patience = LINEARISED_IN_VAIN
     for _ in range(LINEARISATIONS):
-        fallen = _has_fallen(found)
+        fallen = _deviance(found) <= found.deviance - CONVERGED_FALL
         patience -= not fallen
         if patience < 0 or not (_is_amiss(found, config.other_prior) or (fallen and _errors_moved(found))):
             break
@@ -268,11 +262,6 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
     fit = converged(found.problem, leader)
     point = point_of(found.problem, fit.frame, fit.columns, fit.mechanisms)
     return point if _apart(found, point) or null.rss - leader.rss > LINEARISED_AGAIN else None
-
-
-def _has_fallen(found: Fitted) -> bool:
-    """Whether what the leader leaves has become less by the last linearisation."""
-    return _deviance(found) <= found.deviance - CONVERGED_FALL
 
 
 def _deviance(found: Fitted) -> float:

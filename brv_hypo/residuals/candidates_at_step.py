@@ -151,7 +151,7 @@ def look(
         found = _searched(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
         problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
         leader = _leader(found)
-        if _has_nonlinear(leader):
+        if any(column.theta or column.time_basis.kind != "constant" for column in leader.fit.selected):
             closer = refine_again(LeftOut(problem), null, leader)
             found = [closer if c is leader else c for c in found]
         problem = with_efficiency(problem, _leader(found).fit)
@@ -215,10 +215,6 @@ def _closer(
                     effect = nearer.effect
         closer.append(candidate)
     return problem, closer, catalogue
-
-
-def _has_nonlinear(candidate: Candidate) -> bool:
-    return any(column.theta or column.time_basis.kind != "constant" for column in candidate.fit.selected)
 
 
 def _try_all(

@@ -154,7 +154,7 @@ def read_structure(path: Path) -> SavedModel:
     """The model in a file, with coefficients or without. Raises UsageError where the file holds none."""
     content = read_yaml(path, _EXPECTED) if path.suffix in YAML_ENDINGS else read_json(path, _EXPECTED)
     try:
-        return SavedModel.model_validate(_definition(content))
+        return SavedModel.model_validate(content if is_model(content) else content["model"]["definition"])
     except ValidationError as error:
         said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'model'}: {e['msg']}" for e in error.errors()[:4])
         raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
@@ -165,10 +165,6 @@ def read_structure(path: Path) -> SavedModel:
 def is_model(content: dict[str, Any]) -> bool:
     """Whether a file's content is a model itself."""
     return content.get("format") == "brv-model"
-
-
-def _definition(content: dict[str, Any]) -> Any:
-    return content if is_model(content) else content["model"]["definition"]
 
 
 def model_text(model: SavedModel) -> str:

@@ -186,7 +186,7 @@ def term_estimates(
     return tuple(
         TermEstimate(
             name=column.label + _of_flight(seen, column.flight),
-            mechanism=_owner(column),
+            mechanism=BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
             channel=_channel(seen, column),
             value=float(value),
             std_error=float(sigma),
@@ -239,10 +239,6 @@ def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
 
 def _f_ratio(value: float, sigma: float) -> float:
     return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
-
-
-def _owner(column: Regressor) -> str:
-    return BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
 
 
 def _channel(seen: Seen, column: Regressor) -> str:
