@@ -45,9 +45,7 @@ from brv_hypo.regression.fit import (
     scanned,
     scanned_finely,
 )
-from brv_hypo.regression.fit import (
-    settled as refitted,
-)
+from brv_hypo.regression.fit import settled as refitted
 from brv_hypo.regression.noise import raised_noise
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem

@@ -51,9 +51,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Rows:
-    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force
-    m/s^2.
-    """
+    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force m/s^2."""
 
     rates: ComplexArray
     force: ComplexArray

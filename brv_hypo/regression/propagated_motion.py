@@ -57,9 +57,7 @@ def _cycles(motion: Motion) -> float:
 
 
 def walk_sines(record: InertialRecord, count: int) -> FloatArray:
-    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance (Karhunen-
-    Loeve).
-    """
+    """Sines (n, count) rad of a random walk of the gyros' noise, each of unit prior variance."""
     order, duration = _orders(count), record.time[-1]
     size = _noise_at(record, order) * np.sqrt(2.0 * duration * record.flight.step)
     return np.asarray(size / order * np.sin(np.outer(record.time / duration, order)), dtype=float)
