@@ -10,7 +10,6 @@ import pytest
 from brv_hypo.identification import coefficient_histories, identify
 from brv_hypo.identification.record_errors import tolerated_mechanisms
 from brv_hypo.mechanisms import record_effects
-from tests.studies.identification.heldout import coefficients_without, predicted_moments
 from tests.studies.identification.study import errors, flights, regress, trial
 
 
@@ -158,16 +157,6 @@ def test_histories_have_bands_that_hold_the_moment(bodyfixed):
     assert np.all(high > 1.9 - 2.0 * force.std_error)
     slope = histories["C_N' by alpha"]
     np.testing.assert_allclose(slope.value, -0.0883, rtol=2e-3)
-
-
-def test_held_out_coefficients_predict_what_they_did_not_see(bodyfixed):
-    simulated, _, found = bodyfixed
-    block = (500, 650)
-    values = coefficients_without(found, [block])
-    truth = (simulated.truth.C_m + 1j * simulated.truth.C_n)[slice(*block)]
-    predicted = predicted_moments(found, values)[slice(*block)]
-    assert not np.array_equal(values, found.values)
-    assert np.sqrt(np.mean(np.abs(predicted - truth) ** 2)) < 1e-2 * np.sqrt(np.mean(np.abs(truth) ** 2))
 
 
 def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):
