@@ -17,10 +17,11 @@ from typing import Literal
 import pytest
 from threadpoolctl import threadpool_limits
 
-from tests.frozen.agreement import Difference, disagreements
+from tests.frozen.agreement import Difference, disagreements, read_allowances
 from tests.frozen.commands import RESULTS, current_content, frozen_content, frozen_file
 from tests.frozen.content import as_text
 from tests.frozen.flights import FLIGHTS, Command
+from tests.frozen.libraries import note_libraries, same_libraries
 from tests.frozen.renames import apply_pending
 
 SHOWN = 12
@@ -53,15 +54,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no such frozen result: {unknown.args[0]}; flights are {', '.join(FLIGHTS)}")
     with threadpool_limits(limits=1):
         if asked.write:
-            return write(chosen)
+            return write(chosen, every=asked.all)
         return check(chosen, "exact" if asked.exact else "close" if asked.close else "across builds")
 
 
 def results(names: Iterable[str], *, every: bool) -> list[tuple[str, Command]]:
     """Flight and command of each result that is meant; KeyError for a name that none has."""
     known = [(flight.name, command) for flight in FLIGHTS.values() for command in flight.commands]
+    if every:
+        return known
     if not names:
-        return [pair for pair in known if every or FLIGHTS[pair[0]].default]
+        return [
+            (each.name, command) for each in FLIGHTS.values() if each.default for command in each.commands
+        ]
     chosen = []
     for name in names:
         meant = [pair for pair in known if name in (pair[0], ".".join(pair))]
@@ -71,9 +76,16 @@ def results(names: Iterable[str], *, every: bool) -> list[tuple[str, Command]]:
     return chosen
 
 
-def write(chosen: Sequence[tuple[str, Command]]) -> int:
-    """Freezes the results; 1 where a file becomes too large."""
+def write(chosen: Sequence[tuple[str, Command]], *, every: bool) -> int:
+    """Freezes the results, all with the same libraries; 1 where a file becomes too large."""
     RESULTS.mkdir(exist_ok=True)
+    if not same_libraries():
+        if not every:
+            print(
+                "libraries.json names other libraries than these: write all results anew with --all --write"
+            )
+            return 2
+        note_libraries()
     begun, large = time.process_time(), False
     for name, command in chosen:
         before = time.process_time()
@@ -96,15 +108,26 @@ def write(chosen: Sequence[tuple[str, Command]]) -> int:
 
 def check(chosen: Sequence[tuple[str, Command]], asked: Literal["exact", "close", "across builds"]) -> int:
     """Prints what differs, first by result, then by key; 1 where anything does."""
-    begun, found = time.process_time(), []
+    begun, found, others = time.process_time(), [], not same_libraries()
+    if others:
+        print("Other libraries than those of libraries.json: numbers may differ by what rounding.yaml says.")
     for name, command in chosen:
         before = time.process_time()
+        if others and command in FLIGHTS[name].rounded:
+            print(f"{name}.{command}: left out: it hangs on rounding")
+            continue
         try:
             current = current_content(name, command)
         except pytest.skip.Exception as reason:
             print(f"{name}.{command}: left out: {reason}")
             continue
-        differences = disagreements(frozen_content(name, command), current, f"{name}.{command}", asked=asked)
+        differences = disagreements(
+            frozen_content(name, command),
+            current,
+            f"{name}.{command}",
+            asked=asked,
+            allowances=read_allowances() if others else (),
+        )
         seconds = time.process_time() - before
         state = f"{len(differences)} differences" if differences else "agrees"
         print(f"{name}.{command}: {state}, {seconds:.1f} s of CPU", flush=True)
