@@ -1,7 +1,8 @@
 """`python -m tests.frozen [NAME ...]`: checks the frozen results of the default flights, or writes them.
 
 NAME is that of a flight, or FLIGHT.COMMAND; `--all` takes all forty flights. Exits with 1 where anything differs.
-`--write` freezes what is found, `--rename` applies the table of renames to what is frozen.
+`--write` freezes what is found. `--rename` applies the table's pending renames to all that is frozen; with names, the
+whole table to these results, which code from before the renames has written.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from tests.frozen.commands import RESULTS, current_content, frozen_content, froz
 from tests.frozen.content import as_text
 from tests.frozen.flights import FLIGHTS, Command
 from tests.frozen.libraries import note_libraries, same_libraries
-from tests.frozen.renames import apply_pending
+from tests.frozen.renames import apply_all, apply_pending
 
 SHOWN = 12
 """Differences of one result that are printed."""
@@ -36,22 +37,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--all", action="store_true", help="all forty flights")
     parser.add_argument("--write", action="store_true", help="freeze what is found")
-    parser.add_argument(
-        "--rename", action="store_true", help="apply renames.yaml to the frozen files, and no more"
-    )
+    parser.add_argument("--rename", action="store_true", help="apply renames.yaml to the frozen files")
     agreement = parser.add_mutually_exclusive_group()
     agreement.add_argument(
         "--exact", action="store_true", help="bit for bit, on the machine where it was written"
     )
     agreement.add_argument("--close", action="store_true", help="to 1e-9")
     asked = parser.parse_args(arguments)
-    if asked.rename:
-        print(f"renamed in {apply_pending()} files")
-        return 0
     try:
         chosen = results(asked.names, every=asked.all)
     except KeyError as unknown:
         parser.error(f"no such frozen result: {unknown.args[0]}; flights are {', '.join(FLIGHTS)}")
+    if asked.rename:
+        changed = apply_all([frozen_file(*pair) for pair in chosen]) if asked.names else apply_pending()
+        print(f"renamed in {changed} files")
+        return 0
     with threadpool_limits(limits=1):
         if asked.write:
             return write(chosen, every=asked.all)

@@ -104,20 +104,14 @@ DEFAULT_FLIGHTS: tuple[Frozen, ...] = (
     ),
     Measured(
         name="opportunity_late",
-        rounded=(
-            "compare",
-            "trace",
-        ),
+        rounded=("compare",),
         source="data/opportunity/opportunity_entry.h5",
         start=1120.0,
         default=True,
     ),
     Measured(
         name="launch12_early",
-        rounded=(
-            "reconstruct",
-            "compare",
-        ),
+        rounded=("reconstruct", "compare"),
         source="data/launch12/imu.csv",
         map="launch12",
         accept_record=True,
@@ -266,11 +260,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
     Measured(name="opportunity", rounded=("compare",), source="data/opportunity/opportunity_entry.h5"),
     Measured(
         name="launch12",
-        rounded=(
-            "inspect",
-            "reconstruct",
-            "compare",
-        ),
+        rounded=("inspect", "reconstruct", "compare"),
         source="data/launch12/imu.csv",
         map="launch12",
         accept_record=True,
@@ -285,10 +275,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
     ),
     Measured(
         name="jackpot4",
-        rounded=(
-            "reconstruct",
-            "compare",
-        ),
+        rounded=("reconstruct", "compare"),
         source="data/jackpot4/log.csv",
         map="data/jackpot4/map.yaml",
     ),
