@@ -8,7 +8,7 @@ from typing import Any, Self, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, model_validator
 
 from brv_hypo.errors import UsageError
-from brv_hypo.tabular import Tabular
+from brv_hypo.results import Tabular
 
 
 class NullIsNaN(BaseModel):

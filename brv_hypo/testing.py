@@ -33,7 +33,7 @@ from brv_hypo.mechanisms.conformance import (
     sample_flight,
     sample_motion,
 )
-from brv_hypo.mechanisms.conformance.samples import uniform_time
+from brv_hypo.mechanisms.conformance_samples import uniform_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare
@@ -104,8 +104,8 @@ def plant(
     Raises UsageError for an unknown mechanism, term or parameter.
     """
     planted = {"mechanism": mechanism, "terms": dict(terms), "theta": dict(theta or {}), "start": start, "stop": stop}
-    told = {key: value for key, value in planted.items() if value is not None}
-    return simulate({"base": vehicle, **_short(vehicle), "mechanisms": [told]}, seed=seed)
+    entry = {key: value for key, value in planted.items() if value is not None}
+    return simulate({"base": vehicle, **_short(vehicle), "mechanisms": [entry]}, seed=seed)
 
 
 def recover(flown: SimulatedFlight | Flight, mechanism: str, *rivals: str) -> Comparison:

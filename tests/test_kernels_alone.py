@@ -14,7 +14,7 @@ import brv_hypo
 
 PACKAGE = Path(brv_hypo.__file__).parent
 TESTS = Path(__file__).parent
-SMALL = ("arrays.py", "equality.py", "errors.py", "tabular.py")
+SMALL = ("arrays.py", "errors.py", "results.py")
 FOREIGN = ("pydantic", "pluggy", "h5py", "rich", "typer", "pint", "statsmodels", "pandas")
 BORROWED = {"test_manual.py", "test_accuracy.py", "test_published_answers.py", "test_criteria.py"}
 """Tests that need the manual, shared data or another package to compare with."""
@@ -35,6 +35,9 @@ def empty(tmp_path: Path) -> Path:
         shutil.copy(PACKAGE / name, home / name)
     (home / "__init__.py").touch()
     (tmp_path / "tests" / "__init__.py").touch()
+    for kernel in ("likelihood", "subset"):
+        shutil.copytree(TESTS / "studies" / kernel, tmp_path / "tests" / "studies" / kernel)
+    (tmp_path / "tests" / "studies" / "__init__.py").touch()
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    slow\n    thorough\n")
     return tmp_path
 

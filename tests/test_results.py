@@ -229,9 +229,9 @@ class TestPlot:
             again.plot("moments")
 
     def test_without_matplotlib_it_says_how_to_install_it(self, compared, monkeypatch) -> None:
-        from brv_hypo.report import drawing
+        from brv_hypo.report import write
 
-        monkeypatch.setattr(drawing, "find_spec", lambda name: None)
+        monkeypatch.setattr(write, "find_spec", lambda name: None)
         with pytest.raises(UsageError, match=r"plot\(\) needs matplotlib.*'brv-hypo\[figures\]'"):
             compared.plot()
 

@@ -1,9 +1,9 @@
 """The command line.
 
-main.py        `run`: the console script; which commands there are
-options.py     the options that commands share
-signals.py     SIGINT and SIGTERM
-guard.py       exit codes: what goes wrong becomes one message
-session.py     where a command's results go: terminal, JSON, report, files
-compare.py, study.py, ...  the commands, one file for each or for a small group
+main         `run`: the console script; which commands there are
+options      the options that commands share, and what a shell completes
+session      where a command's results go: terminal, JSON, report, files
+signals      SIGINT and SIGTERM; exit codes: what goes wrong becomes one message
+analyses (compare, trace, predict), flights (inspect, import, reconstruct, simulate, demo), studies,
+plugins (mechanisms, config, docs)     the commands
 """

@@ -9,20 +9,8 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import (
-    compare,
-    config,
-    docs,
-    mechanisms,
-    predict,
-    reconstruct,
-    records,
-    simulate,
-    study,
-    trace,
-)
-from brv_hypo.cli.guard import guarded
-from brv_hypo.cli.signals import listen
+from brv_hypo.cli import analyses, flights, plugins, studies
+from brv_hypo.cli.signals import guarded, listen
 
 app = typer.Typer(
     name="brv-hypo",
@@ -50,18 +38,18 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
-app.command("demo")(guarded(simulate.demo))
-app.command("simulate")(guarded(simulate.simulate))
-app.command("reconstruct")(guarded(reconstruct.reconstruct))
-app.command("compare")(guarded(compare.compare))
-app.command("trace")(guarded(trace.trace))
-app.command("predict")(guarded(predict.predict))
-app.command("study")(guarded(study.study))
-app.command("inspect")(guarded(records.inspect))
-app.command("import")(guarded(records.import_))
-app.command("docs")(guarded(docs.docs))
-app.add_typer(mechanisms.app, name="mechanisms")
-app.add_typer(config.app, name="config")
+app.command("demo")(guarded(flights.demo))
+app.command("simulate")(guarded(flights.simulate))
+app.command("reconstruct")(guarded(flights.reconstruct))
+app.command("compare")(guarded(analyses.compare))
+app.command("trace")(guarded(analyses.trace))
+app.command("predict")(guarded(analyses.predict))
+app.command("study")(guarded(studies.study))
+app.command("inspect")(guarded(flights.inspect))
+app.command("import")(guarded(flights.import_))
+app.command("docs")(guarded(plugins.docs))
+app.add_typer(plugins.mechanisms_app, name="mechanisms")
+app.add_typer(plugins.config_app, name="config")
 
 
 def run() -> None:

@@ -1,16 +1,70 @@
-"""The options that commands share, declared once.
+"""The options that commands share, declared once, and what a shell completes: topics, mechanisms,
+configurations, grades.
 
-The aliases are evaluated by typer at start-up, so this module imports nothing heavy.
+Typer evaluates the aliases at start-up, so this module imports nothing heavy: completions import what they
+need when a shell calls them.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import completion
+
+def topics(incomplete: str) -> list[str]:
+    """Topics of the manual that begin so."""
+    from brv_hypo.docs import topics as known
+
+    return _beginning(incomplete, known())
+
+
+def configurations(incomplete: str) -> list[str]:
+    """Simulations that come along; a shell completes files where none begins so."""
+    from brv_hypo.simulation.config import config_names
+
+    return _beginning(incomplete, config_names())
+
+
+def studies(incomplete: str) -> list[str]:
+    """Studies that come along."""
+    from brv_hypo.simulation.config import config_names
+
+    return _beginning(incomplete, config_names("studies"))
+
+
+def grades(incomplete: str) -> list[str]:
+    """Grades of instruments."""
+    from brv_hypo.flight.tolerances import GRADES
+
+    return _beginning(incomplete, GRADES)
+
+
+def installed(incomplete: str) -> list[str]:
+    """Mechanisms and record effects."""
+    from brv_hypo.mechanisms.registry import installed as known
+
+    return _beginning(incomplete, sorted(known()))
+
+
+def hypotheses(incomplete: str) -> list[str]:
+    """A list of mechanisms, the last of which is not whole yet; commas and pluses stand between them."""
+    from brv_hypo.mechanisms.registry import mechanisms
+
+    before = re.sub(r"[^,+]*$", "", incomplete)
+    names = sorted(mechanism.name for mechanism in mechanisms())
+    return [before + name for name in _beginning(incomplete[len(before) :], names)]
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+# ---- The options that commands share, declared once ----
+
 
 FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[
@@ -41,7 +95,7 @@ Instruments = Annotated[
     typer.Option(
         "--instruments",
         metavar="GRADE|FILE",
-        autocompletion=completion.grades,
+        autocompletion=grades,
         help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, industrial, "
         "or a YAML file.",
     ),

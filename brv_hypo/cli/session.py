@@ -1,30 +1,56 @@
-"""Where a command's results go: the terminal, JSON, an HTML report, files.
+"""Where a command's results go: the terminal, JSON, an HTML report, files; and what makes a function a command.
 
-Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written
-whole or not at all. With `--json -` standard output holds JSON and nothing else.
+Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written whole
+or not at all. With `--json -` standard output holds JSON and nothing else. The charts that a command draws of
+every flight are named here: picture files of these names are known before the work begins.
+
+`in_session` gives a command its `Session` and the command line the options that the session is made from.
 """
 
 from __future__ import annotations
 
+import functools
+import inspect
 import json as json_format
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
+from brv_hypo.cli import options
 from brv_hypo.errors import UsageError
-from brv_hypo.files.printed import printable
-from brv_hypo.files.whole import check_target, write_whole
+from brv_hypo.io.atomic import check_target, write_whole
+from brv_hypo.io.text import printable
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-    from brv_hypo.report.blocks import Document
-    from brv_hypo.report.provenance import Provenance
+    from brv_hypo.report.document import Document
+    from brv_hypo.report.html import Provenance
+
+
+RECONSTRUCTION_CHARTS = (
+    *("accelerations", "rates", "integrated-attitude"),
+    *("motion", "moments", "theta-psi", "moment-by-alpha", "spectrum"),
+)
+COMPARISON_CHARTS = ("probability", "limits")
+OF_A_COMPARED_FLIGHT = ("moments", "residuals", "motion", "moment-by-alpha", "spectrum")
+TRACE_CHARTS = ("moments", "residuals", "static-slope", "spectrum")
+PREDICTION_CHARTS = ("band", "errors", "regions")
+
+
+def comparison_names(flights: int) -> tuple[str, ...]:
+    """Those of a comparison of so many flights; of several, each chart of one has its number."""
+    suffixes = [""] if flights == 1 else [f"-{number}" for number in range(1, flights + 1)]
+    return (*COMPARISON_CHARTS, *(f"{name}{suffix}" for suffix in suffixes for name in OF_A_COMPARED_FLIGHT))
+
+
+# ---- Where a command's results go: the terminal, JSON, an HTML report, files ----
+
 
 STANDARD_OUTPUT = "-"
 
@@ -71,10 +97,10 @@ class Session:
     def _claim_figures(self, folder: Path, charts: Sequence[str]) -> None:
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
-        standing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
-        if not standing.is_dir() or not os.access(standing, os.W_OK):
-            raise UsageError(f"--figures {folder} cannot be made: no permission in {standing}. Choose another place.")
-        from brv_hypo.report.drawing import check_pictures, require_matplotlib
+        existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
+        if not existing.is_dir() or not os.access(existing, os.W_OK):
+            raise UsageError(f"--figures {folder} cannot be made: no permission in {existing}. Choose another place.")
+        from brv_hypo.report.write import check_pictures, require_matplotlib
 
         require_matplotlib()
         check_pictures(folder, charts, overwrite=self.force)
@@ -136,12 +162,12 @@ class Session:
     ) -> None:
         """The HTML report and the picture files, where they were asked for."""
         if self.report is not None:
-            from brv_hypo.report.pages import page
+            from brv_hypo.report.html import page
 
             write_whole(self.report, page(document, self.provenance(settings, records)))
             self.show(f"Wrote {self.report}.")
         if self.figures is not None:
-            from brv_hypo.report.drawing import draw_into
+            from brv_hypo.report.write import draw_into
 
             written = draw_into(self.figures, document.charts, overwrite=self.force)
             self.show(
@@ -153,7 +179,7 @@ class Session:
     @staticmethod
     def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> Provenance:
         """Version, settings, digests of the records, and the command line that this process was given."""
-        from brv_hypo.report.provenance import provenance
+        from brv_hypo.report.html import provenance
 
         return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
@@ -214,3 +240,74 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
 def _plain(value: Any) -> Any:
     """A NumPy array or scalar as Python numbers."""
     return value.tolist()
+
+
+# ---- What makes a function a command: its `Session`, and the options that the session is made from ----
+
+
+_SHARED = {
+    "json": options.Json,
+    "report": options.Report,
+    "figures": options.Figures,
+    "quiet": options.Quiet,
+    "verbose": options.Verbose,
+    "force": options.Force,
+}
+
+
+def _use(files: list[Path] | None) -> None:
+    """Have the registry load the files named with `--plugin`; without any, leave it unimported."""
+    if files or "brv_hypo.mechanisms" in sys.modules:
+        from brv_hypo.mechanisms import plugin_files, use_plugin_files
+
+        if files or plugin_files():
+            use_plugin_files(files or ())
+
+
+def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command its session as first argument, and the command line the options that the session needs.
+
+    `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
+    everyone's. What was left out of the plugins is said on standard error, however quiet the command is to be.
+    """
+    with_plugins = "plugin" in outputs
+    names = [name for name in _SHARED if name in (*outputs, "quiet", "verbose")]
+    shared = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=getattr(Session, name),
+            annotation=_SHARED[name],
+        )
+        for name in names
+    ]
+
+    if with_plugins:
+        shared.append(
+            inspect.Parameter(
+                "plugin", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=options.Plugins
+            )
+        )
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def run(**given: Any) -> None:
+            if with_plugins:
+                _use(given.pop("plugin"))
+            session = Session(**{name: given.pop(name) for name in names})
+            try:
+                # Nothing but the result may reach a standard output that belongs to JSON.
+                with redirect_stdout(sys.stderr) if session.json_only else nullcontext():
+                    command(session, **given)
+            finally:
+                for reason in left_out():
+                    session.warn(reason)
+
+        declared = inspect.signature(command, eval_str=True)
+        own = list(declared.parameters.values())[1:]
+        signature = declared.replace(parameters=[*own, *shared])
+        run.__signature__ = signature  # type: ignore[attr-defined]  # what the command line reads
+        run.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
+        return run
+
+    return decorate

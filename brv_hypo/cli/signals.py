@@ -1,16 +1,30 @@
-"""SIGINT and SIGTERM: a command unwinds, its workers end, and if it does not within the grace, it ends all the same."""
+"""How a command ends: SIGINT and SIGTERM, refusals and faults, each with one readable message and the contract's
+exit code.
+
+After a signal the command unwinds and its workers end; if it does not within the grace period, the process
+ends all the same. `listen` handles the signals, `guarded` wraps a command.
+"""
 
 from __future__ import annotations
 
+import errno
+import functools
 import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import ParamSpec
 
-from brv_hypo.files.whole import remove_open_temporaries
+import typer
+
+from brv_hypo.errors import BrvHypoError, UsageError
+from brv_hypo.io.atomic import remove_open_temporaries
+from brv_hypo.io.text import printable
 
 GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
@@ -81,3 +95,67 @@ def _leave(code: int) -> None:
     remove_open_temporaries()
     os.write(2, (LINE.format(WORDS[code]) + "\n").encode())
     os._exit(code)
+
+
+# ---- Exit codes: what goes wrong inside a command becomes one readable message and the contract's code ----
+
+
+PROGRAM_FAULT = 70
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, None]) -> Callable[P, None]:
+    """The command, with its refusals and faults turned into messages on standard error and exit codes.
+
+    Wrong usage of options never gets here: typer itself ends it with code 2.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            with unwinding(), warnings.catch_warnings():
+                if not kwargs.get("verbose"):  # what a user can act on is in the result's own warnings
+                    warnings.simplefilter("ignore")
+                command(*args, **kwargs)
+                sys.stdout.flush()
+        except (typer.Exit, BrokenPipeError):
+            raise
+        except BrvHypoError as refusal:
+            _end(f"brv-hypo: {refusal}", refusal.exit_code)
+        except KeyboardInterrupt as interrupt:
+            end_workers()
+            code = code_of(interrupt)
+            _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
+        except Exception as fault:
+            arrived = code_that_arrived()
+            if arrived is not None:
+                end_workers()
+                _end(LINE.format(WORDS[arrived]), arrived)
+            if isinstance(fault, OSError) and fault.errno in FULL:
+                _abandon_output()
+                _end(
+                    f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another.",
+                    UsageError.exit_code,
+                )
+            message = (
+                f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
+            )
+            if kwargs.get("verbose"):
+                traceback.print_exc()
+                _end(f"{message}the traceback above.", PROGRAM_FAULT)
+            _end(f"{message}the traceback that -v prints.", PROGRAM_FAULT)
+
+    return run
+
+
+def _abandon_output() -> None:
+    """Let the interpreter end without another attempt to write what cannot be written."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+
+
+def _end(message: str, code: int) -> None:
+    typer.echo(printable(message), err=True)
+    raise typer.Exit(code) from None

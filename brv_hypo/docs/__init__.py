@@ -1,4 +1,6 @@
-"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows them, offline.py is a page."""
+"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows them, `manual` renders
+them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from brv_hypo.errors import UsageError
 
 _FIRST = (
     *("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation"),
-    *("changelog", "citation"),
+    *("glossary", "likelihood", "subset", "changelog", "citation"),
 )
 
 

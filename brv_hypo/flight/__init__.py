@@ -1,30 +1,38 @@
 """Flight records: from a file to arrays in SI, uniform in time, with every change noted.
 
-- `load_flight`, `save_flight`, `load_truth` (store.py): format 1 in and out, on hdf5.py and units.py
-- `Flight`, `Vehicle` (record.py): what the rest of the library sees
-- `one_flight`, `flights_of` (sources.py): what functions take for a flight
-- schema.py: what a valid record holds (pydantic)
-- assemble.py: from record to flight through spikes.py, resample.py (gaps too) and derive.py
-- faults.py: faults of single channels, masked on reading, by stuck.py, bursts.py and clock.py; `RecordTrial`
-- averaging.py: means of a record that is sampled far more finely than its motion needs
-- noise.py: the one estimate of white noise
-- `inspect_flight`, `white_noise`, `despiked` (quality.py, spikes.py): what a record holds and how good it is
-- `import_record`, `bring_in` (foreign.py): csv, parquet and mat (tables.py) through a map (record_map.py); clocks.py,
-  pad.py, ascent.py and decimate.py do what a raw log needs; foreign_vehicle.py reads masses and tolerances
-- `guess_map` (guess.py): a commented map, by names (guess_names.py) and by physics (guess_physics.py)
-- `find_phases` (phases.py): pad, burn, coast and parachute of a rocket's flight
-- `write_tree`, `Tree`, `Dataset` (hdf5.py): any other HDF5 output, with units, whole or not at all
+record.py       `Flight`, `Vehicle`, `RecordFault`, and what a valid record holds (pydantic)
+tolerances.py   1-sigma tolerances of instruments, vehicle and air, by grade or stated
+format.py       format 1 on disk: `load_flight`, `save_flight`, `load_truth`; what functions take for a flight
+units.py        to SI, by pint
+noise.py        the one estimate of white noise
+cleaning.py     faults of single channels, masked on reading: stuck, clipped, dead, bursts, spikes
+clock.py        uniform time, gaps, steps of the clock
+derived.py      air data that follow from others; means of a record that is sampled too finely
+inspection.py   phases of a rocket's flight; what a record holds and how good it is
+
+Foreign records (csv, parquet, mat) come in through `brv_hypo.importing`.
 """
 
-from brv_hypo.flight.faults import RecordFault, RecordTrial
-from brv_hypo.flight.foreign import Imported, bring_in, import_record
-from brv_hypo.flight.hdf5 import Dataset, Tree, read_tree, write_tree
-from brv_hypo.flight.phases import Phase, find_phases
-from brv_hypo.flight.quality import Inspection, Noise, inspect_flight, white_noise
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
-from brv_hypo.flight.sources import FlightSource, flights_of, one_flight
-from brv_hypo.flight.spikes import despiked
-from brv_hypo.flight.store import Quantity, load_flight, load_truth, save_flight
+from brv_hypo.flight.cleaning import despiked
+from brv_hypo.flight.format import (
+    FlightSource,
+    Quantity,
+    flights_of,
+    load_flight,
+    load_truth,
+    one_flight,
+    save_flight,
+)
+from brv_hypo.flight.inspection import Inspection, Noise, Phase, find_phases, inspect_flight, white_noise
+from brv_hypo.flight.record import (
+    CHANNELS,
+    OPTIONAL_CHANNELS,
+    Flight,
+    RecordFault,
+    RecordTrial,
+    Vehicle,
+)
+from brv_hypo.io.hdf5 import Dataset, Tree, read_tree, write_tree
 
 __all__ = [
     "CHANNELS",
@@ -32,7 +40,6 @@ __all__ = [
     "Dataset",
     "Flight",
     "FlightSource",
-    "Imported",
     "Inspection",
     "Noise",
     "Phase",
@@ -41,11 +48,9 @@ __all__ = [
     "RecordTrial",
     "Tree",
     "Vehicle",
-    "bring_in",
     "despiked",
     "find_phases",
     "flights_of",
-    "import_record",
     "inspect_flight",
     "load_flight",
     "load_truth",

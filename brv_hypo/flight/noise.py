@@ -8,7 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import NOISE_DIFFERENCES
+
+# Differences of this order pass white noise and cut a motion of 14 samples per cycle by five decades: the one estimate
+# of a channel's white noise.
+NOISE_DIFFERENCES = 8
+
 
 MAD_TO_SIGMA = 1.4826
 MEDIAN_LENGTH_TO_SIGMA = 1.0 / math.sqrt(2.0 * math.log(2.0))  # of a vector of two such values: Rayleigh

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.refusal import refusal
+from brv_hypo.io.text import refusal
 
 if TYPE_CHECKING:
     import pint

@@ -1,10 +1,13 @@
 """From flight records to the segments of the likelihood: block means as measurements, smooth inputs.
 
-States are wanted at nodes as far apart as the motion allows (`placing`). The measurement at the node in the
-middle of a block is the mean of its samples, taken in de-rolled axes, less what the mean of the predicted
-motion differs from its value at the node. That difference is of second order in the block and comes from the
-regression, which knows it to far below the noise but where a knot lies in the block: such blocks are left
-out. Nodes in between measure nothing.
+Nodes are as far apart as the motion allows: `block_size` is the most samples at which Simpson's rule integrates
+the model's moment to a fraction of the gyros' noise. Near alpha = 0 the windward meridian turns by most of pi
+between two samples; there `Meridian` puts more nodes in between, which measure nothing.
+
+The measurement at the node in the middle of a block is the mean of its samples, in de-rolled axes, less the
+difference between the mean of the predicted motion and its value at the node. That difference is of second order
+in the block, and the regression gives it to far below the noise, except where a knot is in the block: such
+blocks are left out. `node_records` is the entrance.
 """
 
 from __future__ import annotations
@@ -16,21 +19,120 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import IDENTIFIED_FEWEST_NODES
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.placing import Meridian, derolled_crossflow, knots_of
-from brv_hypo.identification.readings import noise_free_flights
-from brv_hypo.identification.record_errors import RecordErrors, Tolerated, record_errors
-from brv_hypo.identification.structure import input_course
+from brv_hypo.identification.parameters import input_error
+from brv_hypo.identification.record_errors import RecordErrors, Tolerated, noise_free_flights, record_errors
 from brv_hypo.likelihood import Segment
-from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.frames import crossflow
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inputs import SmoothInputs
+from brv_hypo.motion.interpolation import running_integral
+from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.weakform import WeakSegment
+
+IDENTIFIED_FEWEST_NODES = 12  # of a segment
+IDENTIFIED_LARGEST_BLOCK = 5  # samples from node to node
+IDENTIFIED_PARTS = 16  # of what is between two nodes, at most
+IDENTIFIED_TURN = 0.5  # rad that the meridian, or its rate times a delay, may turn by between two nodes
+
+
+def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, tolerance: float) -> int:
+    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples
+    do.
+
+    The largest difference between the two angular rates may be `tolerance` times the gyros' white noise,
+    stretches left out that have nodes in between. The number is odd, so that a sample stands in the middle.
+    """
+    moments = frame.moments(columns) @ values
+    meridians = [Meridian(derolled_crossflow(frame, part), delays_of(columns)) for part in frame.segments]
+    longest = max(segment.time.size for segment in frame.segments)
+    size = 1
+    for trial in range(3, min(IDENTIFIED_LARGEST_BLOCK, longest // IDENTIFIED_FEWEST_NODES) + 1, 2):
+        for part, (a, b), meridian in zip(frame.segments, frame.pieces, meridians, strict=True):
+            allowed = tolerance * frame.reconstructions[part.flight].gyro_sigma
+            knots = knots_of(columns, frame.own_time(part.flight))
+            if _quadrature_error(part, moments[a:b], trial, knots, meridian) > allowed:
+                return size
+        size = trial
+    return size
+
+
+def knots_of(columns: Sequence[Regressor], own: OwnTime | None) -> list[float]:
+    """Times (s) at which a column has a jump or a kink, on a flight whose own time goes so with the common one."""
+    edges = {edge for c in columns for edge in (c.time_basis.start, c.time_basis.stop) if np.isfinite(edge)}
+    return sorted(edges if own is None else {own.own_at(edge) for edge in edges})
+
+
+def delays_of(columns: Sequence[Regressor]) -> tuple[float, ...]:
+    """The delays (s) in a model."""
+    return tuple(sorted({delay for column in columns for delay in column.delays if delay}))
+
+
+@dataclass(frozen=True)
+class Meridian:
+    """How fast the meridian turns in de-rolled axes: `crossflow` is xi there over time, `delays` s how much
+    earlier it matters too.
+    """
+
+    crossflow: CubicSpline
+    delays: tuple[float, ...]
+
+    def with_nodes_between(self, nodes: FloatArray) -> FloatArray:
+        """The nodes (n,) s and more between them where the meridian turns fast, or did so a delay earlier."""
+        parts = self.parts(nodes)
+        steps = np.diff(nodes) / parts
+        first = np.repeat(nodes[:-1], parts)
+        within = np.arange(first.size) - np.repeat(np.cumsum(parts) - parts, parts)
+        return np.append(first + within * np.repeat(steps, parts), nodes[-1])
+
+    def parts(self, nodes: FloatArray) -> IntArray:
+        """Into how many each interval is to be cut (n - 1,), 16 at most."""
+        step = np.diff(nodes)
+        inside = nodes[:-1, None] + step[:, None] * np.linspace(0.0, 1.0, IDENTIFIED_PARTS + 1)
+        xi, xi_rate = self.crossflow(inside), self.crossflow(inside, 1)
+        rate = (xi_rate * np.conj(xi)).imag / np.maximum(np.abs(xi) ** 2, 1e-16)
+        turned = np.max(np.abs(rate), axis=1) * step
+        wanted = np.maximum(turned, max(self.delays, default=0.0) * np.ptp(rate, axis=1))
+        for delay in self.delays:
+            earlier = np.floor(np.interp(nodes - delay, nodes, np.arange(nodes.size))).astype(np.int64)
+            for place in (earlier[:-1], earlier[1:]):
+                wanted = np.maximum(wanted, turned[np.minimum(place, turned.size - 1)])
+        return np.asarray(np.clip(np.ceil(wanted / IDENTIFIED_TURN), 1, IDENTIFIED_PARTS), dtype=np.int64)
+
+
+def derolled_crossflow(frame: RateFrame, part: WeakSegment) -> CubicSpline:
+    """(v + i w) / V of a segment in de-rolled axes, over time."""
+    flight, motion = frame.reconstructions[part.flight].flight, frame.motions[part.flight]
+    xi = crossflow(motion.alpha, motion.windward_meridian) * np.exp(
+        1j * running_integral(flight.time, flight.p)
+    )
+    return CubicSpline(part.time, xi[part.rows])
+
+
+def _quadrature_error(
+    part: WeakSegment, moments: ComplexArray, size: int, knots: Sequence[float], meridian: Meridian
+) -> float:
+    """Largest error of the angular rate, rad/s, by Simpson's rule on every `size`-th sample; intervals with
+    knots, or with nodes in between, left out.
+    """
+    acceleration = CubicSpline(part.time, part.factor * moments)
+    nodes = part.time[size // 2 :: size]
+    if nodes.size < 2:
+        return 0.0
+    step = nodes[1] - nodes[0]
+    values, between = acceleration(nodes), acceleration(0.5 * (nodes[1:] + nodes[:-1]))
+    simpson = step / 6.0 * (values[:-1] + 4.0 * between + values[1:])
+    error = simpson - np.diff(acceleration.antiderivative()(nodes))
+    error[meridian.parts(nodes) > 1] = 0.0
+    for knot in knots:
+        error[(nodes[:-1] - step <= knot) & (knot <= nodes[1:] + step)] = 0.0
+    return float(np.max(np.abs(np.cumsum(error))))
+
+
+# ---- From flight records to the segments of the likelihood: block means as measurements, smooth inputs ----
+
 
 INPUTS = (
     "segment",
@@ -72,8 +174,8 @@ class Context:
     block: float
     own: OwnTime | None = None
 
-    def course_time(self, time: FloatArray) -> FloatArray:
-        """The times that courses are told in at the flight's own times (n,), s."""
+    def coefficient_time(self, time: FloatArray) -> FloatArray:
+        """The times of the time bases at the flight's own times (n,), s."""
         return time if self.own is None else self.own.common_at(time)
 
 
@@ -102,9 +204,9 @@ class NodeRecord:
 
         Between nodes the prediction follows the regression's, plus the difference of the two.
         """
-        seen = np.all(np.isfinite(outputs), axis=0)
-        middle = self.middle[seen]
-        at_nodes = (outputs[::2] + 1j * outputs[1::2])[:, seen] * self.turn[middle]
+        valid = np.all(np.isfinite(outputs), axis=0)
+        middle = self.middle[valid]
+        at_nodes = (outputs[::2] + 1j * outputs[1::2])[:, valid] * self.turn[middle]
         nodes = self.time[middle]
         correction = CubicSpline(nodes, at_nodes - self.expected[:, middle], axis=1)
         inside = np.clip(self.time, nodes[0], nodes[-1])
@@ -123,7 +225,7 @@ class NodeRecord:
 
 def node_records(
     frame: RateFrame,
-    columns: Sequence[Column],
+    columns: Sequence[Regressor],
     values: FloatArray,
     rates: ComplexArray,
     inputs: Sequence[SmoothInputs],
@@ -141,7 +243,7 @@ def node_records(
     expected = [fitted(number, flight) for number, flight in enumerate(noise_free)]
     errors = record_errors(frame, expected, inputs, frozenset(column.mechanism for column in columns))
     shapes = frame.moments(
-        [replace(column, course=TimeFunction("constant")) for column in columns if has_knot(column)]
+        [replace(column, time_basis=TimeBasis("constant")) for column in columns if has_knot(column)]
     )
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
@@ -210,9 +312,9 @@ def _node_record(
     if local.shape[1] > 1:
         for knot in knots:
             outputs[:, np.abs(nodes - knot) < context.block] = np.nan
-    smoothed = (input_course(error, part.flight) for error in inputs.errors)
-    courses = (*smoothed, *errors.courses(time, samples, turn, local))
-    segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, courses=courses)
+    smoothed = (input_error(error, part.flight) for error in inputs.errors)
+    time_varying = (*smoothed, *errors.time_varying(time, samples, turn, local))
+    segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, time_varying=time_varying)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
     return NodeRecord(context, segment, time, turn, measured, expected, nearest, samples, errors.values)
 
@@ -291,9 +393,9 @@ def _slope_rows(acceleration: CubicSpline, at: FloatArray) -> FloatArray:
     return np.stack([first.real, first.imag, second.real, second.imag], axis=1).reshape(-1, at.size)
 
 
-def has_knot(column: Column) -> bool:
+def has_knot(column: Regressor) -> bool:
     """Whether the column's course has a jump or a kink."""
-    return bool(np.isfinite(column.course.start) or np.isfinite(column.course.stop))
+    return bool(np.isfinite(column.time_basis.start) or np.isfinite(column.time_basis.stop))
 
 
 def _pairs(signals: Sequence[ComplexArray]) -> FloatArray:

@@ -1,33 +1,64 @@
-"""The estimation problem: node records, equations, start values, priors, bounds; and its solution by the
-likelihood.
+"""The estimation problem of an identification: options, node records, equations, start values, priors, bounds.
+
+`build_problem` lays it out from a regression model; `Problem.solve` is the maximum-likelihood fit,
+`Problem.refreshed` the same problem with nodes and block means laid out by another estimate of the motion.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import BENT, FREE_GRAVITY, IDENTIFIED_KNOT_REACH, IDENTIFIED_TOLERANCE
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.config import IdentificationConfig
-from brv_hypo.identification.model import FORCE_BEND, GRAVITY, VehicleModel
-from brv_hypo.identification.moments import MomentModel, use_of_rates
-from brv_hypo.identification.nodes import NodeRecord, node_records
-from brv_hypo.identification.placing import block_size, delays_of
+from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, use_of_rates
+from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
+from brv_hypo.identification.parameters import Structure, input_error, of_flight, structure_of
 from brv_hypo.identification.record_errors import ROLL_RATE_ERROR, Tolerated
-from brv_hypo.identification.structure import Structure, input_course, of_flight, structure_of
 from brv_hypo.likelihood import FitResult, Segment, fit
-from brv_hypo.likelihood.given import PartlyGiven
+from brv_hypo.likelihood.derivatives import PartialJacobian
 from brv_hypo.likelihood.search import Progress
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
+from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
-from brv_hypo.motion.wind import gravity_magnitude
+from brv_hypo.motion.measurement import BENT
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.regressed import Regressed
+
+IDENTIFIED_STEPS = 30  # of `identify` alone, if a user says nothing else
+IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time, the same
+IDENTIFIED_QUADRATURE = 0.2  # of the gyros' noise, that the spacing of nodes may cost, the same
+IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
+# Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see the
+# knot, and an unbounded step would throw it far.
+IDENTIFIED_KNOT_REACH = 3.0
+
+
+# ---- What a user may choose about an identification ----
+
+
+class IdentificationConfig(BaseModel):
+    """Options of `identify`; the defaults suit an unknown flight.
+
+    `force_degree`: Legendre degree of the normal-force slope in time. `refine`: delays and knots are estimated
+    too. `quadrature`: how much of the gyros' noise the spacing of nodes may cost. `begin_anew`: search from the
+    data alone where the regression's fit leads nowhere, which takes several times as long.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    force_degree: int = Field(default=IDENTIFIED_FORCE_DEGREE, ge=0, le=6)
+    refine: bool = True
+    quadrature: float = Field(default=IDENTIFIED_QUADRATURE, gt=0.0)
+    noise: Literal["diagonal", "full"] = "diagonal"
+    max_iterations: int = Field(default=IDENTIFIED_STEPS, ge=1)
+    begin_anew: bool = True
+
 
 _ROUNDING = 1e-9
 
@@ -35,7 +66,7 @@ _ROUNDING = 1e-9
 @dataclass(frozen=True)
 class Problem:
     """What is estimated from what; `theta` are start values by name, `placed_delays` (s) those that nodes
-    were placed for, `tolerated` the values that are known to a tolerance, each with its flight; `taken` by name what
+    were placed for, `tolerated` the values that are known to a tolerance, each with its flight; `applied` by name what
     was taken out of the record of each before, in tolerances. `states` and `first_noise` (4, 4) are those of an earlier
     fit, where there is one.
     """
@@ -48,7 +79,7 @@ class Problem:
     priors: dict[str, tuple[float, float]]
     bounds: dict[str, tuple[float, float]]
     tolerated: tuple[tuple[Tolerated, int], ...]
-    taken: dict[str, float]
+    applied: dict[str, float]
     block: int
     config: IdentificationConfig
     placed_delays: tuple[float, ...]
@@ -71,7 +102,7 @@ class Problem:
         return replace(self, theta=theta, states=found.states, first_noise=found.noise_covariance)
 
     def refreshed(
-        self, found: FitResult, frame: RateFrame, columns: Sequence[Column], values: FloatArray
+        self, found: FitResult, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray
     ) -> Problem:
         """The problem with nodes and block means laid out by another model of the motion, as `found` has it.
 
@@ -112,12 +143,12 @@ class Problem:
 
         What changes rates of which a mechanism's columns are functions is not.
         """
-        courses = {course.name for record in self.records for course in record.segment.courses}
+        time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
         gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
         bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
         if self.model.moments.rates == "affine":
-            bent = {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square is felt on the lever
-        return frozenset({*self.structure.names, *self.model.forces, *courses, *gravity} - bent)
+            bent = {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square acts on the lever
+        return frozenset({*self.structure.names, *self.model.forces, *time_varying, *gravity} - bent)
 
     @property
     def _knot_reach(self) -> float:
@@ -138,8 +169,8 @@ class Problem:
         `errors` those are unknown.
         """
         return fit(
-            PartlyGiven(self.model.dynamics, self.model.dynamics_slopes),
-            PartlyGiven(self.model.outputs, self.model.outputs_slopes),
+            PartialJacobian(self.model.dynamics, self.model.dynamics_slopes),
+            PartialJacobian(self.model.outputs, self.model.outputs_slopes),
             self.segments(),
             self.theta,
             bounds=self.bounds,
@@ -162,7 +193,7 @@ class Problem:
 
 def build_problem(
     frame: RateFrame,
-    columns: Sequence[Column],
+    columns: Sequence[Regressor],
     values: FloatArray,
     config: IdentificationConfig,
     regressed: Regressed | None = None,
@@ -180,7 +211,7 @@ def build_problem(
             f"no stretch of the record is long enough for maximum likelihood at {size} samples a node. "
             "Likely cause: gaps or a short window. Remedy: widen the window, or rank by regression."
         )
-    time = frame.course_time
+    time = frame.coefficient_time
     span = (float(time.min()), float(time.max()))
     structure = structure_of(columns, frame.mechanisms, *span, config.refine)
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
@@ -191,7 +222,7 @@ def build_problem(
         span,
     )
     theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
-    theta |= {mover.name: mover.value for mover in structure.movers}
+    theta |= {parameter.name: parameter.value for parameter in structure.nonlinear_parameters}
     start, bend = _force_start(frame, span, config.force_degree)
     theta |= {**dict(zip(forces, start.tolist(), strict=True)), FORCE_BEND: bend}
     nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
@@ -199,7 +230,7 @@ def build_problem(
     priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
     priors[FORCE_BEND] = (0.0, abs(float(start[0])) / BENT**2)
     tolerated = dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated)
-    starts, expected, taken = _of_tolerated(tuple(tolerated), regressed)
+    starts, expected, applied = _of_tolerated(tuple(tolerated), regressed)
     return Problem(
         frame=frame,
         inputs=inputs,
@@ -207,9 +238,9 @@ def build_problem(
         model=model,
         theta=theta | starts,
         priors=priors | expected,
-        bounds={mover.name: mover.bounds for mover in structure.movers},
+        bounds={parameter.name: parameter.bounds for parameter in structure.nonlinear_parameters},
         tolerated=tuple(tolerated),
-        taken=taken,
+        applied=applied,
         block=size,
         config=config,
         placed_delays=delays_of(columns),
@@ -228,10 +259,10 @@ def _of_tolerated(
     out: dict[str, float] = {}
     for value, flight in tolerated:
         name = of_flight(value.name, flight)
-        taken, found, bounded = (0.0, 0.0, True) if regressed is None else value.known(regressed, flight)
-        starts[name], out[name] = found - taken, taken
+        applied, found, bounded = (0.0, 0.0, True) if regressed is None else value.known(regressed, flight)
+        starts[name], out[name] = found - applied, applied
         if bounded:
-            priors[name] = (-taken, 1.0)
+            priors[name] = (-applied, 1.0)
     return starts, priors, out
 
 
@@ -248,7 +279,7 @@ def _nuisances(
         for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
             found[of_flight(name, index)] = (min(max(value, -size), size), 0.0, size)
         for error in inputs[index].errors:
-            found |= dict.fromkeys(input_course(error, index).weights, (0.0, 0.0, 1.0))
+            found |= dict.fromkeys(input_error(error, index).weights, (0.0, 0.0, 1.0))
     return found
 
 
@@ -257,7 +288,7 @@ def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> tu
 
     A rough 1 and no bend where they are unknown.
     """
-    time = np.concatenate([r.motion.course_time for r in frame.reconstructions])
+    time = np.concatenate([r.motion.coefficient_time for r in frame.reconstructions])
     slope = np.concatenate([r.normal_force_slope for r in frame.reconstructions])
     bend = float(np.mean([r.normal_force_bend for r in frame.reconstructions]))
     known = np.isfinite(slope)

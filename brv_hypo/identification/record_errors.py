@@ -1,15 +1,17 @@
-"""Errors of record, vehicle and air within their tolerances, as parameters that every hypothesis carries.
+"""Errors of record, vehicle and air within their tolerances, as parameters of every hypothesis.
 
-A record effect is linearised once, on the record that noise-free instruments would have made of the fitted motion:
-what one sigma of a component adds to each channel becomes a history of what the equations of motion and of
-measurement know. A moment that has a tolerance is one more such history. Each parameter counts sigmas, its prior is
-the unit Gaussian, and all that it does is linear in it.
+A record effect is linearised once, about the record that noise-free instruments would have made of the fitted
+motion (`noise_free_flights`): half the difference of the records at plus and minus one sigma of a component, by
+channel, becomes a history of the errors that the equations of motion and of measurement have (GYROS,
+ACCELEROMETERS, CROSSFLOW, ...). A moment that has a tolerance is one more such history. Each parameter counts
+sigmas, its prior is the unit Gaussian, and the equations are linear in it. `record_errors` is the entrance; a
+component that no equation observes is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,18 +20,99 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.readings import lever_force
-from brv_hypo.identification.structure import of_flight
-from brv_hypo.likelihood import Course
+from brv_hypo.identification.parameters import of_flight
+from brv_hypo.likelihood import TimeVaryingParameter
 from brv_hypo.mechanisms import Mechanism
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
-from brv_hypo.mechanisms.isolation import checked_terms
-from brv_hypo.model.columns import theta_grid
-from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.mechanisms.checked import checked_terms
+from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
+from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.term import theta_grid
 from brv_hypo.motion.inputs import SmoothInputs
+from brv_hypo.motion.interpolation import running_integral
+from brv_hypo.motion.kinematics import angle_of_attack, crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.regressed import Regressed
+
+# ---- What instruments without noise or error would read of a fitted motion ----
+
+
+def noise_free_flights(
+    frame: RateFrame, predicted: ComplexArray, moments: ComplexArray, inputs: Sequence[SmoothInputs]
+) -> tuple[Flight, ...]:
+    """The flights as noise-free instruments would have read them, axial force and what lies in gaps as measured.
+
+    `predicted` (rows,) rad/s are the de-rolled rates and `moments` (rows,) the C_m + i C_n of a regression; `inputs`
+    are each flight's.
+    """
+    found = []
+    for number, (reconstruction, smooth) in enumerate(zip(frame.reconstructions, inputs, strict=True)):
+        flight = reconstruction.flight
+        rate, force = flight.q + 1j * flight.r, flight.ay + 1j * flight.az
+        spin = np.exp(-1j * (1.0 - flight.vehicle.inertia_ratio) * running_integral(flight.time, flight.p))
+        rolling = CubicSpline(flight.time, smooth.roll_rate)(flight.time, 1)
+        for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+            if part.flight == number:
+                level = np.mean(part.observed - predicted[a:b])
+                rate[part.rows] = (predicted[a:b] + level) * spin[part.rows]
+                force[part.rows] = _force(frame, number, smooth, part.rows, rate[part.rows], moments[a:b], rolling)
+        found.append(
+            replace(
+                flight,
+                p=smooth.roll_rate,
+                q=rate.real,
+                r=rate.imag,
+                ay=force.real,
+                az=force.imag,
+                velocity=smooth.speed,
+                dynamic_pressure=smooth.pressure,
+            )
+        )
+    return tuple(found)
+
+
+def _force(
+    frame: RateFrame,
+    number: int,
+    smooth: SmoothInputs,
+    rows: slice,
+    omega: ComplexArray,
+    moments: ComplexArray,
+    rolling: FloatArray,
+) -> ComplexArray:
+    """What the accelerometers read across the body at some samples, m/s^2."""
+    reconstruction, motion = frame.reconstructions[number], frame.motions[number]
+    vehicle = reconstruction.flight.vehicle
+    pressure, p = smooth.pressure[rows], smooth.roll_rate[rows]
+    xi = crossflow(motion.alpha, motion.windward_meridian)[rows]
+    slope = np.nan_to_num(reconstruction.normal_force_ratio[rows])
+    force = -pressure * (vehicle.reference_area / vehicle.mass) * slope * alpha_over_sine(xi) * xi
+    omega_rate = pressure * vehicle.moment_scale * moments - 1j * (1.0 - vehicle.inertia_ratio) * p * omega
+    return np.asarray(force + lever_force(vehicle.accelerometer_position, omega, omega_rate, p, rolling[rows]))
+
+
+def lever_force(
+    arm: tuple[float, float, float],
+    omega: ComplexArray,
+    omega_rate: ComplexArray,
+    p: FloatArray,
+    p_rate: FloatArray,
+) -> ComplexArray:
+    """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10,
+    E11).
+    """
+    x, transverse = arm[0], complex(arm[1], arm[2])
+    crossed = (omega * np.conj(transverse)).imag
+    return np.asarray(
+        x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed
+    )
+
+
+def alpha_over_sine(xi: ComplexArray) -> FloatArray:
+    """alpha / sin(alpha) (n,): a force linear in alpha follows it times the crossflow."""
+    size = np.maximum(np.abs(xi), 1e-12)
+    return np.asarray(angle_of_attack(xi) / size)
+
 
 # What the equations know of errors, measured less true: courses by these names.
 GYROS = ("error of q", "error of r")
@@ -72,8 +155,8 @@ class Tolerated:
     def known(self, regressed: Regressed, flight: int) -> tuple[float, float, bool]:
         """What was taken out of a flight's record and what was found in all, in sizes, and whether it is bounded."""
         key = (self.error, self.component)
-        taken, found = (each[flight].get(key, 0.0) for each in (regressed.taken, regressed.found))
-        return taken / self.size, found / self.size, key not in regressed.free[flight]
+        applied, found = (each[flight].get(key, 0.0) for each in (regressed.applied, regressed.found))
+        return applied / self.size, found / self.size, key not in regressed.free[flight]
 
 
 Histories = Mapping[str, FloatArray]
@@ -88,7 +171,9 @@ class RecordErrors:
     values: tuple[Tolerated, ...]
     histories: tuple[Histories, ...]
 
-    def courses(self, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray) -> tuple[Course, ...]:
+    def time_varying(
+        self, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray
+    ) -> tuple[TimeVaryingParameter, ...]:
         """The courses of one segment, at whose `samples` it is `time` (n,) s and exp(i Phi) `turn` (n,).
 
         What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
@@ -97,8 +182,8 @@ class RecordErrors:
         read: list[_Rows] = []
         for pair in (GYROS, ACCELEROMETERS):
             first, second = self._rows(pair, samples)
-            seen = ((first.values + 1j * second.values) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
-            read += [first._replace(values=seen.real), second._replace(values=seen.imag)]
+            projected = ((first.values + 1j * second.values) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
+            read += [first._replace(values=projected.real), second._replace(values=projected.imag)]
         others = [rows for name in OTHERS for rows in self._rows((name,), samples)]
         return (*_splined(time[middle], read), *_splined(time, others))
 
@@ -133,7 +218,7 @@ class _Shapes:
         return np.asarray(self.spline(time).T, dtype=float)
 
 
-def _splined(time: FloatArray, rows: Sequence[_Rows]) -> Iterator[Course]:
+def _splined(time: FloatArray, rows: Sequence[_Rows]) -> Iterator[TimeVaryingParameter]:
     """The courses at any times, by cubic splines through `time` (n,) s; those without weights left out."""
     together = CubicSpline(time, np.concatenate([each.values for each in rows]).T)
     last = 0
@@ -141,7 +226,7 @@ def _splined(time: FloatArray, rows: Sequence[_Rows]) -> Iterator[Course]:
         first, last = last, last + len(each.weights)
         if each.weights:
             own = PPoly.construct_fast(together.c[:, :, first:last], together.x)
-            yield Course(each.name, each.weights, _Shapes(own))
+            yield TimeVaryingParameter(each.name, each.weights, _Shapes(own))
 
 
 def record_errors(
@@ -150,7 +235,7 @@ def record_errors(
     """What is known of each flight to a tolerance only, linearised on its noise-free record.
 
     Moments of the mechanisms `modelled` are the hypothesis's own and take no part; neither does what none of the
-    equations feels, such as the bias of an instrument that they do not use.
+    equations observes, such as the bias of an instrument that they do not use.
     """
     return tuple(
         _of_flight(frame, number, flight, smooth, modelled)
@@ -165,18 +250,20 @@ def _of_flight(
         *_of_effects(flight, frame.reconstructions[number], smooth),
         *_of_moments(frame, number, flight, modelled),
     )
-    felt = [
+    observable = [
         (value, {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)})
         for value, histories in found
     ]
-    felt = [(value, histories) for value, histories in felt if histories]
-    return RecordErrors(number, tuple(value for value, _ in felt), tuple(histories for _, histories in felt))
+    observable = [(value, histories) for value, histories in observable if histories]
+    return RecordErrors(
+        number, tuple(value for value, _ in observable), tuple(histories for _, histories in observable)
+    )
 
 
 def _of_effects(
     flight: Flight, reconstruction: Reconstruction, smooth: SmoothInputs
 ) -> Iterator[tuple[Tolerated, dict[str, FloatArray | float]]]:
-    for effect in carried_effects():
+    for effect in nuisance_effects():
         for component in effect.components(flight):
             more, less = (
                 effect.perturb(flight, component.name, sign * component.size) for sign in (1.0, -1.0)
@@ -225,7 +312,7 @@ def _vehicle_quantity(vehicle: Vehicle, name: str) -> float:
 def _histories(
     flight: Flight, change: _Change, gravity: FloatArray, smooth: SmoothInputs
 ) -> dict[str, FloatArray | float]:
-    """What the equations feel of a change of the record, by course name; the truth stays where it is."""
+    """What a change of the record does in the equations, by name of the history; the true motion stays as it is."""
     roll_rate, rate = change("p"), change("q") + 1j * change("r")
     force = change("ay") + 1j * change("az")
     if any(change.arm):
@@ -262,8 +349,8 @@ def _attitude_error(
     derolled = rate * np.exp(1j * smooth.roll)
     first = np.einsum("nji,nj->ni", smooth.gravity_axes, np.stack([roll_rate, derolled.real, derolled.imag], axis=1))
     gained = np.cross(cumulative_trapezoid(first, flight.time, axis=0, initial=0), gravity)
-    seen = np.einsum("nji,ni->nj", smooth.gravity_axes, gained)
-    return np.asarray(seen[:, 1] + 1j * seen[:, 2])
+    projected = np.einsum("nji,ni->nj", smooth.gravity_axes, gained)
+    return np.asarray(projected[:, 1] + 1j * projected[:, 2])
 
 
 def _slope(flight: Flight, values: FloatArray | ComplexArray) -> ComplexArray:
@@ -297,5 +384,5 @@ def tolerated_mechanisms(
     flight: Flight, own: Sequence[Mechanism] = ()
 ) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
     """The mechanisms whose moments have a tolerance, with 1 sigma of each coefficient: the carried ones and `own`."""
-    found = ((item, item.tolerance(flight)) for item in (*carried_mechanisms(flight), *own))
+    found = ((item, item.tolerance(flight)) for item in (*nuisance_mechanisms(flight), *own))
     return tuple((item, sizes) for item, sizes in found if sizes is not None)

@@ -1,27 +1,24 @@
-"""From where the search ended to the result: errors, likelihood, innovations, and what cannot be trusted."""
+"""From where the search ended to the result: errors, likelihood, innovations, and what cannot be trusted.
+
+The discretisation's effect on the estimate is part of it. An interval's error is the difference of two quadratures of
+the slope, Simpson's with the midpoint of the collocation's cubic and Boole's on a quartic, whose points come from one
+Picard step from that cubic; what process noise adds over the interval is no error of the mesh. A change dc of the
+defects moves the estimate by -H^-1 L' dc, with L the derivatives of the multipliers by theta (see `kkt`) and H the
+information. `assess` is the entrance.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood import student
-from brv_hypo.likelihood.changing_errors import changing_errors
-from brv_hypo.likelihood.colour import coloured_covariance, inflation, white_covariance
-from brv_hypo.likelihood.discretisation import mesh_shift
-from brv_hypo.likelihood.filtering import kalman_innovations
-from brv_hypo.likelihood.initial import Starts, by_initial_states, initial_state_errors, linearised
-from brv_hypo.likelihood.mesh import TOLERATED
-from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.noise_errors import NoiseErrors, noise_errors
-from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.scoring import directions_of
-from brv_hypo.likelihood.search import Options, Outcome, residuals
-from brv_hypo.likelihood.status import Status
-from brv_hypo.likelihood.step import (
+from brv_hypo.likelihood.derivatives import Points, evaluate
+from brv_hypo.likelihood.filter_error import kalman_innovations
+from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
     Sensitivity,
@@ -29,12 +26,125 @@ from brv_hypo.likelihood.step import (
     information_factor,
     sensitivities,
 )
+from brv_hypo.likelihood.kkt import BandSolution
+from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.scoring import NoiseErrors, directions_of, noise_errors
+from brv_hypo.likelihood.search import Options, Outcome, Status, residuals
+from brv_hypo.likelihood.segment import Grid, SampledParameter
+from brv_hypo.likelihood.starts import TOLERATED
 from brv_hypo.likelihood.uncertainty import (
+    Starts,
     Whiteness,
+    by_initial_states,
+    changing_errors,
+    coloured_covariance,
     covariance_from_information,
     identifiability,
+    inflation,
+    initial_state_errors,
+    linearised,
+    white_covariance,
     whiteness,
 )
+
+_NODES = np.linspace(0.0, 1.0, 5)
+_BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
+
+
+def _partial_weights() -> FloatArray:
+    """Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
+    powers = np.vander(_NODES, increasing=True)
+    integrals = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1)
+    return np.asarray(integrals @ np.linalg.inv(powers))
+
+
+_PARTIAL = _partial_weights()
+
+
+def mesh_shift(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], covariance: FloatArray
+) -> FloatArray:
+    """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
+
+    `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, and
+    for segments that were eliminated by a band.
+    """
+    p = len(problem.parameters.names)
+    known = np.isfinite(np.diag(covariance))
+    usable = not problem.model.delays and all(isinstance(s.eliminated, BandSolution) for s in segments)
+    if not usable or not segments or not known.any():
+        return np.full(p, np.nan)
+    gradient = np.zeros(p)
+    for s, (grid, x, segment) in enumerate(zip(problem.grids, iterate.x, segments, strict=True)):
+        with np.errstate(all="ignore"):
+            error = interval_errors(problem, grid, x, problem.parameters.of_segment(s, iterate.theta))
+        multiplier = segment.eliminated.multiplier[1:, :, 1:]  # type: ignore[attr-defined]
+        index = problem.parameters.segment_index[s]
+        gradient[index] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
+    block = covariance[np.ix_(known, known)]
+    shift = np.full(p, np.nan)
+    shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))
+    return shift
+
+
+def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+    """Change of state over each interval less what Simpson's rule makes of it, (n_states, n - 1)."""
+    h = grid.step
+    corner = _slopes(problem, grid, {0.0: x[:, :-1], 1.0: x[:, 1:]}, theta)
+    cubic = {s: _hermite(s, h, x, corner[0.0], corner[1.0]) for s in _NODES[1:-1].tolist()}
+    first = corner | _slopes(problem, grid, cubic, theta)
+    slopes = np.stack([first[s] for s in _NODES.tolist()])
+    simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
+    # Of a state that nothing drives, what is left is how far the search is from its end.
+    noisy = (problem.process_noise > 0.0)[:, np.newaxis]
+    driven = np.where(noisy, x[:, 1:] - x[:, :-1] - h * simpson, 0.0)
+    better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
+    second = corner | _slopes(
+        problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta
+    )
+    boole = sum(weight * second[s] for weight, s in zip(_BOOLE, _NODES.tolist(), strict=True))
+    return np.asarray(h * (boole - simpson))
+
+
+def _slopes(
+    problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Mapping[str, float]
+) -> dict[float, FloatArray]:
+    """The dynamics at states (n_states, n - 1) at fractions of every interval."""
+    found = {}
+    for s, x in states.items():
+        u = _between(s, *_of_intervals(grid, grid.u))
+        time_varying = tuple(
+            SampledParameter(c.name, c.weights, _between(s, *_of_intervals(grid, c.shapes)))
+            for c in grid.time_varying
+        )
+        points = Points(x, u, grid.t[: grid.n - 1] + s * grid.step, time_varying=time_varying)
+        found[s] = evaluate(problem.model.dynamics, points, theta)
+    return found
+
+
+def _of_intervals(grid: Grid, signal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A signal at the start, the middle and the end of every interval, before the jump where there is one."""
+    n = grid.n
+    end = signal[:, 2 * n - 1 :] if grid.jumps else signal[:, 1:n]
+    return signal[:, : n - 1], signal[:, n : 2 * n - 1], end
+
+
+def _between(s: float, start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
+    """On the parabola through the three."""
+    weights = 2.0 * (s - 0.5) * (s - 1.0), 4.0 * s * (1.0 - s), 2.0 * s * (s - 0.5)
+    return np.asarray(weights[0] * start + weights[1] * middle + weights[2] * end)
+
+
+def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """The cubic through states and slopes at both ends, at a fraction of every interval."""
+    low, high = x[:, :-1], x[:, 1:]
+    return np.asarray(
+        low
+        + s**2 * (3.0 - 2.0 * s) * (high - low)
+        + h * (s * (1.0 - s) ** 2 * before - s**2 * (1.0 - s) * after)
+    )
+
 
 _LAGS = 20
 """Lags of the whiteness test."""
@@ -58,8 +168,8 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     refined, nllf = _innovations(problem, iterate)
     innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
-    seen = np.isfinite(together)
-    samples = int(seen.sum())
+    observed = np.isfinite(together)
+    samples = int(observed.sum())
     theta = parameters.as_mapping(iterate.theta)
     at_bound = (iterate.theta <= parameters.lower) | (iterate.theta >= parameters.upper)
     p = len(parameters.names)
@@ -94,16 +204,16 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     fast = options.mesh_steps > 1 and bool(rows) and not loose
     changing = changing_errors(problem, iterate, segments, white, estimated) if fast else ()
     starts = by_initial_states(problem, segments)
-    taken_out = _taken_out(problem, samples, _unknowns(problem, estimated), options)
+    variance_factor = _variance_factor(problem, samples, _unknowns(problem, estimated), options)
     if pull is not None:
-        taken_out *= pull.spread
-    seen_by_data = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
-    hidden = outcome.status == Status.STALLED and bool(seen_by_data.near_null)
+        variance_factor *= pull.spread
+    determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
+    hidden = outcome.status == Status.STALLED and bool(determined.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
     measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
     return FitResult(
         status=outcome.status,
-        message=outcome.message if not hidden else f"{outcome.message}. {seen_by_data}",
+        message=outcome.message if not hidden else f"{outcome.message}. {determined}",
         names=parameters.names,
         theta=theta,
         std_error=_by_name(parameters.names, white),
@@ -112,7 +222,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance_coloured=coloured,
         log_likelihood=-nllf,
         innovation_covariance=estimate_covariance(
-            together, seen, options.noise, iterate.covariance, options.floor
+            together, observed, options.noise, iterate.covariance, options.floor
         ),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
@@ -120,10 +230,10 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         process_noise_std_error=noise.process,
         iterations=len(outcome.history),
         history=outcome.history,
-        identifiability=seen_by_data,
+        identifiability=determined,
         whiteness=tests,
         states=tuple(x[:, sampled] for x in iterate.x),
-        initial_state_std_error=initial_state_errors(problem, starts, segments, white, taken_out),
+        initial_state_std_error=initial_state_errors(problem, starts, segments, white, variance_factor),
         innovations=innovations,
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
@@ -173,8 +283,8 @@ def _covariances(
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = _unknowns(problem, estimated)
-    taken_out = _taken_out(problem, samples, unknowns, options)
-    white = raw * taken_out
+    variance_factor = _variance_factor(problem, samples, unknowns, options)
+    white = raw * variance_factor
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
@@ -186,7 +296,7 @@ def _covariances(
     left = [s[:, :, 0] for s in rows]
     if options.student:
         white = np.full_like(raw, np.nan)
-        white[block] = white_covariance(raw[block], prior, sensitivity, left) * taken_out
+        white[block] = white_covariance(raw[block], prior, sensitivity, left) * variance_factor
     corrected = coloured_covariance(raw[block], prior, sensitivity, left)
     if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
@@ -272,7 +382,7 @@ def _unknowns(problem: Problem, estimated: IntArray) -> int:
     return len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
 
 
-def _taken_out(problem: Problem, samples: int, unknowns: int, options: Options) -> float:
+def _variance_factor(problem: Problem, samples: int, unknowns: int, options: Options) -> float:
     """Factor for what fitting the unknowns took out of the variance of white residuals.
 
     1 where the noise is known, and with process noise, whose likelihood makes up for it (`scoring`).

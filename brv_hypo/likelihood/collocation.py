@@ -19,10 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.likelihood.blocks import BlockRows, Coupling
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
-from brv_hypo.likelihood.interpolation import Stencil
-from brv_hypo.likelihood.segment import Grid, History, LookBack
+from brv_hypo.likelihood.kkt import BlockRows, Coupling
+from brv_hypo.likelihood.segment import DelayedSamples, Grid, History, Stencil
 
 _AT_ONCE = 8192
 """Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
@@ -72,7 +71,7 @@ def evaluate_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
-    back = _look_back(model.delays, grid, theta)
+    back = _delayed_samples(model.delays, grid, theta)
     defects, outputs = [], []
     for part in parts_of(grid.n):
         there = _There(model, grid, x, theta, back, _Place.of(grid, part))
@@ -93,7 +92,7 @@ def linearise_segment(
     """Defects, outputs and their derivatives by states and by the named parameters: those of all samples and
     intervals, or of the samples of a part and of the intervals that begin there.
     """
-    back = _look_back(model.delays, grid, theta)
+    back = _delayed_samples(model.delays, grid, theta)
     place = _Place.of(grid, part)
     there = _There(model, grid, x, theta, back, place)
     slope = there.jacobian(model.dynamics, there.everywhere, names)
@@ -154,7 +153,7 @@ class _There:
     grid: Grid
     x: FloatArray
     theta: Mapping[str, float]
-    back: Mapping[str, LookBack]
+    back: Mapping[str, DelayedSamples]
     place: _Place
 
     @cached_property
@@ -198,14 +197,14 @@ class _There:
 
     def jacobian(self, function: Function, points: Points, names: tuple[str, ...]) -> Jacobian:
         """Derivatives by the named parameters, zero by those that the segment ignores."""
-        seen = np.array([name not in self.grid.ignores for name in names], dtype=np.bool_)
+        selected = np.array([name not in self.grid.ignores for name in names], dtype=np.bool_)
         own = tuple(name for name in names if name not in self.grid.ignores)
         model = self.model
         found = jacobian(function, points, self.theta, own, model.method, model.scale or {}, model.affine)
-        if seen.all():
+        if selected.all():
             return found
-        by_parameter = np.zeros((*found.by_parameter.shape[:2], seen.size))
-        by_parameter[:, :, seen] = found.by_parameter
+        by_parameter = np.zeros((*found.by_parameter.shape[:2], selected.size))
+        by_parameter[:, :, selected] = found.by_parameter
         return found._replace(by_parameter=by_parameter)
 
 
@@ -293,16 +292,16 @@ def _differences(found: Jacobian, count: int) -> Iterator[tuple[FloatArray, Floa
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:
     """The samples, or some thousand of them, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
-    seen = np.unique(np.linspace(0, grid.n - 1, min(grid.n, _AT_ONCE)).astype(np.int64))
-    return _points(grid, x, _look_back(delays, grid, theta), seen)
+    selected = np.unique(np.linspace(0, grid.n - 1, min(grid.n, _AT_ONCE)).astype(np.int64))
+    return _points(grid, x, _delayed_samples(delays, grid, theta), selected)
 
 
-def _look_back(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, LookBack]:
-    return {name: grid.look_back(theta[name]) for name in delays}
+def _delayed_samples(delays: tuple[str, ...], grid: Grid, theta: Mapping[str, float]) -> dict[str, DelayedSamples]:
+    return {name: grid.delayed_samples(theta[name]) for name in delays}
 
 
 def _points(
-    grid: Grid, x: FloatArray, back: Mapping[str, LookBack], where: IntArray, at: FloatArray | None = None
+    grid: Grid, x: FloatArray, back: Mapping[str, DelayedSamples], where: IntArray, at: FloatArray | None = None
 ) -> Points:
     """Some of the samples and midpoints, and what the delays see there; `at` gives states other than samples."""
     delayed: dict[str, Delayed] = {}
@@ -312,8 +311,8 @@ def _points(
         stencil = whole.stencil.part(where)
         delayed[name] = _with_history(stencil.apply(x), stencil.apply(u), whole.before, where)
         rates[name] = _with_history(stencil.apply_rate(x), stencil.apply_rate(u), whole.before_rate, where)
-    courses = tuple(course.part(where) for course in grid.courses)
-    return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, courses)
+    time_varying = tuple(varying.part(where) for varying in grid.time_varying)
+    return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, time_varying)
 
 
 def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: IntArray) -> Delayed:
@@ -321,7 +320,7 @@ def _with_history(x: FloatArray, u: FloatArray, before: History | None, where: I
 
 
 def _defect_derivatives(
-    place: _Place, slope: Jacobian, back: Mapping[str, LookBack]
+    place: _Place, slope: Jacobian, back: Mapping[str, DelayedSamples]
 ) -> tuple[BlockRows, FloatArray]:
     h = place.step[:, None, None]
     parts = place.of_intervals

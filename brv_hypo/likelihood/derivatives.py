@@ -1,8 +1,9 @@
 """First derivatives of the user's functions, all samples at once.
 
-The complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) and needs functions that
-accept complex arrays and are analytic: no abs, no comparison of complex values, no arctan2. Where they
-are not, central differences take over, each step scaled by the variable that it moves.
+Analytic Jacobians come with a function, wholly (`AnalyticJacobian`) or for some parameters (`PartialJacobian`).
+Without them the complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) for functions that accept
+complex arrays and are analytic: no abs, no comparison of complex values, no arctan2. Else central differences are
+taken, each step scaled by the variable that it changes. `evaluate` and `jacobian` are the entrance.
 """
 
 from __future__ import annotations
@@ -17,8 +18,88 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.course import SampledCourse
-from brv_hypo.likelihood.given import Given, PartlyGiven, plain
+from brv_hypo.likelihood.segment import SampledParameter
+
+# ---- Derivatives that come with a function: by hand, or from automatic differentiation (jax.jacfwd, say) ----
+
+
+Derivatives = Callable[..., tuple[Any, Mapping[str, Any]]]
+"""(x, u, theta, t) -> by states (m, n_states, n), and by parameters (m, n) by name, vectorised as the function is."""
+
+
+@dataclass(frozen=True)
+class AnalyticJacobian:
+    """A function (x, u, theta, t) -> (m, n) with its `derivatives`; `what` it is, for messages."""
+
+    function: Callable[..., Any]
+    derivatives: Derivatives
+    what: str
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function."""
+        return self.function(*arguments)
+
+    def at(
+        self, x: FloatArray, u: FloatArray, theta: Mapping[str, Any], t: FloatArray
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Derivatives by states (n, m, n_states), and by those parameters that it knows, (n, m).
+
+        Raises:
+            UsageError: something else than a pair, or of another shape.
+        """
+        found = self.derivatives(x, u, theta, t)
+        if not (isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)):
+            raise UsageError(
+                f"{self.what}_jacobian returned {type(found).__name__}; expected a pair: the derivatives by states, an "
+                "array (rows, states, samples), and a mapping of parameter names to arrays (rows, samples)"
+            )
+        by_state = np.asarray(found[0], dtype=float)
+        by_parameter = {name: np.asarray(value, dtype=float) for name, value in found[1].items()}
+        if by_state.ndim != 3 or by_state.shape[1:] != x.shape:
+            raise UsageError(
+                f"{self.what}_jacobian returned derivatives by states of shape {by_state.shape}; expected (rows, "
+                f"{x.shape[0]}, {x.shape[1]}): rows, states, samples"
+            )
+        expected = by_state.shape[::2]
+        for name, value in by_parameter.items():
+            if value.shape != expected:
+                raise UsageError(
+                    f"{self.what}_jacobian returned a derivative by {name!r} of shape {value.shape}; expected "
+                    f"{expected}: rows, samples"
+                )
+        return by_state.transpose(2, 0, 1), {name: value.T for name, value in by_parameter.items()}
+
+
+@dataclass(frozen=True)
+class PartialJacobian:
+    """A function (x, u, theta, t[, delayed]) -> (m, n) with `slopes`, taken as right: its derivatives (m, n) by some
+    parameters and time-varying ones, by name.
+    """
+
+    function: Callable[..., Any]
+    slopes: Callable[..., Mapping[str, FloatArray]]
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function."""
+        return self.function(*arguments)
+
+    def at(self, *arguments: Any) -> tuple[None, dict[str, FloatArray]]:
+        """No derivatives by states, and those by parameters and time-varying ones, (n, m)."""
+        return None, {name: value.T for name, value in self.slopes(*arguments).items()}
+
+
+def with_jacobian(function: Callable[..., Any], derivatives: Derivatives | None, what: str) -> Callable[..., Any]:
+    """The function with its derivatives, where there are any."""
+    return function if derivatives is None else AnalyticJacobian(function, derivatives, what)
+
+
+def plain(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function alone."""
+    return function.function if isinstance(function, AnalyticJacobian) else function
+
+
+# ---- First derivatives of the user's functions, all samples at once ----
+
 
 Method = Literal["complex", "central"]
 Function = Callable[..., Any]
@@ -26,7 +107,7 @@ Function = Callable[..., Any]
 _COMPLEX_STEP = 1e-30
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1 / 3)
 _AGREEMENT = 1e-4
-"""Largest relative difference to central differences at which the complex step is believed."""
+"""Largest relative difference to central differences at which the complex step is accepted."""
 _BLOCK_ROUNDING = 1e-8
 """Rounding of central differences, against the largest derivative of a block."""
 
@@ -51,7 +132,7 @@ class Points:
     """Where a function is evaluated: x (n_states, n), u (n_inputs, n), t (n,), and what its delays see.
 
     `delayed` holds x(t - delay) and u(t - delay) by the delay's name, `rates` their derivatives by time;
-    `courses` what varies along the samples with parameters as weights.
+    `time_varying` the parameters that vary along the samples.
     """
 
     x: FloatArray
@@ -59,7 +140,7 @@ class Points:
     t: FloatArray
     delayed: Mapping[str, Delayed] = field(default_factory=dict)
     rates: Mapping[str, Delayed] = field(default_factory=dict)
-    courses: tuple[SampledCourse, ...] = ()
+    time_varying: tuple[SampledParameter, ...] = ()
 
     def repeated(self, shift: FloatArray) -> Points:
         """All points once for each column of `shift`, (n_states, times), which is added to x. Without delays."""
@@ -68,7 +149,7 @@ class Points:
             (self.x[:, None] + shift[:, :, None]).reshape(len(self.x), -1),
             np.tile(self.u, times),
             np.tile(self.t, times),
-            courses=tuple(replace(c, shapes=np.tile(c.shapes, times)) for c in self.courses),
+            time_varying=tuple(replace(c, shapes=np.tile(c.shapes, times)) for c in self.time_varying),
         )
 
 
@@ -86,7 +167,7 @@ class Jacobian(NamedTuple):
 
 def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
     """The function's value, (m, n)."""
-    return np.asarray(_call(function, points.x, points, _with_courses(points, theta), points.delayed))
+    return np.asarray(_call(function, points.x, points, _with_time_varying(points, theta), points.delayed))
 
 
 def jacobian(
@@ -98,21 +179,21 @@ def jacobian(
     scale: Mapping[str, float],
     affine: Collection[str] = (),
 ) -> Jacobian:
-    """Value and first derivatives at all points; weights of a course through that course.
+    """Value and first derivatives at all points; weights of a time-varying parameter through that parameter.
 
-    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences;
-    in those of `affine`, or in the courses of these names, the function is, so that one difference is exact. What a
-    `Given` or `PartlyGiven` function knows is taken from it.
+    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences; in
+    those of `affine`, or in the time-varying parameters of these names, the function is, so that one difference
+    is exact. What a `AnalyticJacobian` or `PartialJacobian` function knows is taken from it.
     """
     n_states = points.x.shape[0]
-    theta = _with_courses(points, theta)
+    theta = _with_time_varying(points, theta)
     kind: type = complex if method == "complex" else float
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     value: list[FloatArray] = []
     by_state: FloatArray | None = None
     known: Mapping[str, FloatArray] = {}
-    if isinstance(function, (Given, PartlyGiven)):
+    if isinstance(function, (AnalyticJacobian, PartialJacobian)):
         by_state, known = _call(function.at, points.x, points, theta, points.delayed)
 
     def derivative(
@@ -145,17 +226,17 @@ def jacobian(
 
     def along_parameter(name: str) -> Callable[[Any], Any]:
         def move(step: Any) -> Any:
-            seen = delayed
+            delayed_then = delayed
             if name in delayed:
                 rate, now = points.rates[name], points.delayed[name]
-                seen = delayed | {name: Delayed(now.x - step * rate.x, now.u - step * rate.u)}
-            return _call(function, x, points, dict(theta) | {name: theta[name] + step}, seen)
+                delayed_then = delayed | {name: Delayed(now.x - step * rate.x, now.u - step * rate.u)}
+            return _call(function, x, points, dict(theta) | {name: theta[name] + step}, delayed_then)
 
         return move
 
-    def along_course(course: SampledCourse) -> Callable[[Any], Any]:
+    def along_varying(varying: SampledParameter) -> Callable[[Any], Any]:
         return lambda step: _call(
-            function, x, points, dict(theta) | {course.name: theta[course.name] + step}, delayed
+            function, x, points, dict(theta) | {varying.name: theta[varying.name] + step}, delayed
         )
 
     columns = [
@@ -163,13 +244,13 @@ def jacobian(
         for row in range(n_states)
     ]
     through: dict[str, FloatArray] = {}
-    for course in points.courses:
-        if any(weight in names for weight in course.weights):
-            size = partial(_largest_size, course.weights, theta, scale)
-            own = known.get(course.name)
+    for varying in points.time_varying:
+        if any(weight in names for weight in varying.weights):
+            size = partial(_largest_size, varying.weights, theta, scale)
+            own = known.get(varying.name)
             if own is None:
-                own = derivative(along_course(course), size, course.name in affine)
-            for w, shape in zip(course.weights, course.shapes, strict=True):
+                own = derivative(along_varying(varying), size, varying.name in affine)
+            for w, shape in zip(varying.weights, varying.shapes, strict=True):
                 part = own * shape[:, None]
                 through[w] = through[w] + part if w in through else part
     columns += [
@@ -217,8 +298,8 @@ def choose_method(
     return "complex"
 
 
-def check_given(
-    function: Given,
+def check_jacobian(
+    function: AnalyticJacobian,
     points: Points,
     theta: Mapping[str, float],
     names: tuple[str, ...],
@@ -309,9 +390,9 @@ def check_shape(function: Function, points: Points, theta: Mapping[str, float], 
         )
 
 
-def _with_courses(points: Points, theta: Mapping[str, Any]) -> dict[str, Any]:
-    """The parameters, and the courses at their values."""
-    return {course.name: course.at(theta) for course in points.courses} | dict(theta)
+def _with_time_varying(points: Points, theta: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters, and the time-varying ones at their values."""
+    return {varying.name: varying.at(theta) for varying in points.time_varying} | dict(theta)
 
 
 def _call(

@@ -17,7 +17,7 @@ _ROUNDING = 1e-14
 _BITS = 62
 """Outputs whose pattern of gaps fits one integer."""
 _FIRST_GUESS = 100.0
-"""Least first guess of a noise variance over the least believed."""
+"""Least first guess of a noise variance over the least plausible one."""
 _THIRD_DIFFERENCE = 20.0
 """Variance of the third difference of unit white noise: 1 + 9 + 9 + 1."""
 
@@ -41,8 +41,8 @@ def pattern_whitening(covariance: FloatArray, patterns: BoolArray) -> FloatArray
         return np.where(patterns, 1.0 / np.sqrt(variance)[..., None, :], 0.0)[..., None] * np.eye(n_outputs)
     weights = np.zeros((*covariance.shape[:-2], len(patterns), n_outputs, n_outputs))
     for g, pattern in enumerate(patterns):
-        seen = np.flatnonzero(pattern)
-        rows, columns = seen[:, None], seen
+        observed = np.flatnonzero(pattern)
+        rows, columns = observed[:, None], observed
         weights[..., g, rows, columns] = np.linalg.inv(np.linalg.cholesky(covariance[..., rows, columns]))
     return weights
 
@@ -73,12 +73,12 @@ def estimate_covariance(
         return np.diag(np.maximum(variance, floor))
     total = np.zeros((n_outputs, n_outputs))
     for pattern, where in _patterns(measured):
-        seen, gap = np.flatnonzero(pattern), np.flatnonzero(~pattern)
+        observed, gap = np.flatnonzero(pattern), np.flatnonzero(~pattern)
         filled = v[:, where].copy()
         if gap.size:
-            gain = np.linalg.solve(previous[np.ix_(seen, seen)], previous[np.ix_(seen, gap)]).T
-            filled[gap] = gain @ filled[seen]
-            remaining = previous[np.ix_(gap, gap)] - gain @ previous[np.ix_(seen, gap)]
+            gain = np.linalg.solve(previous[np.ix_(observed, observed)], previous[np.ix_(observed, gap)]).T
+            filled[gap] = gain @ filled[observed]
+            remaining = previous[np.ix_(gap, gap)] - gain @ previous[np.ix_(observed, gap)]
             total[np.ix_(gap, gap)] += where.sum() * remaining
         total += filled @ filled.T
     covariance = total / max(int(measured.any(axis=0).sum()), 1)
@@ -123,7 +123,7 @@ def noise_from_differences(y: FloatArray) -> FloatArray:
 
 
 def least_variance(y: FloatArray) -> FloatArray:
-    """The least noise variance to be believed of each output, (n_outputs,): that of rounding."""
+    """The least plausible noise variance of each output, (n_outputs,): that of rounding."""
     mean_square = np.array(
         [np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y]
     )

@@ -1,20 +1,18 @@
-"""Noise covariances of filter error: Fisher scoring of all variances together.
+"""Noise covariances of filter error: Fisher scoring of all variances together, and how well they are known.
 
 With the states integrated out the outputs are Gaussian with covariance C(Q, R), linear in the variances, and
 
-    NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (K: see `band`)
+    NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (K: the matrix of `kkt`)
 
-Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson & Thompson, Biometrika
-58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the residuals,
-those of process noise above all, which the dynamics' parameters resemble.
+Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson,
+Biometrika 58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the
+residuals. The gradient by the logarithms of all variances and its expected Hessian, 1/2 tr(C^-1 dC C^-1 dC), give one
+step for all: Q moves as Q exp(s), R as F exp(S) F' with F its Cholesky factor. Free initial states are integrated out
+too.
 
-Process and measurement noise explain the same residuals, so that one of them at a time, or the steps of
-expectation-maximisation, creep. Here the gradient of the NLLF by the logarithms of all variances and its expected
-Hessian, 1/2 tr(C^-1 dC C^-1 dC), come from derivatives of log det C along straight lines, and one step moves all.
-Log det C + log det I is that of the contrasts which theta leaves alone, whose covariance is linear in variances too.
-Q moves as Q exp(s), R as F exp(S) F' with F its Cholesky factor, so that both stay positive. Free initial states are
-integrated out too: fitted, they would take their share of the residuals, and the likelihood of a variance that goes to
-0 would have no bound.
+Not knowing the variances adds to the covariance of theta: cov theta = V + D W D', D = d theta / d s = -V dg / ds,
+with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta. Entrances:
+`scored` and `noise_errors`, which also says which variances went to 0.
 """
 
 from __future__ import annotations
@@ -25,9 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.marginal import Integrated, Marginal
-from brv_hypo.likelihood.noise import Shape
-from brv_hypo.likelihood.step import (
+from brv_hypo.likelihood.filter_error import Integrated, Marginal, gradients_elsewhere
+from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Parts,
     Problem,
@@ -37,13 +34,17 @@ from brv_hypo.likelihood.step import (
     is_long,
     linearised,
 )
+from brv_hypo.likelihood.noise import Shape
+
+# ---- Noise covariances of filter error: Fisher scoring of all variances together ----
+
 
 _DIFFERENCE = 1e-3
 """Relative change of a variance for second derivatives of log det C: truncation 2e-7, rounding 1e-6."""
 _SMALL_DIFFERENCE = 1e-5
 """The same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6."""
 _ROUNDING = 1e-4
-"""Information on the logarithm of a variance that is no more than rounding: only its gradient is believed."""
+"""Information on the logarithm of a variance that is no more than rounding: only its gradient is used."""
 _LARGEST_MOVE = 3.0
 """Largest change of the logarithm of a variance in one step."""
 _HALVINGS = 5
@@ -376,11 +377,11 @@ def _squares(
     ratio = here[0].process_noise[list(directions.driven)] / there[0].process_noise[list(directions.driven)]
     driven = sum(np.sum(rows[1:] ** 2, axis=0) for rows in solved.noise)
     root = np.linalg.cholesky(here[1].covariance)
-    seen = np.zeros((*root.shape, solved.outputs[0].shape[2]))
+    projected = np.zeros((*root.shape, solved.outputs[0].shape[2]))
     for each, rows in zip(linear, solved.outputs, strict=True):
         weighed = root.T @ each.weighed(rows, there[1].covariance)
-        seen += np.einsum("nak,nbk->abk", weighed, weighed)
-    measured = [seen[a, b] * (1.0 if a == b else 2.0) for a, b in directions.entries]
+        projected += np.einsum("nak,nbk->abk", weighed, weighed)
+    measured = [projected[a, b] * (1.0 if a == b else 2.0) for a, b in directions.entries]
     return np.array([*(ratio[:, None] ** 2 * np.asarray(driven)[list(directions.driven)]), *measured])
 
 
@@ -389,3 +390,143 @@ def _value(solved: _Solved) -> float:
     log_det = sum(each.log_det for each in solved.segments)
     total = solved.objective + 0.5 * (log_det + solved.log_det)
     return total if np.isfinite(total) else float("inf")
+
+
+# ---- What not knowing the variances adds to the errors of theta in filter error ----
+
+
+_LOG_VARIANCE_STEP = 1e-3
+"""Relative change of a variance for derivatives by it."""
+_POOREST = 1.0
+"""Variance of the logarithm of a variance that is counted at most: beyond, nothing is linear."""
+
+
+def with_unknown_variances(
+    problem: Problem,
+    iterate: Iterate,
+    directions: Directions,
+    linear: Sequence[Marginal],
+    segments: Sequence[Sensitivity],
+    spread: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """The covariance of theta (p, p), nan where it was; `spread` (unknowns, unknowns) is that of the variances."""
+    known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+    weight, axes = np.linalg.eigh(spread)
+    axes, weight = axes[:, weight > 0.0].T, np.minimum(weight[weight > 0.0], _POOREST)
+    if not known.size or not weight.size:
+        return covariance
+    changes = _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
+    variances = changed_variances(problem, iterate, directions, changes)
+    gradients = gradients_elsewhere(problem, iterate, segments, *variances)
+    gradients += [_theta_gradient(problem, linear, *each) for each in zip(*variances, strict=True)]
+    if not np.all(np.isfinite(gradients)):
+        return covariance
+    block = np.ix_(known, known)
+    follow = covariance[block] @ (gradients[1:] - gradients[0])[:, known].T / _LOG_VARIANCE_STEP
+    found = covariance.copy()
+    found[block] += (follow * weight) @ follow.T
+    return found
+
+
+def _theta_gradient(
+    problem: Problem, linear: Sequence[Marginal], noise: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Of the objective by theta (p,), the states following; nan where these are not determined."""
+    segments = []
+    p = len(problem.parameters.names)
+    for each in linear:
+        integrated = each.integrated(noise, covariance)
+        if integrated is None:
+            return np.full(p, np.nan)
+        segments.append(integrated)
+    triangle = information_factor(problem, segments)
+    return np.asarray(triangle[:, :p].T @ triangle[:, p])
+
+
+# ---- How well the variances of filter error are known, and which of them went to 0 ----
+
+
+@dataclass(frozen=True)
+class NoiseErrors:
+    """Standard errors of the standard deviations, `process` (n_states,) per root second and `measurement`
+    (n_outputs,); nan where they were given or vanished, and in output error. `covariance` (p, p) is that of theta, what
+    not knowing the variances adds to it included. `remarks` name those that vanished.
+    """
+
+    process: FloatArray
+    measurement: FloatArray
+    covariance: FloatArray
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def unknown(cls, problem: Problem, iterate: Iterate, covariance: FloatArray) -> NoiseErrors:
+        """None, `covariance` as it is."""
+        return cls(
+            np.full(problem.process_noise.size, np.nan), np.full(iterate.covariance.shape[0], np.nan), covariance
+        )
+
+
+def noise_errors(
+    problem: Problem,
+    iterate: Iterate,
+    directions: Directions,
+    segments: Sequence[Sensitivity],
+    covariance: FloatArray,
+) -> NoiseErrors:
+    """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
+    unknown = NoiseErrors.unknown(problem, iterate, covariance)
+    process, measurement = unknown.process, unknown.measurement
+    if not directions.count or not np.any(problem.process_noise):
+        return unknown
+    linear = marginals(problem, iterate)
+    score = score_of(problem, iterate, directions, linear)
+    if score is None:
+        return unknown
+    gone = score.vanished
+    live = np.flatnonzero(~gone)
+    spread = np.zeros((directions.count, directions.count))
+    spread[np.ix_(live, live)] = np.linalg.pinv(score.information[np.ix_(live, live)], rcond=1e-12)
+    driven = list(directions.driven)
+    known = ~gone[: len(driven)]
+    error = 0.5 * problem.process_noise[driven] * np.sqrt(np.maximum(np.diag(spread)[: len(driven)], 0.0))
+    process[driven] = np.where(known, error, np.nan)
+    if directions.entries:
+        root = np.linalg.cholesky(iterate.covariance)
+        twice = [1.0 if a == b else 2.0 for a, b in directions.entries]
+        change = np.stack(
+            [w * root[:, a] * root[:, b] for w, (a, b) in zip(twice, directions.entries, strict=True)], 1
+        )
+        variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
+        measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
+        measurement[measurement == 0.0] = np.nan
+    if segments:
+        covariance = with_unknown_variances(
+            problem, iterate, directions, linear, segments, spread, covariance
+        )
+    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, _unseen(problem)))
+
+
+def _unseen(problem: Problem) -> BoolArray:
+    """Outputs that were never measured, (n_outputs,)."""
+    return np.asarray(~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0))
+
+
+def _remarks(directions: Directions, gone: BoolArray, unseen: BoolArray) -> tuple[str, ...]:
+    """What went to 0, by state and output; outputs that were never measured have no noise that could."""
+    states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
+    lost = gone[len(directions.driven) :]
+    outputs = [a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b and not unseen[a]]
+    found = []
+    if states:
+        found.append(
+            f"the process noise of states {states} went to 0: their dynamics are exact as far as the data say. Leave "
+            "it out (0 in process_noise), where the fit is also faster"
+        )
+    if outputs:
+        found.append(
+            f"the measurement noise of outputs {outputs} went to 0: process noise explains all that is left of them. "
+            "Likely causes: sensors far better than the motion is smooth, or too slow a rate to tell the two apart. "
+            "Give noise_covariance where it is known"
+        )
+    return tuple(found)

@@ -1,25 +1,24 @@
-"""The search: Gauss-Newton steps, a merit function that weighs fit against violated dynamics, and B by Eq.
-3.11.
+"""The search: Gauss-Newton steps until they are negligible against the standard errors, and B by Eq. 3.11 beside them.
+
+A merit function weighs the fit against violated dynamics. How a search ended is a `Status`, which knows its cause and
+its remedy; `Progress` is one iteration, `Options` how to search, `Outcome` where it ended. `search` is the entrance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from functools import partial
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood import student
-from brv_hypo.likelihood.acceleration import Extrapolation
 from brv_hypo.likelihood.collocation import evaluate_segment
-from brv_hypo.likelihood.filtering import Determinant, disturbance_cost
-from brv_hypo.likelihood.merit import line_search
-from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.scoring import Directions, directions_of, scored
-from brv_hypo.likelihood.status import Status
-from brv_hypo.likelihood.step import (
+from brv_hypo.likelihood.filter_error import Determinant, disturbance_cost
+from brv_hypo.likelihood.gauss_newton import (
+    Extrapolation,
     Iterate,
     Parts,
     Problem,
@@ -27,17 +26,82 @@ from brv_hypo.likelihood.step import (
     SingularStatesError,
     Step,
     gauss_newton_step,
+    line_search,
     linearised,
     moved,
     objective,
     sensitivities,
 )
+from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.scoring import Directions, directions_of, scored
+
+# ---- How a search ended, and what to do about it ----
+
+
+class Status(StrEnum):
+    """The value is what is shown and compared; each knows its cause and remedy."""
+
+    CONVERGED = "converged"
+    COARSE = "coarse mesh"
+    ITERATION_LIMIT = "iteration limit"
+    STALLED = "stalled"
+    UNDETERMINED = "undetermined"
+    STIFF = "too stiff"
+    DIVERGED = "diverged"
+
+    @property
+    def cause(self) -> str:
+        """What happened."""
+        return _CAUSES[self][0]
+
+    @property
+    def remedy(self) -> str:
+        """What to try; empty where nothing need be done."""
+        return _CAUSES[self][1]
+
+    @property
+    def message(self) -> str:
+        """Cause and remedy in one text."""
+        return f"{self.cause}. {self.remedy}" if self.remedy else self.cause
+
+
+_CAUSES = {
+    Status.CONVERGED: ("the step is negligible against the standard errors", ""),
+    Status.COARSE: (
+        "the search converged, but the motion is too fast for the mesh, so that estimates and errors are wrong",
+        "Sample faster, eliminate the fastest state (let it follow the others at once), or raise mesh_steps",
+    ),
+    Status.ITERATION_LIMIT: (
+        "the iterations were not enough",
+        "Look at the near-null directions in identifiability: parameters that the data do not separate; fix or bound "
+        "some, or raise max_iterations",
+    ),
+    Status.STALLED: (
+        "no fraction of the step improves the fit: the derivatives are wrong (a function that is not smooth, or not "
+        "vectorised over samples) or the start is too far away",
+        "Check the functions, or start nearer",
+    ),
+    Status.UNDETERMINED: (
+        "a state neither shows in an output nor drives one that does",
+        "Measure it, leave it out of the states, or give x0_std so that its start is known",
+    ),
+    Status.STIFF: (
+        "between two samples the fastest state settles so many times over that rounding hides the slow ones",
+        "Let that state follow the others at once (set its rate to 0 and solve for it), sample faster, or raise "
+        "mesh_steps",
+    ),
+    Status.DIVERGED: (
+        "the step is not finite: the functions overflowed or returned nan",
+        "Start nearer to the solution, set bounds, or check the dynamics for divisions by zero",
+    ),
+}
+
 
 _FEASIBLE = 1e-7
 """Largest mean scaled defect of a converged trajectory."""
-_SETTLED_CHANGE = 2e-3
+_CONVERGED_CHANGE = 2e-3
 """Relative change of a noise variance that counts as settled."""
-_SETTLED_MOVE = 0.05
+_CONVERGED_MOVE = 0.05
 """The same with process noise, in standard errors of the variances' logarithms."""
 _LINEAR = 0.5
 """Change of the objective against the promised one at which the states are where the variances want them."""
@@ -150,7 +214,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         creeping = creeping + 1 if fraction < _CREEP and step.length < 1.0 else 0
         if creeping == _CREEPING_STEPS:
             return ended(Status.STALLED)
-        problem, iterate, noise_settled = noise.updated(problem, following, derivatives, step.length)
+        problem, iterate, noise_converged = noise.updated(problem, following, derivatives, step.length)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
             Progress(
@@ -159,7 +223,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         )
         if options.progress is not None:
             options.progress(history[-1])
-        if step.length < options.tolerance and noise_settled and violation < _FEASIBLE:
+        if step.length < options.tolerance and noise_converged and violation < _FEASIBLE:
             if unseen is not None:
                 return ended(_singular(unseen), str(unseen))
             return replace(ended(Status.CONVERGED), segments=segments)
@@ -302,7 +366,7 @@ class _Noise:
         found = scored(problem, iterate, wanted, enough, derivatives.at(iterate), self._information)
         self.segments = found.segments
         self._information = found.information if found.first < _NEAR_NOISE else None
-        return found.problem, found.iterate, found.first < _SETTLED_MOVE
+        return found.problem, found.iterate, found.first < _CONVERGED_MOVE
 
 
 def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[Iterate, bool]:
@@ -314,7 +378,7 @@ def _estimated(problem: Problem, iterate: Iterate, options: Options) -> tuple[It
     old = iterate.covariance
     new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
     change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
-    return replace(iterate, covariance=new), change < _SETTLED_CHANGE
+    return replace(iterate, covariance=new), change < _CONVERGED_CHANGE
 
 
 def _with_tails(problem: Problem, iterate: Iterate, options: Options) -> Iterate:
@@ -329,5 +393,5 @@ def _with_new_tails(problem: Problem, iterate: Iterate, options: Options) -> tup
     together = np.concatenate(found, axis=1)
     square, freedom = student.fitted(together, old, options.floor, not options.estimate_noise)
     tails = student.tails_of(found, square, freedom)
-    settled = float(np.max(np.abs(square / old - 1.0))) < _SETTLED_CHANGE
-    return replace(iterate, covariance=np.diag(square), tails=tails), settled
+    converged = float(np.max(np.abs(square / old - 1.0))) < _CONVERGED_CHANGE
+    return replace(iterate, covariance=np.diag(square), tails=tails), converged

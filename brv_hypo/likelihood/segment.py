@@ -1,17 +1,184 @@
-"""One stretch of measured record, and its time grid for collocation."""
+"""A continuous measured record, and its time grid for collocation.
+
+A `Segment` holds times, inputs, outputs (nan where nothing was measured) and a first guess of the states. Inputs run
+between samples as their `hold` says: constant, linear, or by the local cubic of `Interpolator`, whose nodal slopes
+are those of the quartic through five samples: fourth-order accurate, with a continuous first derivative, so that a
+cost that depends on x(t - tau) is smooth in tau.
+
+A `TimeVaryingParameter` is theta(t) = sum over j of weight_j basis_j(t), the weights being parameters; its derivative
+is computed once, those by the weights are the basis functions times it.
+
+`build_grid` checks a segment and lays out its grid; `stepped_inputs` detects inputs that look like zero-order holds.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.course import Course, SampledCourse, sampled
-from brv_hypo.likelihood.interpolation import WIDTH, Interpolator, Stencil
+
+# ---- Local cubic interpolation of sampled signals: weights on nearby samples, and their rate of change ----
+
+
+WIDTH = 6
+"""Samples that take part in one interpolated value."""
+
+_SLOPE_WIDTH = 5
+
+
+@dataclass(frozen=True)
+class Stencil:
+    """Interpolation at n query times as weights on samples.
+
+    `index` (n, WIDTH) are sample numbers, `value` (n, WIDTH) the weights of the signal and `rate`
+    (n, WIDTH), 1/s, those of its time derivative. Outside the samples the end value is held, rate 0.
+    """
+
+    index: IntArray
+    value: FloatArray
+    rate: FloatArray
+
+    def part(self, where: slice | IntArray) -> Stencil:
+        """The stencil of some of the query times."""
+        return Stencil(self.index[where], self.value[where], self.rate[where])
+
+    def apply(self, signal: FloatArray) -> FloatArray:
+        """The signal, (m, n_samples), at the query times, (m, n)."""
+        return self._apply(signal, self.value)
+
+    def apply_rate(self, signal: FloatArray) -> FloatArray:
+        """The time derivative of the signal, (m, n_samples), at the query times, (m, n)."""
+        return self._apply(signal, self.rate)
+
+    def _apply(self, signal: FloatArray, weights: FloatArray) -> FloatArray:
+        found = np.zeros((signal.shape[0], self.index.shape[0]), dtype=signal.dtype)
+        for index, weight in zip(self.index.T, weights.T, strict=True):
+            found += signal[:, index] * weight
+        return found
+
+
+class Interpolator:
+    """Builds stencils on one time base t, (n_samples,), s, increasing, at least six samples."""
+
+    def __init__(self, t: FloatArray) -> None:
+        self.t = t
+        n = t.size
+        nodes = np.arange(n)
+        self._slope_start = np.clip(nodes - _SLOPE_WIDTH // 2, 0, n - _SLOPE_WIDTH)
+        self._slope = _slope_weights(t, nodes, self._slope_start)
+
+    def part(self, first: int, last: int) -> Interpolator:
+        """The interpolator of some of the samples."""
+        return Interpolator(self.t[first:last])
+
+    def stencil(self, query: FloatArray) -> Stencil:
+        """Weights at the query times, (n,), s."""
+        t = self.t
+        clipped = np.clip(query, t[0], t[-1])
+        left = np.clip(np.searchsorted(t, clipped, side="right") - 1, 0, t.size - 2)
+        step = t[left + 1] - t[left]
+        s = (clipped - t[left]) / step
+        hermite = (1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s), s * (1 - s) ** 2, s**2 * (s - 1)
+        slopes = 6 * s * (s - 1), -6 * s * (s - 1), (1 - s) * (1 - 3 * s), s * (3 * s - 2)
+        start = np.clip(left - 2, 0, t.size - WIDTH)
+        value = self._combine(left, start, (hermite[0], hermite[1], hermite[2] * step, hermite[3] * step))
+        rate = self._combine(left, start, (slopes[0] / step, slopes[1] / step, slopes[2], slopes[3]))
+        rate[query != clipped] = 0.0
+        return Stencil(start[:, None] + np.arange(WIDTH), value, rate)
+
+    def _combine(self, left: IntArray, start: IntArray, basis: tuple[FloatArray, ...]) -> FloatArray:
+        """Hermite basis (left and right values, left and right slopes) spread over the samples."""
+        weights = np.zeros((left.size, WIDTH))
+        rows = np.arange(left.size)
+        for node, at_node, at_slope in ((left, basis[0], basis[2]), (left + 1, basis[1], basis[3])):
+            weights[rows, node - start] += at_node
+            first = self._slope_start[node] - start
+            for j in range(_SLOPE_WIDTH):
+                weights[rows, first + j] += at_slope * self._slope[node, j]
+        return np.asarray(weights)
+
+
+def _slope_weights(t: FloatArray, nodes: IntArray, start: IntArray) -> FloatArray:
+    """Weights, (n, 5), 1/s, of the derivative at each node of the quartic through five samples."""
+    z = t[start[:, None] + np.arange(_SLOPE_WIDTH)]
+    apart = z[:, :, None] - z[:, None, :]
+    apart[:, range(_SLOPE_WIDTH), range(_SLOPE_WIDTH)] = 1.0
+    barycentric = 1.0 / apart.prod(axis=2)
+    rows = np.arange(nodes.size)
+    here = nodes - start
+    distance = t[nodes][:, None] - z
+    distance[rows, here] = 1.0
+    weights = barycentric / barycentric[rows, here][:, None] / distance
+    weights[rows, here] = 0.0
+    weights[rows, here] = -weights.sum(axis=1)
+    return np.asarray(weights)
+
+
+# ---- Quantities that vary along a record as known shapes, whose weights are parameters ----
+
+
+@dataclass(frozen=True)
+class TimeVaryingParameter:
+    """theta[name] (n,) = sum over j of theta[weights[j]] shapes(t)[j], as the user's functions see it.
+
+    Attributes:
+        name: under which dynamics and outputs find the values, at their own samples; no parameter has it.
+        weights: names of parameters that act through time-varying parameters only: this one and others.
+        shapes: t (n,), s -> (len(weights), n).
+    """
+
+    name: str
+    weights: tuple[str, ...]
+    shapes: Callable[[FloatArray], FloatArray]
+
+    def at(self, t: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+        """Its value (n,) at times t (n,), s."""
+        return np.array([theta[weight] for weight in self.weights]) @ self.shapes(t)
+
+
+@dataclass(frozen=True)
+class SampledParameter:
+    """A time-varying parameter at some instants: `shapes` is (len(weights), n)."""
+
+    name: str
+    weights: tuple[str, ...]
+    shapes: FloatArray
+
+    def at(self, theta: Mapping[str, Any]) -> Any:
+        """Its value (n,)."""
+        return np.array([theta[weight] for weight in self.weights]) @ self.shapes
+
+    def part(self, where: slice | IntArray) -> SampledParameter:
+        """Some of the instants."""
+        return SampledParameter(self.name, self.weights, self.shapes[:, where])
+
+
+def sampled(time_varying: tuple[TimeVaryingParameter, ...], t: FloatArray, number: int) -> tuple[SampledParameter, ...]:
+    """The time-varying parameters at times t (n,), s.
+
+    Raises:
+        UsageError: shapes of the wrong size.
+    """
+    found = []
+    for varying in time_varying:
+        shapes = np.asarray(varying.shapes(t), dtype=float)
+        expected = (len(varying.weights), t.size)
+        if shapes.shape != expected:
+            raise UsageError(
+                f"segment {number}: the shapes of time-varying parameter {varying.name!r} are {shapes.shape}; "
+                f"expected {expected}, one row for each weight and one column for each time"
+            )
+        found.append(SampledParameter(varying.name, varying.weights, shapes))
+    return tuple(found)
+
+
+# ---- One stretch of measured record, and its time grid for collocation ----
+
 
 Hold = Literal["zero", "linear", "cubic"]
 """An input between samples: as at the last one, on a straight line, on a cubic."""
@@ -46,7 +213,7 @@ class Segment:
             at the next, as a digital controller does; "linear"; "cubic". Delayed inputs are interpolated by a cubic.
         history: states and inputs before the start, which delayed quantities need; without it the first
             sample is held backwards.
-        courses: quantities that vary along the segment as known shapes, whose weights are in theta0.
+        time_varying: parameters that vary along the segment as known shapes, whose weights are in theta0.
         ignores: parameters that neither function looks at in this segment, such as the biases of another
             record's instruments: they are not differentiated by.
     """
@@ -58,13 +225,13 @@ class Segment:
     x0_std: float | FloatArray = np.inf
     u_mid: FloatArray | None = None
     history: History | None = None
-    courses: tuple[Course, ...] = ()
+    time_varying: tuple[TimeVaryingParameter, ...] = ()
     ignores: frozenset[str] = frozenset()
     hold: Hold | Sequence[Hold] = "cubic"
 
 
 @dataclass(frozen=True)
-class LookBack:
+class DelayedSamples:
     """Quantities a delay earlier: weights on the samples, plus what comes from the history before them."""
 
     stencil: Stencil
@@ -77,7 +244,8 @@ class Grid:
     """A segment made ready: samples and midpoints, measured mask, interpolator.
 
     `t` and `u` hold the n samples first and then the n - 1 midpoints, (2 n - 1,) and (n_inputs, 2 n - 1); so do
-    the courses. Where an input `jumps` at the samples, the n - 1 ends of the intervals follow, before the jump.
+    the time-varying parameters. Where an input `jumps` at the samples, the n - 1 ends of the intervals follow,
+    before the jump.
     """
 
     t: FloatArray
@@ -89,7 +257,7 @@ class Grid:
     start_std: FloatArray
     interpolator: Interpolator
     history: History | None = None
-    courses: tuple[SampledCourse, ...] = ()
+    time_varying: tuple[SampledParameter, ...] = ()
     ignores: frozenset[str] = frozenset()
     jumps: bool = False
 
@@ -103,13 +271,13 @@ class Grid:
         """The guess of the initial state, (n_states,)."""
         return self.start if self.start.ndim == 1 else self.start[:, 0]
 
-    def look_back(self, delay: float) -> LookBack:
+    def delayed_samples(self, delay: float) -> DelayedSamples:
         """How x(t - delay) and u(t - delay) come about at all samples and midpoints; delay in s."""
         query = self.t - delay
         stencil = self.interpolator.stencil(query)
         history = self.history
         if history is None or delay <= 0:
-            return LookBack(stencil, None, None)
+            return DelayedSamples(stencil, None, None)
         early = query < self.t[0]
         within = ~early[:, None]
         stencil = Stencil(stencil.index, stencil.value * within, stencil.rate * within)
@@ -123,7 +291,7 @@ class Grid:
                 past.apply_rate(history.u),
             )
         ]
-        return LookBack(stencil, History(query, *known[:2]), History(query, *known[2:]))
+        return DelayedSamples(stencil, History(query, *known[:2]), History(query, *known[2:]))
 
 
 def inputs_of(segment: Segment) -> FloatArray:
@@ -182,7 +350,7 @@ def build_grid(segment: Segment, number: int) -> Grid:
         start_std=_start_std(segment.x0_std, x0.shape[0], number),
         interpolator=interpolator,
         history=segment.history,
-        courses=sampled(segment.courses, at, number),
+        time_varying=sampled(segment.time_varying, at, number),
         ignores=frozenset(segment.ignores),
         jumps="zero" in hold,
     )
@@ -229,7 +397,7 @@ def _start_std(x0_std: float | FloatArray, n_states: int, number: int) -> FloatA
     return np.broadcast_to(given, (n_states,))
 
 
-def check_alike(grids: Sequence[Grid]) -> None:
+def check_consistent(grids: Sequence[Grid]) -> None:
     """Refuse segments whose states, inputs or outputs differ in number.
 
     Raises:
@@ -289,3 +457,53 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
             f"segment {number}: x0 has shape {x0.shape}; expected finite values, "
             f"(n_states,) or (n_states, {t.size})"
         )
+
+
+# Share of the intervals over which such an input keeps its value exactly, at least: a fast motion rarely keeps it.
+_KEPT = 0.5
+# Share of its changes that are isolated between intervals that keep the value: those of a smooth pulse stand together.
+_ALONE = 0.5
+# Changes that are alone, at least: one or two are a switch, or a sample that was repeated.
+_LEAST_CHANGES = 3
+# Median change as a share of the input's range, at least: rounding to fewer than 20 levels makes such ones too.
+_LARGE = 0.05
+
+
+def stepped_inputs(segments: Sequence[Segment]) -> tuple[str, ...]:
+    """A remark that names the inputs that keep and jump, but have the hold "cubic"; none where there are none."""
+    found = {
+        row: share
+        for number, segment in enumerate(segments)
+        if segment.u_mid is None
+        for row, share in _stepped_on_cubics(segment, number).items()
+    }
+    if not found:
+        return ()
+    return (
+        f"inputs {sorted(found)} run on a cubic between samples (hold 'cubic'), but keep their value over "
+        f"{100.0 * min(found.values()):.0f} % of the intervals and jump between: likely cause: a digital controller's "
+        "commands, for which a cubic biases the estimate. Give the segments hold='zero' for these inputs ('linear' if "
+        "they ramp from sample to sample), and take the likelier fit",
+    )
+
+
+def _stepped_on_cubics(segment: Segment, number: int) -> dict[int, float]:
+    """The rows of such inputs, with the share of the intervals over which each keeps its value."""
+    rows = inputs_of(segment)
+    kinds = holds(segment.hold, len(rows), number)
+    return {
+        row: float(np.mean(np.diff(values) == 0.0))
+        for row, (values, kind) in enumerate(zip(rows, kinds, strict=True))
+        if kind == "cubic" and _is_stepped(values)
+    }
+
+
+def _is_stepped(values: FloatArray) -> bool:
+    """True for samples (n,) that stay exactly, and change by large isolated steps."""
+    change = np.abs(np.diff(values))
+    kept: BoolArray = change == 0.0
+    if np.mean(kept) < _KEPT or np.all(kept):
+        return False
+    alone = ~kept[1:-1] & kept[:-2] & kept[2:]
+    large = float(np.median(change[~kept])) > _LARGE * float(np.ptp(values))
+    return bool(large and np.count_nonzero(alone) >= max(_LEAST_CHANGES, _ALONE * np.count_nonzero(~kept)))

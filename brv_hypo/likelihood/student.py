@@ -53,8 +53,8 @@ class Influence(NamedTuple):
     def spread(self) -> float:
         """Mean of psi^2 over that of psi': 1 where the noise is what it is taken for."""
         squares = [np.concatenate([each[i] for each in self.psi]) ** 2 for i in range(self.slope.size)]
-        seen = [square[square > 0.0] for square in squares]
-        return float(np.mean([s.mean() / slope for s, slope in zip(seen, self.slope, strict=True) if s.size]))
+        observed = [square[square > 0.0] for square in squares]
+        return float(np.mean([s.mean() / slope for s, slope in zip(observed, self.slope, strict=True) if s.size]))
 
 
 def first_tails(residual: Sequence[FloatArray], floor: FloatArray) -> tuple[FloatArray, Tails]:
@@ -119,8 +119,8 @@ def _scale(v: FloatArray, square: float, freedom: float, floor: float) -> float:
     for _ in range(_ROUNDS):
         weight = (freedom + 1.0) / (freedom + v**2 / square)
         new = max(float(weight @ v**2 / weight.sum()), floor)
-        settled, square = abs(new / square - 1.0) < _SAME, new
-        if settled:
+        converged, square = abs(new / square - 1.0) < _SAME, new
+        if converged:
             break
     return square
 

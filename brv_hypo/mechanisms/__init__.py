@@ -1,14 +1,12 @@
 """Mechanisms as plugins.
 
-hookspecs.py  the plugin border, and the manual for plugin authors
-contract.py   what a mechanism and a record effect are
-registry.py   finds what is installed, by name
-carried.py    the errors that every analysis allows a record to have
-loading.py    from one plugin to the items that keep their contract
-isolation.py  calls of foreign code, whatever it does
-filed.py      mechanisms that a YAML file defines
-conformance/  named checks that every plugin must pass
-template/     a plugin package to start from
+hookspecs.py       the plugin border, and the manual for plugin authors
+contract.py        what a mechanism and a record effect are
+registry.py        finds what is installed, by name, and the nuisances of every hypothesis
+checked.py         calls of plugins, whose answers are checked
+yaml_mechanism.py  mechanisms that a YAML file defines
+conformance.py     named checks that every plugin must pass, on conformance_samples.py
+template/          a plugin package to start from
 """
 
 from brv_hypo.mechanisms.contract import Component, Derived, Mechanism, Parameter, RecordEffect, Term

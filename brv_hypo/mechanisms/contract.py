@@ -7,6 +7,7 @@ against what is left over. A record effect is the other kind of hypothesis: a pe
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,12 +23,22 @@ from brv_hypo.motion.motion import Motion
 
 TimeVariation = Literal["constant", "jump", "ramp"]
 
+_EARLIER_NAMES = {"C_N0": "C_m0", "C_Nalpha": "C_malpha", "C_Nalpha3": "C_malpha3"}
+
+
+def current_name(name: str) -> str:
+    """The name of a term as files have it today: the static moment's coefficients were once C_N0, C_Nalpha, C_Nalpha3.
+
+    Settings, models and flights written before are read by this; no term may have one of the three names any more.
+    """
+    return re.sub(r"\bC_N(0|alpha3?)\b", lambda found: _EARLIER_NAMES[found[0]], name)
+
 
 @dataclass(frozen=True)
 class Parameter:
     """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`, both in `units`.
 
-    `name` and `units` are the mechanism's own affair; `is_delay` says that `terms` asks for the motion so much earlier.
+    `name` and `units` are the mechanism's own affair; `is_delay` says that `terms` uses the motion so much earlier.
     """
 
     name: str
@@ -171,7 +182,7 @@ class RecordEffect(BaseModel, ABC):
         """Each value that the effect has, with its tolerance on this flight (`flight.instruments`)."""
 
     def plantable(self, flight: Flight) -> tuple[str, ...]:
-        """Names of all that `perturb` knows: components, and what no record tells from them."""
+        """Names of all that `perturb` knows: components, and what no record distinguishes from them."""
         return tuple(component.name for component in self.components(flight))
 
     @abstractmethod

@@ -1,8 +1,18 @@
-"""Finds the installed plugins, each on its own, and looks their mechanisms up by name."""
+"""Finds mechanisms and record effects, by name.
+
+A plugin is a module (entry point or .py file) with the hooks of hookspecs.py, or one mechanism in a .yaml file.
+Each is loaded and checked on its own: one that breaks the contract is left out with a reason that names its
+package, file and line, and changes nothing else. `installed` has all that were found; `find`, `find_installed`
+and `parse_hypothesis` look them up. Those of this distribution that are nuisances, record effects and mechanisms
+with a tolerance, are in every hypothesis: `nuisance_effects`, `nuisance_mechanisms`, `perturbations`.
+"""
 
 from __future__ import annotations
 
 import difflib
+import importlib.util
+import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -13,11 +23,128 @@ from typing import Any
 from pydantic import ValidationError
 
 from brv_hypo.errors import MechanismError, UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.io.reading import check_regular
+from brv_hypo.io.text import one_line
+from brv_hypo.mechanisms.checked import answer, checked, fault, known_as, unchecked
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.mechanisms.filed import is_mechanism_file, read_mechanism
 from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
-from brv_hypo.mechanisms.isolation import answer, guarded, known_as
-from brv_hypo.mechanisms.loading import OWN, Found, items_of, load_file
+from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
+from brv_hypo.motion.responses import Perturbation, superposed
+
+# ---- From one plugin, a module or a file, to the mechanisms and record effects that keep their contract ----
+
+
+OWN = "brv-hypo"  # this project's distribution: its plugins pass the conformance kit before every release
+HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_KINDS: dict[type[Any], tuple[str, ...]] = {
+    Mechanism: ("mechanism", "aerodynamic"),
+    RecordEffect: ("instrument", "environment"),
+}
+
+Item = Mechanism | RecordEffect
+Found = tuple[list[Item], list[str]]
+
+
+def items_of(name: str, package: str, load: Callable[[], Any]) -> Found:
+    """The items of the plugin that `load` imports, and what is wrong with those that break their contract.
+
+    Raises MechanismError where the plugin as a whole cannot be used.
+    """
+    plugin = answer(name, package, load)
+    hooks = [hook for hook in HOOKS if callable(getattr(plugin, hook, None))]
+    if not hooks:
+        raise fault(name, package, f"{one_line(repr(plugin))} has neither {' nor '.join(HOOKS)}")
+    items: list[Item] = []
+    problems: list[str] = []
+    for hook in hooks:
+        call = getattr(plugin, hook)
+        given = answer(name, package, call)
+        if not isinstance(given, list | tuple):
+            raise fault(name, package, f"`{hook}` gave {one_line(repr(given))}, expected a list", call)
+        for item in given:
+            try:
+                answer(name, package, _check, item, name, package)
+                items.append(item)
+            except MechanismError as error:
+                problems.append(str(error))
+    return items, problems
+
+
+def load_file(path: str) -> Found:
+    """The items of one .py file, or the mechanism of one .yaml file.
+
+    Raises UsageError where the file is neither or a .yaml file is wrong, MechanismError where the code is.
+    """
+    check_regular(path, "a plugin (.py) or a mechanism (.yaml)")
+    file = Path(path)
+    if is_mechanism_file(path):
+        mechanism = read_mechanism(file)
+        answer(mechanism.name, path, _check, mechanism, mechanism.name, path)
+        return [mechanism], []
+    if file.suffix != ".py":
+        raise UsageError(
+            f"{path}: found a file of type '{file.suffix}', expected .py or .yaml. Give a plugin."
+        )
+    module = f"brv_hypo_plugin_{file.stem}"
+    known_as(module, path)
+    return items_of(file.stem, path, lambda: _imported(module, file))
+
+
+def _imported(module: str, file: Path) -> Any:
+    specification = importlib.util.spec_from_file_location(module, file)
+    assert specification is not None
+    assert specification.loader is not None
+    loaded = importlib.util.module_from_spec(specification)
+    sys.modules[module] = loaded
+    specification.loader.exec_module(loaded)
+    return loaded
+
+
+def _check(item: Any, plugin: str, package: str) -> None:
+    """Raise MechanismError unless the item is declared as the contract asks and, if foreign, answers as it should."""
+    kind = next((kind for kind in _KINDS if isinstance(item, kind)), None)
+    if kind is None:
+        raise fault(
+            plugin, package, f"a hook gave {one_line(repr(item))}, expected a Mechanism or RecordEffect"
+        )
+    name = getattr(item, "name", None)
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "none":
+        raise fault(
+            plugin,
+            package,
+            f"the name {name!r}, expected lower case letters, digits and _, not 'none'",
+            type(item),
+        )
+    for attribute in ("title", "claims", "source"):
+        if not isinstance(getattr(item, attribute, None), str):
+            raise fault(name, package, f"`{attribute}` is not text", type(item))
+    if getattr(item, "kind", None) not in _KINDS[kind]:
+        raise fault(
+            name,
+            package,
+            f"`kind` is {getattr(item, 'kind', None)!r}, expected one of {_KINDS[kind]}",
+            type(item),
+        )
+    if package != OWN:
+        _check_answers(checked(item), name, package)
+
+
+def _check_answers(item: Item, name: str, package: str) -> None:
+    """Raise MechanismError unless the item passes those checks of the conformance kit that an analysis relies on."""
+    from brv_hypo.mechanisms.conformance import Nonconformity, relied_on
+
+    for check in relied_on(item):
+        try:
+            check()
+        except Nonconformity as broken:
+            raise fault(name, package, str(broken), type(unchecked(item))) from None
+
+
+# ---- Finds the installed plugins, each on its own, and looks their mechanisms up by name ----
+
 
 _files: tuple[str, ...] = ()
 
@@ -47,7 +174,7 @@ def use_plugin_files(paths: Sequence[str | Path]) -> None:
 
 
 def plugin_files() -> tuple[str, ...]:
-    """The files that `use_plugin_files` was given: another process has to be told."""
+    """The files that `use_plugin_files` was given: another process has to load them too."""
     return _files
 
 
@@ -90,7 +217,7 @@ def _add(
                 f"{found[item.name].package}, which is kept. Uninstall or rename one of them."
             )
             continue
-        found[item.name] = Installed(item if package == OWN else guarded(item), package, version)
+        found[item.name] = Installed(item if package == OWN else checked(item), package, version)
 
 
 def _entry_points() -> list[EntryPoint]:
@@ -176,3 +303,51 @@ def parse_hypothesis(
     if len(set(names)) < len(names):
         raise UsageError(f"the hypothesis '{text}' names a mechanism twice; name each once")
     return tuple(find(name, (options or {}).get(name)) for name in names)
+
+
+def nuisance_effects() -> tuple[RecordEffect, ...]:
+    """The record effects of this distribution that are part of every hypothesis.
+
+    Those of other distributions are hypotheses, tried where asked for: what is installed changes no result.
+    """
+    return tuple(item for item in _own() if isinstance(item, RecordEffect) and item.carried)
+
+
+def nuisance_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
+    """The mechanisms of this distribution whose coefficients the record's tolerances of the vehicle bound."""
+    return tuple(item for item in _own() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+
+
+def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
+    """Every component of every carried effect, with the size that the tolerances of `flight` give it."""
+    return tuple(
+        Perturbation(
+            effect.name,
+            component.name,
+            component.units,
+            component.size,
+            partial(_applied, effect, component.name),
+        )
+        for effect in nuisance_effects()
+        for component in effect.components(flight)
+    )
+
+
+def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
+    """The record with what is known of carried effects' components (SI) taken out; other names are passed over."""
+    changed = (
+        effect.perturb(flight, component.name, -errors[effect.name, component.name])
+        for effect in nuisance_effects()
+        for component in effect.components(flight)
+        if (effect.name, component.name) in errors
+    )
+    return superposed(flight, changed)
+
+
+def _own() -> list[Mechanism | RecordEffect]:
+    """All that this distribution brings."""
+    return [entry.item for entry in installed().values() if entry.package == OWN]
+
+
+def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
+    return effect.perturb(flight, component, value)

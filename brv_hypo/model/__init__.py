@@ -1,9 +1,9 @@
-"""A model as a value: its terms, how their coefficients vary in time, and the baseline that every model holds.
+"""A model's parts: its terms, how their coefficients vary in time, and the baseline that every model holds.
 
-time_variation.py  how a coefficient changes in time: constant, jump, ramp
-columns.py         the candidates of a mechanism
-baseline.py        the terms that are always fitted along
-slope_schedule.py  a smooth change of its slope and bend with Mach number, known by a prior
+term.py            a term at its nonlinear parameters with a basis in time; the candidates of a mechanism
+baseline.py        static moment with drift and cubic part, pitch damping
+slope_schedule.py  a smooth change of slope and cubic part with Mach number: a Gaussian process, by its leading terms
 aero_table.py      a user's table of the static slope, and increments to it within its uncertainty
+common_time.py     the time that several flights of one design share
 reconstruction.py  motion and moments of a flight, its record known to its tolerances
 """

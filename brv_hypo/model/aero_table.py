@@ -1,4 +1,4 @@
-"""A user's aerodynamic table: the static slope C_Nalpha by Mach number and angle of attack, with its uncertainty.
+"""A user's aerodynamic table: the static slope C_malpha by Mach number and angle of attack, with its uncertainty.
 
 As CSV, one line a place, angles in rad (`alpha`) or degrees (`alpha_deg`), or left out where nothing depends on it:
 
@@ -26,10 +26,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import YAML_ENDINGS, read_yaml
-from brv_hypo.files.printed import one_line
-from brv_hypo.files.regular import read_text
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
+from brv_hypo.io.reading import read_text
+from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 
@@ -39,7 +39,7 @@ _MOST_PLACES = 400  # every place is an unknown of the regression
 
 
 class AeroTable(BaseModel):
-    """C_Nalpha (1/rad; negative on a stable vehicle) and its 1-sigma uncertainty, by Mach number and alpha (rad).
+    """C_malpha (1/rad; negative on a stable vehicle) and its 1-sigma uncertainty, by Mach number and alpha (rad).
 
     Between the places it is linear in each, beyond them it keeps its last value.
     """
@@ -99,7 +99,7 @@ class TableSlope(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: the table's slope times alpha."""
         slope = self.table.weights(motion.mach, motion.alpha) @ np.ravel(self.table.slope)
-        return (Term("C_Nalpha by the table", slope * motion.alpha, np.zeros_like(motion.alpha), "1"),)
+        return (Term("C_malpha by the table", slope * motion.alpha, np.zeros_like(motion.alpha), "1"),)
 
 
 class TableIncrements(Mechanism):
@@ -118,7 +118,7 @@ class TableIncrements(Mechanism):
         """One term a place: a linear spline around it, times alpha."""
         weights = self.table.weights(motion.mach, motion.alpha)
         return tuple(
-            Term(f"C_Nalpha {label}", weight * motion.alpha, np.zeros_like(motion.alpha), "1/rad")
+            Term(f"C_malpha {label}", weight * motion.alpha, np.zeros_like(motion.alpha), "1/rad")
             for label, weight in zip(self.table.labels(), np.moveaxis(weights, -1, 0), strict=True)
         )
 

@@ -1,4 +1,9 @@
-"""The baseline that is always fitted along: static in-plane moment with its slow drift, and pitch damping."""
+"""The baseline in every hypothesis: static in-plane moment with its slow drift, its cubic part, and pitch damping.
+
+    C_N' = sum_k (C_m0_k P_k + C_malpha_k P_k alpha) + (C_malpha3 + drift x) alpha^3,   C_mq in both channels
+
+P_k are Legendre polynomials of time or Mach number; the cubic part has Gaussian priors within what bodies do.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +15,20 @@ import numpy as np
 from numpy.polynomial import Legendre
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.motion.measurement import BENT
 from brv_hypo.motion.motion import Motion
+
+BEND_DRIFT = 0.5  # what the bend changes by, of itself (1 sigma), between the ends of a flight: about what slopes do
 
 
 def static_terms(motion: Motion) -> tuple[Term, Term]:
-    """The wind-fixed in-plane moment C_mw = C_N0 + C_Nalpha alpha of Eq. 5.1; out-of-plane zero."""
+    """The wind-fixed in-plane moment C_mw = C_m0 + C_malpha alpha of Eq. 5.1; out-of-plane zero."""
     nothing = np.zeros_like(motion.alpha)
     return (
-        Term("C_N0", np.ones_like(motion.alpha), nothing, "1"),
-        Term("C_Nalpha", motion.alpha, nothing, "1/rad"),
+        Term("C_m0", np.ones_like(motion.alpha), nothing, "1"),
+        Term("C_malpha", motion.alpha, nothing, "1/rad"),
     )
 
 
@@ -31,10 +40,10 @@ def pitch_damping_term(motion: Motion) -> Term:
 
 
 class StaticMoment(Mechanism):
-    """C_N0 and C_Nalpha, each with Legendre polynomials over [start, stop] as its slow drift.
+    """C_m0 and C_malpha, each with Legendre polynomials over [start, stop] as its slow drift.
 
     `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
-    `reynolds`: decades of Reynolds number, `speeds`: speeds relative to the air (m/s), between which C_Nalpha changes
+    `reynolds`: decades of Reynolds number, `speeds`: speeds relative to the air (m/s), between which C_malpha changes
     linearly as well; None where it does not.
     """
 
@@ -61,14 +70,14 @@ class StaticMoment(Mechanism):
         for term, degree in zip(static_terms(motion), (self.offset_degree, self.slope_degree), strict=True):
             for order in range(degree + 1):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
-                course = polynomials[order]
-                found.append(Term(name, term.in_plane * course, nothing, term.units))
+                variation = polynomials[order]
+                found.append(Term(name, term.in_plane * variation, nothing, term.units))
         if self.reynolds is not None:
-            course = scaled(np.log10(motion.reynolds), *self.reynolds)
-            found.append(Term("C_Nalpha drift Re", motion.alpha * course, nothing, "1/rad"))
+            variation = scaled(np.log10(motion.reynolds), *self.reynolds)
+            found.append(Term("C_malpha drift Re", motion.alpha * variation, nothing, "1/rad"))
         if self.speeds is not None:
-            course = scaled(motion.velocity, *self.speeds)
-            found.append(Term("C_Nalpha drift V", motion.alpha * course, nothing, "1/rad"))
+            variation = scaled(motion.velocity, *self.speeds)
+            found.append(Term("C_malpha drift V", motion.alpha * variation, nothing, "1/rad"))
         return tuple(found)
 
     def mean_slope(self, motion: Motion, values: Mapping[str, float]) -> float:
@@ -77,7 +86,7 @@ class StaticMoment(Mechanism):
         Single ones may be anything where polynomials and speed say nearly the same.
         """
         at_one = replace(motion, alpha=np.ones_like(motion.alpha))
-        slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_Nalpha"))
+        slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_malpha"))
         return float(np.mean(np.sum(list(slopes), axis=0)))
 
     def _polynomials(self, along: FloatArray) -> list[FloatArray]:
@@ -93,20 +102,20 @@ def _legendre(place: FloatArray, degree: int) -> list[FloatArray]:
 
 
 def wavering_speeds(
-    courses: Sequence[tuple[FloatArray, FloatArray]], degree: int, share: float
+    curves: Sequence[tuple[FloatArray, FloatArray]], degree: int, share: float
 ) -> tuple[float, float] | None:
     """The ends of the speeds (m/s), where they change otherwise than a polynomial can follow; None where it can.
 
-    `courses`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,); `share` of the speed is
+    `curves`, one a flight, are what the polynomial of that `degree` is of, and the speed (n,); `share` of the speed is
     what it may leave. Wind along the track, drag that goes with the angle of attack, and a change of temperature do it.
     """
     wavers = False
-    for along, speed in courses:
+    for along, speed in curves:
         left = speed - Legendre.fit(along, speed, degree)(along)
         wavers |= bool(np.std(left) > share * np.mean(speed))
     if not wavers:
         return None
-    speeds = np.concatenate([speed for _, speed in courses])
+    speeds = np.concatenate([speed for _, speed in curves])
     return float(speeds.min()), float(speeds.max())
 
 
@@ -127,3 +136,47 @@ class PitchDamping(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: C_mq."""
         return (pitch_damping_term(motion),)
+
+
+# ---- What the static moment bends with the angle of attack, within what bodies do ----
+
+
+Quantity = Literal["time", "mach", "speed"]
+
+
+class StaticBend(Mechanism):
+    """C_N' += (C_malpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
+
+    The bend is `slope` (1/rad) at BENT, 1 sigma. `drift`: what it drifts with, and the ends of that between which x
+    runs from -1 to 1; None where it does not drift.
+    """
+
+    name = "static_bend"
+    title = "bend of the static moment"
+    claims = "a static moment that is not in proportion to the angle of attack"
+    source = "Murphy, BRL R 1216 (1963): cubic static moment"
+    wind_fixed = True
+    time_variation = ("constant",)
+
+    slope: float
+    drift: tuple[Quantity, float, float] | None = None
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """C_malpha3, and its drift where it has one."""
+        cube, nothing = motion.alpha**3, np.zeros_like(motion.alpha)
+        bend = Term("C_malpha3", cube, nothing, "1/rad^3")
+        if self.drift is None:
+            return (bend,)
+        by, low, high = self.drift
+        along = {"time": motion.time, "mach": motion.mach, "speed": motion.velocity}[by]
+        place = scaled(along, low, high)
+        return bend, Term("C_malpha3 drift 1", cube * place, nothing, "1/rad^3")
+
+    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
+        """Standard deviation (1/rad^3) of each coefficient."""
+        bend = abs(self.slope) / BENT**2
+        return (bend,) if self.drift is None else (bend, BEND_DRIFT * bend)
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Never: the bend is the design's."""
+        return False

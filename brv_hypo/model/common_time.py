@@ -1,7 +1,7 @@
 """The time that several flights of one design share: that of one of them, the reference, at the same Mach number.
 
 What a boundary layer or a wake does begins at flight conditions, which two flights meet at different times. Knots and
-courses are told in the common time, and every flight has its own times for them. The reference is the flight that flew
+time bases are in the common time, and every flight has its own times for them. The reference is the flight that flew
 the widest range of Mach numbers, in whatever order flights are given.
 """
 
@@ -16,15 +16,16 @@ from scipy.interpolate import BSpline, CubicSpline
 from scipy.optimize import nnls
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import (
-    COMMON_ASKED,
-    COMMON_DEGREE,
-    COMMON_MEANS,
-    COMMON_ROUNDS,
-    COMMON_SLOWEST,
-    COMMON_SPLINES,
-    COMMON_STRAYING,
-)
+
+COMMON_SPLINES = (4, 6, 8, 12, 16)  # by which a Mach number falls or rises over a record: as many as it needs, by BIC
+COMMON_MEANS = 400  # of neighbouring samples, that are fitted
+COMMON_CHECKED = 40  # of neighbouring samples, by which the fit is checked
+COMMON_DEGREE = 5  # the highest in its own time of what a flight's common time is tried as
+COMMON_ROUNDS = 4  # of its least squares
+# Share of its range by which those means may stray (rms) from what only falls or only rises, if Mach number is to tell
+# time: a fifth of what lies between two of the usual seven knots.
+COMMON_STRAYING = 0.025
+COMMON_SLOWEST = 0.02  # pace of a Mach number over its mean: where it stands still, it does not tell time at all
 
 
 @dataclass(frozen=True)
@@ -103,15 +104,15 @@ def decimals(values: Sequence[float]) -> int:
 
 
 def at(common: CommonTime | None, time: float) -> str:
-    """A time (s) that courses are told in, in words: by Mach number where flights share it."""
+    """A common time (s) in words: by Mach number where flights share it."""
     return f"{time:.2f} s" if common is None else common.in_words(time)
 
 
 def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | str:
-    """The common time of flights, each told by its time (n,) s and measured Mach number (n,).
+    """The common time of flights, each given by its time (n,) s and measured Mach number (n,).
 
-    In words why not, where Mach number does not tell time: where a flight has none, or one that neither only falls nor
-    only rises (see `COMMON_STRAYING`), or where it falls on one flight and rises on another.
+    In words why not, where Mach number does not determine time: where a flight has none, or one that neither
+    only falls nor only rises (see `COMMON_STRAYING`), or where it falls on one flight and rises on another.
     """
     smooth = []
     for number, (time, mach) in enumerate(records, start=1):
@@ -148,23 +149,23 @@ def _smoother(
     """The common time as a polynomial of a flight's own, where its means (n, 2) want no more by BIC; a shift first.
 
     `raw` (n,) is the common time by Mach number alone and `own` (n,) the flight's smooth one: where Mach number hardly
-    runs it tells time badly, and flights that differ by a shift or by their pace are told apart far better by that.
+    runs it determines time badly; a shift or a change of pace between flights is then estimated far better.
     """
     inside = (raw > time[0]) & (raw < time[-1])
-    at, seen = means[inside].T
+    at, measured_mach = means[inside].T
     if at.size <= 2 * COMMON_DEGREE:
         return None
     pace = np.gradient(reference, time)
     weight = np.abs(np.interp(raw[inside], time, pace))
-    best, found = _bic(_squares(seen - own[inside]), at.size, COMMON_DEGREE + 2), None
+    best, found = _bic(_squares(measured_mach - own[inside]), at.size, COMMON_DEGREE + 2), None
     for degree in range(COMMON_DEGREE + 1):
         powers = Polynomial.fit(at, raw[inside] - at, degree, w=weight)
         for _ in range(COMMON_ROUNDS):
             common = at + powers(at)
-            left = seen - np.interp(common, time, reference)
+            left = measured_mach - np.interp(common, time, reference)
             powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=weight)
         common = at + powers(at)
-        bic = _bic(_squares(seen - np.interp(common, time, reference)), at.size, degree + 1)
+        bic = _bic(_squares(measured_mach - np.interp(common, time, reference)), at.size, degree + 1)
         if bic < best and np.all(np.diff(common) > 0.0):
             best, found = bic, common
     return None if found is None else _prolonged(found, at)
@@ -175,12 +176,12 @@ def _prolonged(common: FloatArray, at: FloatArray) -> Callable[[FloatArray], Flo
     line = CubicSpline(at, common, bc_type="natural")
     slopes = line(at[[0, -1]], 1)
 
-    def told(time: FloatArray) -> FloatArray:
+    def extended(time: FloatArray) -> FloatArray:
         within = line(np.clip(time, at[0], at[-1]))
         before, after = np.minimum(time - at[0], 0.0), np.maximum(time - at[-1], 0.0)
         return np.asarray(within + before * slopes[0] + after * slopes[1], dtype=float)
 
-    return told
+    return extended
 
 
 def _squares(left: FloatArray) -> float:
@@ -220,7 +221,7 @@ def running(time: FloatArray, mach: FloatArray) -> FloatArray | None:
         return None
     _, best = min(fits, key=lambda fit: fit[0])
     smooth = best(place)
-    stray = _means(place, mach - smooth, COMMON_ASKED)[:, 1]
+    stray = _means(place, mach - smooth, COMMON_CHECKED)[:, 1]
     return smooth if np.sqrt(np.mean(stray**2)) <= COMMON_STRAYING * abs(smooth[-1] - smooth[0]) else None
 
 

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight import FlightSource, one_flight
-from brv_hypo.mechanisms.carried import carried_mechanisms, perturbations
+from brv_hypo.mechanisms.registry import nuisance_mechanisms, perturbations
 from brv_hypo.motion import Reconstruction, ReconstructionConfig
 from brv_hypo.motion import reconstruct as reconstruct_with
 from brv_hypo.settings import settings_of
@@ -40,7 +40,7 @@ def _of_the_vehicle(found: Reconstruction) -> FloatArray:
     Moments are about the stated c.g. and axes: what turns about others is not the aerodynamics'.
     """
     variance = np.zeros(found.flight.samples)
-    for mechanism in carried_mechanisms(found.flight):
+    for mechanism in nuisance_mechanisms(found.flight):
         sizes = mechanism.tolerance(found.flight) or ()
         for term, size in zip(mechanism.terms(found.motion, {}), sizes, strict=True):
             variance += 0.5 * size**2 * (term.in_plane**2 + term.out_of_plane**2)

@@ -14,10 +14,15 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebval, chebvander
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import BENT, SCHEDULE_LENGTH, SCHEDULE_MOST, SCHEDULE_NOTHING, SCHEDULE_SMALLEST
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.motion.measurement import BENT
 from brv_hypo.motion.motion import Motion
+
+SCHEDULE_LENGTH = 0.7
+SCHEDULE_SMALLEST = 3e-3  # of the first term's prior, below which a term says nothing
+SCHEDULE_NOTHING = 1e-3  # of the process's own size, the same
+SCHEDULE_MOST = 24  # terms
 
 
 class SlopeSchedule(Mechanism):
@@ -44,7 +49,7 @@ class SlopeSchedule(Mechanism):
         cosines, nothing = chebvander(self._cosine(motion), count), np.zeros_like(motion.alpha)
         return tuple(
             Term(f"{name} cos {k}", alpha * cosines[:, k], nothing, units)
-            for name, alpha, units in (("C_Nalpha", motion.alpha, "1/rad"), ("C_Nalpha3", motion.alpha**3, "1/rad^3"))
+            for name, alpha, units in (("C_malpha", motion.alpha, "1/rad"), ("C_malpha3", motion.alpha**3, "1/rad^3"))
             for k in range(1, count + 1)
         )
 
@@ -56,9 +61,9 @@ class SlopeSchedule(Mechanism):
         """Never: the schedule is the design's."""
         return False
 
-    def course(self, coefficients: Sequence[float]) -> SlopeCourse:
+    def known_schedule(self, coefficients: Sequence[float]) -> KnownSlopeSchedule:
         """The schedule with these coefficients (terms,), as one term."""
-        return SlopeCourse(low=self.low, high=self.high, size=self.size, coefficients=tuple(coefficients))
+        return KnownSlopeSchedule(low=self.low, high=self.high, size=self.size, coefficients=tuple(coefficients))
 
     @property
     def sizes(self) -> FloatArray:
@@ -80,7 +85,7 @@ class SlopeSchedule(Mechanism):
         return float(np.log(self.high / self.low))
 
 
-class SlopeCourse(SlopeSchedule):
+class KnownSlopeSchedule(SlopeSchedule):
     """A schedule whose coefficients are known, as one term; its own coefficient is 1 where they are right."""
 
     name = "slope_course"
@@ -92,7 +97,7 @@ class SlopeCourse(SlopeSchedule):
         """The sum of the schedule's terms."""
         slope, bend = (chebval(self._cosine(motion), (0.0, *own)) for own in self._halves)
         total = motion.alpha * (slope + motion.alpha**2 * bend)
-        return (Term("C_Nalpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
+        return (Term("C_malpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
 
     @property
     def _halves(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -101,5 +106,5 @@ class SlopeCourse(SlopeSchedule):
         return self.coefficients[:count], self.coefficients[count:]
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
-        """None: the course is known."""
+        """None: the schedule is known."""
         return None

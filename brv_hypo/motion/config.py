@@ -6,26 +6,26 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.motion.noise import ColouredNoise
+from brv_hypo.motion.signals import ColouredNoise
 
 Method = Literal["joint", "velocity", "rates", "polar"]
-Ties = Literal["auto", "force", "moment", "both"]
+Measurements = Literal["auto", "force", "moment", "both"]
 
 
 class ReconstructionConfig(BaseModel):
     """Options of `reconstruct`; the defaults suit an unknown flight.
 
     `method`: "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), "polar" (Appendix A).
-    `gravity`: let gravity turn the velocity; the report neglects it. `ties`: what ties the attitude to the
-    wind in the joint method: the normal force, the static moment, both, or the force alone unless it says
-    too little ("auto").
+    `gravity`: let gravity turn the velocity; the report neglects it. `measurements`: what measures the attitude to
+    the wind in the joint method: the normal force, the static moment, both, or the force alone unless that is too
+    little ("auto").
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: Method = "joint"
     gravity: bool = True
-    ties: Ties = "auto"
+    measurements: Measurements = "auto"
     gravity_magnitude: float | None = Field(
         default=None, gt=0.0, description="m/s^2; from planet and altitude if None"
     )

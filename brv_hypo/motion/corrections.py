@@ -1,4 +1,4 @@
-"""What may be wrong with a record's signs, axes and units, each as the correction that would mend it."""
+"""What may be wrong with a record's signs, axes and units, each as the correction that undoes it."""
 
 from __future__ import annotations
 
@@ -90,19 +90,19 @@ def _units() -> list[Correction]:
         ("accelerometers", _ACCELEROMETERS, 1.0 / _FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
     )
     for triad, names, factor, too_small, too_large in kinds:
-        for value, told in ((factor, too_small), (1.0 / factor, too_large)):
+        for value, mislabel in ((factor, too_small), (1.0 / factor, too_large)):
             for i, name in enumerate(names):
                 factors = np.ones(3)
                 factors[i] = value
-                words = f"{name} reads as if it were {told}"
+                words = f"{name} reads as if it were {mislabel}"
                 found.append(_of_triad(triad, (name,), "units", words, np.diag(factors)))
-            words = f"{', '.join(names)} read as if they were {told}"
+            words = f"{', '.join(names)} read as if they were {mislabel}"
             found.append(_of_triad(triad, names, "units", words, value * np.eye(3)))
     for chosen, factor, too_small, too_large in _AIR_UNITS:
-        for value, told in ((factor, too_small), (1.0 / factor, too_large)):
+        for value, mislabel in ((factor, too_small), (1.0 / factor, too_large)):
             air = tuple(value if name in chosen else 1.0 for name in _AIR)
             verb = "read as if they were" if len(chosen) > 1 else "reads as if it were"
-            words = f"{' and '.join(chosen)} {verb} {told}"
+            words = f"{' and '.join(chosen)} {verb} {mislabel}"
             found.append(Correction(chosen, "units", words, air=(air[0], air[1], air[2])))
     return found
 

@@ -9,23 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import (
-    DENSITY_LEAST,
-    DENSITY_PASSES,
-    INPUT_FEWEST_SHAPES,
-    INPUT_FOLLOWED,
-    INPUT_MOST_SHAPES,
-    INPUT_TOLD,
-)
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.attitude import derolled_attitude
-from brv_hypo.motion.differentiation import differentiate
-from brv_hypo.motion.frames import crossflow
 from brv_hypo.motion.inertial import arm_acceleration
-from brv_hypo.motion.noise import white_noise_level
+from brv_hypo.motion.interpolation import running_integral
+from brv_hypo.motion.kinematics import crossflow, derolled_attitude
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.smoothing import InputError, Smooth, smoothed, unsmoothed
-from brv_hypo.motion.splines import running_integral
+from brv_hypo.motion.signals import InputError, Smooth, differentiate, smoothed, unsmoothed, white_noise_level
+
+DENSITY_PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
+DENSITY_LEAST = 1e-3  # of the largest: where the pressure is lost in its noise its logarithm means nothing
+INPUT_FEWEST_SHAPES = 10  # of the error that is left in a smoothed input
+INPUT_MOST_SHAPES = 40  # and at most
+INPUT_SIGNIFICANT = 0.5  # sigmas of the rates' noise from which a shape is significant
+INPUT_FOLLOWED = 1.2  # what a spline that follows its input may leave, in white noise of the channel
+
 
 ROLL_RATE = "roll rate noise"
 PRESSURE = "pressure noise"
@@ -72,8 +69,8 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
     span = (float(flight.time[0]), float(flight.time[-1]))
     order = np.asarray(np.pi * (np.arange(INPUT_MOST_SHAPES) + 1.0) / (span[1] - span[0]), dtype=float)
     errors = (
-        InputError(ROLL_RATE, span, telling(roll_rate.scale, 1.0 / order, reconstruction)),
-        InputError(PRESSURE, span, telling(pressure.scale, np.ones(INPUT_MOST_SHAPES), reconstruction)),
+        InputError(ROLL_RATE, span, significant_shapes(roll_rate.scale, 1.0 / order, reconstruction)),
+        InputError(PRESSURE, span, significant_shapes(pressure.scale, np.ones(INPUT_MOST_SHAPES), reconstruction)),
     )
     return SmoothInputs(roll_rate.values, roll, axes, speed, pressure.values, errors)
 
@@ -87,8 +84,9 @@ def _roll_rate(flight: Flight) -> Smooth:
     return Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
 
 
-def telling(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
-    """The shapes (coefficients, shapes), of at most `INPUT_MOST_SHAPES`, up to the last that the rates tell from noise.
+def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
+    """The shapes (coefficients, shapes), of at most `INPUT_MOST_SHAPES`, up to the last that is significant in
+    the rates.
 
     A shape changes the transverse rates by a `share` (shapes,) of them times its own size.
     """
@@ -96,8 +94,8 @@ def telling(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction
     rates = float(np.sqrt(np.mean(motion.q**2 + motion.r**2)))
     noise = reconstruction.gyro_sigma / np.sqrt(motion.time.size)
     size = np.sqrt(np.mean(scale[:, :INPUT_MOST_SHAPES] ** 2, axis=0))
-    told = np.flatnonzero(size * share[: size.size] * rates > INPUT_TOLD * noise)
-    return scale[:, : max(int(told[-1]) + 1 if told.size else 0, INPUT_FEWEST_SHAPES)]
+    significant = np.flatnonzero(size * share[: size.size] * rates > INPUT_SIGNIFICANT * noise)
+    return scale[:, : max(int(significant[-1]) + 1 if significant.size else 0, INPUT_FEWEST_SHAPES)]
 
 
 def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
@@ -210,5 +208,3 @@ def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
         found = replace(slow, values=slow.values - risen)
         density = np.exp(np.clip(found.values, np.log(density) - 1.0, np.log(density) + 1.0))
     return replace(found, values=np.log(density))
-
-

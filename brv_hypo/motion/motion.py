@@ -1,15 +1,46 @@
-"""`Motion`: all that a mechanism may know of a vehicle's flight, as arrays."""
+"""`Motion`: all that a mechanism may know of a vehicle's flight, as arrays over time.
+
+`recorded` gives a motion its past: every quantity tau seconds earlier, by cubic interpolation; angles by way of the
+crossflow, because alpha has a cusp and the meridian jumps by pi where alpha passes through zero. `with_crossflow`
+sets the angles from a crossflow. `quadrature` and `at_nodes` evaluate a motion between its samples, where the
+windward meridian turns too fast for any rule of integration on the samples alone (half a turn in no time where
+alpha passes by zero).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
+from scipy import sparse
 
-from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.motion.interpolation import Places, Spline, lagrange
+from brv_hypo.motion.kinematics import (
+    angle_of_attack,
+    angle_rates,
+    crossflow,
+    plane_from_body,
+    windward_meridian,
+)
+
+# Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
+# rad. Splines through a damping or a constant moment that turns so err by some 1e-5 of it.
+NODE_TURN = 0.4
+# What the crossflow moves by in a usual delay, of its size; how much the turn of the meridian in it may change by from
+# node to node, rad: what is late turns by it.
+NODE_LATE = 0.5
+NODE_WOUND = 0.5
+NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundredth of a sample
+NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
+
+
+# ---- `Motion`: all that a mechanism may know of a vehicle's flight, as arrays ----
+
 
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
@@ -66,7 +97,7 @@ class Motion:
         if self.history is None:
             raise ValueError(
                 f"a motion without history was asked for its past, {tau} s earlier; build it with "
-                "brv_hypo.motion.history.recorded, or let the simulator supply it"
+                "brv_hypo.motion.motion.recorded, or let the simulator supply it"
             )
         return self.history(tau)
 
@@ -75,8 +106,8 @@ class Motion:
         return ((self.time >= start) & (self.time < stop)).astype(float)
 
     @property
-    def course_time(self) -> FloatArray:
-        """The time that courses of coefficients are told in, s: the common time where there is one."""
+    def coefficient_time(self) -> FloatArray:
+        """The time of knots and time bases, s: the common time where there is one."""
         return self.time if self.common_time is None else self.common_time
 
     def to_plane(self, moment: ComplexArray) -> ComplexArray:
@@ -95,3 +126,269 @@ class Motion:
     def rate_factor(self) -> FloatArray:
         """d / 2V in s: makes an angular rate dimensionless."""
         return np.asarray(self.reference_length / (2.0 * self.velocity), dtype=float)
+
+
+# ---- A motion's angles and rates from its crossflow, and back ----
+
+
+def with_crossflow(motion: Motion, xi: ComplexArray, xi_rate: ComplexArray) -> Motion:
+    """The motion with the angles of a crossflow (n,) and of its rate (n,) 1/s; the meridian in the nearest turn."""
+    alpha_rate, meridian_rate = angle_rates(xi, xi_rate)
+    return replace(
+        motion,
+        alpha=angle_of_attack(xi),
+        windward_meridian=nearest_turn(windward_meridian(xi), motion.windward_meridian),
+        alpha_rate=alpha_rate,
+        windward_meridian_rate=meridian_rate,
+    )
+
+
+def crossflow_rate(motion: Motion, xi: ComplexArray) -> ComplexArray:
+    """Rate of a motion's crossflow xi (n,) 1/s, from the rates of its angles."""
+    growth = motion.alpha_rate * np.cos(motion.alpha) / np.maximum(np.sin(motion.alpha), 1e-9)
+    return np.asarray(xi * (growth - 1j * motion.windward_meridian_rate), dtype=complex)
+
+
+def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
+    """`angle` moved by whole turns next to `reference`, sample by sample."""
+    return np.asarray(angle + 2.0 * np.pi * np.round((reference - angle) / (2.0 * np.pi)), dtype=float)
+
+
+# ---- The past of a recorded motion: every quantity, tau seconds earlier, by cubic interpolation ----
+
+
+_CROSSFLOW = "crossflow"
+_MOMENT = "in_plane_moment"
+# Values of past quantities that are kept, 8 bytes each: the same delays are asked for again and again.
+_KEPT_VALUES = 500_000
+
+
+def recorded(motion: Motion) -> Motion:
+    """The same motion, able to tell its past.
+
+    The angles are interpolated as crossflow, because alpha has a cusp and the meridian jumps by pi where
+    alpha passes through zero.
+    """
+    values = {name: getattr(motion, name) for name in (*SMOOTH, _MOMENT)}
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    splines = {name: Spline(motion.time, each) for name, each in values.items() if np.all(np.isfinite(each))}
+    splines[_CROSSFLOW] = Spline(motion.time, np.stack([xi.real, xi.imag], axis=1))
+    return _with_past(motion, splines, _Kept())
+
+
+def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
+    """The same motion with another wind-fixed in-plane moment (n,), in its past too."""
+    moved, past = replace(motion, in_plane_moment=moment), motion.history
+    if not isinstance(past, _Past):
+        return recorded(moved)
+    return _with_past(moved, {**past.splines, _MOMENT: Spline(motion.time, moment)}, past.kept)
+
+
+def _with_past(motion: Motion, splines: Mapping[str, Spline], kept: _Kept) -> Motion:
+    return replace(motion, history=_Past(replace(motion, history=None), splines, kept))
+
+
+class _Kept:
+    """Quantities that were asked for lately, by delay and name; all but the in-plane moment, which may be another."""
+
+    def __init__(self) -> None:
+        self._found: OrderedDict[tuple[float, str], Any] = OrderedDict()
+
+    def get(self, key: tuple[float, str]) -> Any:
+        """What was kept; None where nothing was."""
+        return self._found.get(key)
+
+    def put(self, key: tuple[float, str], values: Any) -> None:
+        """Keep it; what was put first goes where there are too many."""
+        self._found[key] = values
+        while len(self._found) * np.size(values) > _KEPT_VALUES:
+            self._found.popitem(last=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A pickled motion need not hold what can be found again."""
+        return {"_found": OrderedDict()}
+
+
+@dataclass(frozen=True)
+class _Past:
+    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
+
+    `splines` hold the crossflow and other quantities by name; what has none is taken for constant.
+    """
+
+    motion: Motion
+    splines: Mapping[str, Spline]
+    kept: _Kept
+    ago: float = 0.0
+
+    def __call__(self, tau: float) -> Motion:
+        past = _Past(self.motion, self.splines, self.kept, self.ago + tau)
+        earlier = object.__new__(EarlierMotion)
+        vars(earlier).update(past=past, history=past, time=_fixed(self.motion.time - past.ago))
+        return earlier
+
+
+class EarlierMotion(Motion):
+    """A recorded motion some time ago: each quantity is interpolated at its first use, and is read-only."""
+
+    @cached_property
+    def places(self) -> Places:
+        """Where its times lie among the samples of the recorded motion."""
+        time = vars(self)["past"].motion.time
+        return Places.among(time, np.maximum(self.time, time[0]))
+
+    def __getattr__(self, name: str) -> Any:
+        past = vars(self).get("past")
+        if past is None or name.startswith("_") or not hasattr(past.motion, name):
+            raise AttributeError(f"a motion has no quantity '{name}'")
+        found = None if name == _MOMENT else past.kept.get((past.ago, name))
+        if found is None:
+            found = _fixed(_at(past, self.time, self.places, name))
+            if name != _MOMENT:
+                past.kept.put((past.ago, name), found)
+        vars(self)[name] = found
+        return found
+
+
+def _at(past: _Past, time: FloatArray, places: Places, name: str) -> Any:
+    """One quantity of the motion at these times (n,), which lie at these places."""
+    motion = past.motion
+    if name == "alpha":
+        return angle_of_attack(_crossflow_at(past, places))
+    if name == "windward_meridian":
+        before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
+        return _unwrapped_near(windward_meridian(_crossflow_at(past, places)) + before, motion.windward_meridian)
+    return past.splines[name](places) if name in past.splines else getattr(motion, name)
+
+
+def _crossflow_at(past: _Past, places: Places) -> ComplexArray:
+    found = past.splines[_CROSSFLOW](places)
+    return np.asarray(found[:, 0] + 1j * found[:, 1], dtype=complex)
+
+
+def _fixed(values: Any) -> Any:
+    """The same array, not to be written to; anything else as it is."""
+    if not isinstance(values, np.ndarray):
+        return values
+    found = values.view()
+    found.flags.writeable = False
+    return found
+
+
+def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
+    """`angle` unwrapped over time and moved by whole turns next to `reference`."""
+    turns = np.zeros(angle.size)
+    np.cumsum(np.round(np.diff(angle) / (-2.0 * np.pi)), out=turns[1:])
+    turns += np.round((reference[-1] - angle[-1]) / (2.0 * np.pi) - turns[-1])
+    return np.asarray(angle + 2.0 * np.pi * turns, dtype=float)
+
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The nodes of a flight: `time` (m,) s, which of them the samples are (n,), and what makes values there of those at
+    the samples (m, n); None where the samples are all.
+    """
+
+    time: FloatArray
+    samples: IntArray
+    spread: sparse.csr_array | None = None
+
+    def of(self, values: Values) -> Values:
+        """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
+        if self.spread is None:
+            return values
+        flat = np.ascontiguousarray(values).reshape(self.samples.size, -1).view(float)
+        found = np.asarray(self.spread @ flat)
+        found[self.samples] = flat
+        return found.view(values.dtype).reshape(-1, *values.shape[1:])
+
+    def rows(self, first: int, stop: int) -> slice:
+        """The nodes from one sample to before another, those after the last of them left out."""
+        return slice(int(self.samples[first]), int(self.samples[stop - 1]) + 1)
+
+
+def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadrature:
+    """The nodes of a motion over segments [a, b) of its samples, between which nothing is added."""
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    delay = _usual_delay(motion.time, xi)
+    parts = [_nodes_between(motion.time[a:b], xi[a:b], delay) for a, b in segments]
+    between = np.concatenate([np.zeros(0), *parts])
+    if not between.size:
+        return Quadrature(motion.time, np.arange(motion.time.size))
+    time = np.union1d(motion.time, between)
+    samples = np.searchsorted(time, motion.time)
+    own = [lagrange(motion.time[a:b], time[samples[a] : samples[b - 1] + 1]).tocoo() for a, b in segments]
+    starts = zip(own, segments, strict=True)
+    rows, columns = np.hstack([(part.coords[0] + samples[a], part.coords[1] + a) for part, (a, _) in starts])
+    weights = np.concatenate([part.data for part in own])
+    spread = sparse.csr_array((weights, (rows, columns)), shape=(time.size, motion.time.size))
+    return Quadrature(time, samples, spread)
+
+
+def _usual_delay(time: FloatArray, xi: ComplexArray) -> float:
+    """Time in which the crossflow moves by so much of its own size, s."""
+    speed = np.linalg.norm(np.diff(xi) / np.diff(time))
+    return NODE_LATE * float(np.linalg.norm(xi) / max(float(speed), 1e-300))
+
+
+def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArray:
+    """Times to add to those of a stretch: halves of what is between two, wherever the crossflow goes too far there, or
+    the meridian's rate changes by too much for what is late by `delay` s.
+    """
+    found: list[FloatArray] = []
+    begin, end, low, high = time[:-1], time[1:], xi[:-1], xi[1:]
+    for _ in range(NODE_HALVINGS):
+        way, least = np.abs(high - low), _least_distance(low, high)
+        most = np.maximum(np.abs(low), np.abs(high))
+        wound = delay * way / (end - begin) * (1.0 / np.maximum(least, 1e-300) - least / np.maximum(most, 1e-300) ** 2)
+        far = (way > NODE_TURN * least) | (wound > NODE_WOUND)
+        if not np.any(far) or sum(map(len, found)) + np.count_nonzero(far) > NODE_MOST * time.size:
+            break
+        begin, end, low, high = begin[far], end[far], low[far], high[far]
+        middle = 0.5 * (begin + end)
+        at = np.asarray(lagrange(time, middle) @ xi)
+        found.append(middle)
+        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+        low, high = np.concatenate([low, at]), np.concatenate([at, high])
+    return np.concatenate([np.zeros(0), *found])
+
+
+def _least_distance(low: ComplexArray, high: ComplexArray) -> FloatArray:
+    """Least distance from zero of the straight ways (n,) from one number to another."""
+    way = high - low
+    size = np.maximum(np.abs(way) ** 2, 1e-300)
+    share = np.clip(-(np.conj(way) * low).real / size, 0.0, 1.0)
+    return np.asarray(np.abs(low + share * way), dtype=float)
+
+
+def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
+    """The motion at the nodes, able to tell its past; itself where these are its samples."""
+    if nodes.spread is None:
+        return motion
+    xi = crossflow(motion.alpha, motion.windward_meridian)
+    there, rate = nodes.of(xi), nodes.of(crossflow_rate(motion, xi))
+    moved = replace(
+        motion,
+        time=nodes.time,
+        windward_meridian=np.unwrap(windward_meridian(there)),
+        p=nodes.of(motion.p),
+        q=nodes.of(motion.q),
+        r=nodes.of(motion.r),
+        velocity=nodes.of(motion.velocity),
+        dynamic_pressure=nodes.of(motion.dynamic_pressure),
+        mach=nodes.of(motion.mach),
+        reynolds=nodes.of(motion.reynolds),
+        in_plane_moment=nodes.of(motion.in_plane_moment),
+        roll_acceleration=_known(motion.roll_acceleration, nodes),
+        axial_share=_known(motion.axial_share, nodes),
+        common_time=_known(motion.common_time, nodes),
+        history=None,
+    )
+    return recorded(with_crossflow(moved, there, rate))
+
+
+def _known(values: FloatArray | None, nodes: Quadrature) -> FloatArray | None:
+    return None if values is None else nodes.of(values)

@@ -1,27 +1,194 @@
-"""From a flight record to its wind-relative motion and moments: the entrance of this package."""
+"""`reconstruct`: from a flight record to its wind-relative motion and moments; the entrance of this package.
+
+A record that cannot hold an answer is refused first (`require_answerable`); then the inertial record, one of
+`METHODS` for the crossflow, the moments, and warnings about what limits the result (`limits_of`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.answerable import require_answerable
-from brv_hypo.motion.axial_force import axial_share
-from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.effect_responses import EffectFit, corrected
-from brv_hypo.motion.frames import angle_of_attack, angle_rates, plane_from_body, windward_meridian
-from brv_hypo.motion.history import recorded
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.limits import limits_of
-from brv_hypo.motion.methods import METHODS, WindHistory, joint
-from brv_hypo.motion.methods.wind_history import UNKNOWN_ANGLE
-from brv_hypo.motion.moments import moment_estimate, static_in_plane
-from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.perturbation import Perturbation
+from brv_hypo.motion.config import Method, ReconstructionConfig
+from brv_hypo.motion.inertial import InertialRecord, gravity_magnitude, inertial_record
+from brv_hypo.motion.joint import joint
+from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, plane_from_body, windward_meridian
+from brv_hypo.motion.method import UNKNOWN_ANGLE, WindHistory
+from brv_hypo.motion.moments import axial_share, error_of_differentiation, moment_estimate, static_in_plane
+from brv_hypo.motion.motion import Motion, recorded
+from brv_hypo.motion.polar import polar
+from brv_hypo.motion.rates import rates
 from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
+from brv_hypo.motion.responses import EffectFit, Perturbation, corrected
+from brv_hypo.motion.velocity import velocity
+from brv_hypo.thresholds import (
+    FASTEST_RATE,
+    LARGEST_MOMENT,
+    LEAST_SWING,
+    WARNED_ALPHA,
+    WARNED_GRAVITY,
+    WARNED_MOMENTS,
+    WARNED_PER_CYCLE,
+)
+
+WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it
+
+
+# ---- Refuses records that cannot hold an answer, before any numerics meet them ----
+
+
+def require_answerable(flight: Flight) -> None:
+    """Raises UnanswerableError where the rates stand still or cannot be true, or the air is too thin."""
+    rates = np.hypot(flight.q, flight.r)
+    fastest = float(max(rates.max(), np.abs(flight.p).max()))
+    if fastest > FASTEST_RATE:
+        raise UnanswerableError(
+            f"the gyros reach {fastest:.3g} rad/s, expected less than {FASTEST_RATE:.0f}: their units are "
+            "probably wrong. Correct the `units` attributes of p, q and r."
+        )
+    motion = float(np.std(flight.q) + np.std(flight.r))
+    if motion == 0.0:
+        raise UnanswerableError(
+            "q and r never change: a dead or missing gyro. The transverse motion cannot be reconstructed "
+            "without them; give a window in which they work (--start, --stop)."
+        )
+    duration = float(flight.time[-1] - flight.time[0])
+    pressure = float(np.max(flight.dynamic_pressure))
+    swing = LARGEST_MOMENT * pressure * flight.vehicle.moment_scale * duration
+    if swing < LEAST_SWING * motion:
+        raise UnanswerableError(
+            f"dynamic pressure is at most {pressure:.3g} Pa: even a moment coefficient of "
+            f"{LARGEST_MOMENT:.0f} would change the rates by only {swing:.1g} rad/s. The vehicle is not yet in "
+            "the air that matters; give a later window (--start), or check the units of dynamic_pressure."
+        )
+
+
+# ---- What limits a reconstruction, as far as the record itself shows, and what would help ----
+
+
+def limits_of(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) -> tuple[str, ...]:
+    """Warnings, the most important first."""
+    checks = (
+        _attitude_lost(record),
+        _alpha_error(record, wind),
+        _moment_noise(record, moments),
+        _samples_per_cycle(record),
+        _gravity(record, wind),
+    )
+    return tuple(text for text in checks if text is not None)
+
+
+def _attitude_lost(record: InertialRecord) -> str | None:
+    """Gaps that are too long for the rates about them to tell what they were inside."""
+    flight = record.flight
+    longest = longest_crossed(flight.step, flight.q, flight.r)
+    lost = [(b, a) for (_, b), (a, _) in itertools.pairwise(flight.segments) if a - b > longest]
+    if not lost:
+        return None
+    first, last = lost[0]
+    others = "" if len(lost) == 1 else f", and {len(lost) - 1} more"
+    return (
+        f"a gap of {(last - first) * flight.step:.2g} s from {flight.time[first]:.2f} s on{others}: the "
+        "attitude across it is unknown, and its error may appear as errors or moments. Give a window on one side of "
+        "it (--start, --stop)"
+    )
+
+
+def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
+    alpha = angle_of_attack(wind.crossflow)[record.measured]
+    sigma = wind.alpha_sigma[record.measured]
+    share = float(np.sqrt(np.mean(sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
+    if share < WARNED_ALPHA:
+        return None
+    known = f"known to {100.0 * share:.0f} % of its rms only"
+    return (
+        f"the angle of attack is {known if share < 10.0 else 'not known'}; a longer window, or one of "
+        "higher dynamic pressure, determines the attitude to the wind better"
+    )
+
+
+def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None:
+    """Whether noise hides the moments; as a share of the moments that the gyros show.
+
+    Weighed by the dynamic pressure: as it falls, a coefficient's error grows without bound, a moment's does not.
+    """
+    usable = moments.usable
+    if not usable.any():
+        return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
+    size = _rms(moments.body[usable]) / np.sqrt(2.0)
+    if _rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
+        return None
+    pressure = record.flight.dynamic_pressure[usable]
+    shown = _rms(record.moment[usable] * pressure) / np.sqrt(2.0)
+    percent = 100.0 * _rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
+    text = (
+        f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
+        "only strong mechanisms can be distinguished"
+    )
+    share = 100.0 * _rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
+    if share < WARNED_LEFT:
+        text += f". The errors of the record that were fitted leave {share:.2g} % of these moments"
+    return text
+
+
+def _rms(values: FloatArray | ComplexArray) -> float:
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
+def _samples_per_cycle(record: InertialRecord) -> str | None:
+    """Samples in a cycle at the rms frequency of the rates, from the rms of their steps over their own.
+
+    The strongest motion, of which `inspect` tells, may be far slower, and is named beside it.
+    """
+    flight, spin = record.flight, record.spin_rate
+    change = np.diff(spin.signal)[record.measured[1:] & record.measured[:-1]]
+    noise = record.gyro_sigma**2
+    power = float(np.var(spin.signal[record.measured])) - 2.0 * noise
+    if power <= 0.0:
+        return "the transverse rates hold nothing but noise"
+    step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
+    if 2.0 * np.pi > WARNED_PER_CYCLE * step:
+        return None
+    strongest = strongest_frequency(flight.q, flight.r, flight.step, flight.segments)
+    beside = f"; that of the strongest has {flight.sample_rate / strongest:.3g}" if strongest > 0.0 else ""
+    return (
+        f"a cycle of the transverse motion's rms frequency has about {2.0 * np.pi / step:.0f} samples at "
+        f"{flight.sample_rate:.3g} Hz{beside}: differentiated gyros are noisy, and delays shorter than a few samples "
+        "cannot be distinguished from none"
+    )
+
+
+def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
+    expected = gravity_magnitude(record.flight)
+    found = float(np.linalg.norm(wind.gravity))
+    if expected is None or found == 0.0 or found < WARNED_GRAVITY * expected:
+        return None
+    return (
+        f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "
+        "shear, gyro bias or a wrong accelerometer position are likely"
+    )
+
+
+# ---- The reconstruction methods of Section 3.2, one file each, on one interface ----
+
+
+_Finder = Callable[[InertialRecord, ReconstructionConfig, Sequence[Perturbation]], WindHistory]
+
+METHODS: dict[Method, _Finder] = {
+    "joint": joint,
+    "velocity": velocity,
+    "rates": rates,
+    "polar": polar,
+}
+
+
+# ---- From a flight record to its wind-relative motion and moments: the entrance of this package ----
 
 
 def reconstruct(

@@ -10,7 +10,6 @@ limits.py    how large each mechanism may be; intervals.py net values between kn
 verdict.py   a winner, or all that stand; confidence_set.py those that held-out blocks cannot tell from the best
 likelihood.py    those that stand, by maximum likelihood
 summary.py   gathers the result; result.py is its shape
-benchmark.py processor seconds by stage: ``python -m brv_hypo.ranking.benchmark``
 """
 
 from brv_hypo.ranking.compare import compare

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from brv_hypo.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import at
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem
@@ -45,7 +45,7 @@ def alternatives(
     null = next(fit for fit in fits if not fit.mechanisms)
     if not is_particular(problem, null, leader):
         terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
-        words = f"a change of {terms} alone, which is not particular to {leader.name}"
+        words = f"a change of {terms} alone, which is not specific to {leader.name}"
         found.append(Alternative(leader.information, words, leader))
     listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
@@ -71,17 +71,17 @@ def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> A
 
 def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:
     """The first and last time at which the leader changes, where it does so more often than one stretch needs."""
-    starts = {column.course.start for column in leader.selected if column.course.kind != "constant"}
+    starts = {column.time_basis.start for column in leader.selected if column.time_basis.kind != "constant"}
     return (min(starts), max(starts)) if len(starts) > ONE_STRETCH else None
 
 
 def _described(fit: HypothesisFit) -> str:
     shapes = " and ".join(dict.fromkeys(_shape(column) for column in fit.selected))
-    starts = [column.course.start for column in fit.selected if column.course.kind != "constant"]
+    starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"
 
 
-def _shape(column: Column) -> str:
+def _shape(column: Regressor) -> str:
     rate = dict(column.theta).get(RATE)
     return column.term if rate is None else f"turning in the body at {rate:.3g} rad/s"

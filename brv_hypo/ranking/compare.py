@@ -13,14 +13,14 @@ from threadpoolctl import threadpool_limits
 from brv_hypo.constants import BOUND_SIGMAS, CONFIDENCE_BLOCKS, REPETITIONS
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
-from brv_hypo.flight.averaging import averaged
+from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.checked import checked_terms, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.isolation import checked_terms, without_faulty
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.mechanisms.registry import parse_hypothesis
-from brv_hypo.model.columns import theta_grid
 from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.alternative import alternatives

@@ -23,7 +23,7 @@ class CompareConfig(BaseModel):
     by mechanism name. `method`: of reconstruction, as in `reconstruct`. `knots` s: where coefficients may change; None
     spreads knots evenly. `knot_count`: how many. `max_terms`: columns that a hypothesis may add. `exact_terms`: up to
     so many the search is exact, then it goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre
-    degree of the slow drift of C_N0 and C_Nalpha; None is 1 and 3. `refine`: delays and knots become continuous.
+    degree of the slow drift of C_m0 and C_malpha; None is 1 and 3. `refine`: delays and knots become continuous.
     `accept_record`: go on with a record that contradicts itself. `held_out_blocks`: blocks of time of which each is
     held out in turn, for the prediction error. `maximum_likelihood`: hypotheses that stand are
     refined on the original measurements, with the errors of record, vehicle and air within their tolerances; "quick"

@@ -12,8 +12,7 @@ from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import block_of_whitened_row
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.subset.criteria import Criteria, Reference, evaluate
-from brv_hypo.subset.fit import least_squares
+from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 
 
 def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from brv_hypo.constants import CRITERIA_TIE
-from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import at
+from brv_hypo.model.term import Regressor
 from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference, Verdict
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
@@ -87,9 +87,9 @@ def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tup
     return tuple(found)
 
 
-def _placed(column: Column, fit: HypothesisFit) -> str:
+def _placed(column: Regressor, fit: HypothesisFit) -> str:
     """What a column is, from when on, at which delay or other parameter."""
-    since = "" if column.course.kind == "constant" else f" at {at(fit.frame.common, column.course.start)}"
+    since = "" if column.time_basis.kind == "constant" else f" at {at(fit.frame.common, column.time_basis.start)}"
     own = next(mechanism for mechanism in fit.mechanisms if mechanism.name == column.mechanism)
     units = {each.name: "" if each.units == "1" else f" {each.units}" for each in own.parameters()}
     theta = ", ".join(f"{name} {value:.3g}{units[name]}" for name, value in column.theta)

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from brv_hypo.constants import (
-    HEARD_SHARE,
+    CONVERGED_ERRORS,
+    CONVERGED_FALL,
+    CREDIBLE_PROBABILITY,
     LINEARISATIONS,
     LINEARISED_AGAIN,
     LINEARISED_IN_VAIN,
+    NOISE_LEADER_SHARE,
     SEARCH_HOPELESS,
     SEARCH_OUT_OF_REACH,
     SEARCHED_AGAIN,
-    SETTLED_ERRORS,
-    SETTLED_FALL,
-    STANDING_PROBABILITY,
 )
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -80,7 +80,7 @@ def searched(
             break
         say("searching again where the problem is linear now")
         again = _searched_again(found, hypotheses, say)
-        if likeliest(again.fits).information > likeliest(found.fits).information - SETTLED_FALL:
+        if likeliest(again.fits).information > likeliest(found.fits).information - CONVERGED_FALL:
             break
         found = _with_errors(_as_heard(_relinearised(again, config, say)))
     return found
@@ -130,7 +130,7 @@ def _errors_moved(found: Fitted) -> bool:
 
 
 def _apart(found: Fitted, point: LinearisationPoint) -> bool:
-    return farthest_apart(found.problem, found.settings.taken, point.taken) >= SETTLED_ERRORS
+    return farthest_apart(found.problem, found.settings.taken, point.taken) >= CONVERGED_ERRORS
 
 
 def _raised(found: Fitted) -> Fitted:
@@ -143,7 +143,7 @@ def _raised(found: Fitted) -> Fitted:
         return found
     noise = raised_noise(replace(problem, frame=leader.frame, baseline=leader.columns))
     heard = problem.rows.noise
-    return found if noise.louder_than(heard) <= HEARD_SHARE else replace(_under(found, noise), heard=heard)
+    return found if noise.louder_than(heard) <= NOISE_LEADER_SHARE else replace(_under(found, noise), heard=heard)
 
 
 def _as_heard(found: Fitted) -> Fitted:
@@ -187,7 +187,7 @@ def _something_stands(found: Fitted, other_prior: float) -> bool:
     """Whether something outside the list stands beside the leader: a term that was chosen elsewhere may be amiss."""
     information = {fit.name: fit.information for fit in found.fits}
     chances = probabilities(information, [likeliest(found.fits).information - found.left.gain], other_prior)
-    return chances[OTHER] >= STANDING_PROBABILITY
+    return chances[OTHER] >= CREDIBLE_PROBABILITY
 
 
 def _fitted(
@@ -233,7 +233,7 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
 
 def _has_fallen(found: Fitted) -> bool:
     """Whether what the leader leaves has become less by the last linearisation."""
-    return _deviance(found) <= found.deviance - SETTLED_FALL
+    return _deviance(found) <= found.deviance - CONVERGED_FALL
 
 
 def _deviance(found: Fitted) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification import Identification, coefficient_histories
-from brv_hypo.motion.frames import plane_from_body
-from brv_hypo.motion.history import recorded
+from brv_hypo.motion.kinematics import plane_from_body
+from brv_hypo.motion.motion import recorded
 from brv_hypo.ranking.drawn import drawn
 from brv_hypo.ranking.result import CoefficientSeries
 from brv_hypo.regression.fit import HypothesisFit

@@ -11,8 +11,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import SEARCH_SAME_THETA, SECOND_ORDER_VALUES
 from brv_hypo.mechanisms.contract import Derived
-from brv_hypo.model.columns import Column, Theta
 from brv_hypo.model.common_time import CommonTime, at
+from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.fit import HypothesisFit
 
 
@@ -46,16 +46,16 @@ def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
     """Net values of a fit's selected columns, interval by interval; ramps at the middle of theirs."""
     if not fit.selected:
         return ()
-    time = fit.frame.course_time
+    time = fit.frame.coefficient_time
     begin, end = float(time.min()), float(time.max())
-    inner = {float(edge) for c in fit.selected for edge in (c.course.start, c.course.stop)}
+    inner = {float(edge) for c in fit.selected for edge in (c.time_basis.start, c.time_basis.stop)}
     edges = [begin, *sorted(edge for edge in inner if begin < edge < end), end]
     return tuple(_interval(fit, first, last) for first, last in itertools.pairwise(edges))
 
 
 def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
     middle = np.array([0.5 * (start + stop)])
-    weights = np.array([float(column.course(middle)[0]) for column in fit.selected])
+    weights = np.array([float(column.time_basis(middle)[0]) for column in fit.selected])
     groups: dict[tuple[str, Theta, str], list[int]] = {}
     for j, column in enumerate(fit.selected):
         if weights[j] != 0.0:
@@ -81,7 +81,7 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
     return Interval(start, stop, found, _derived(fit, list(groups), values, covariance))
 
 
-def _first_like(columns: Sequence[Column], column: Column) -> Theta:
+def _first_like(columns: Sequence[Regressor], column: Regressor) -> Theta:
     """The theta of the first of the mechanism's columns that this one's is the same as."""
     return next(
         other.theta
@@ -95,9 +95,9 @@ def _first_like(columns: Sequence[Column], column: Column) -> Theta:
     )
 
 
-def _units(column: Column) -> str:
+def _units(column: Regressor) -> str:
     """Units of the coefficient itself: a ramp's value at an instant has no `per second`."""
-    return column.units.removesuffix("/s") if column.course.kind == "ramp" else column.units
+    return column.units.removesuffix("/s") if column.time_basis.kind == "ramp" else column.units
 
 
 def _derived(

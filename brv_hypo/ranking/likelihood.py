@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from brv_hypo.constants import LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS, STANDING_PROBABILITY
+from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.verdict import probabilities
@@ -40,7 +40,7 @@ def identify_standing(
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
     chances = probabilities({fit.name: fit.information for fit in fits})
-    standing = [fit for fit in fits if chances[fit.name] >= STANDING_PROBABILITY]
+    standing = [fit for fit in fits if chances[fit.name] >= CREDIBLE_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
     options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)

@@ -12,8 +12,7 @@ from scipy.linalg import eigh
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column, Theta, theta_grid
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
@@ -133,10 +132,10 @@ def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
 def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: float) -> list[_Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
     frame = reduced.frame
-    edges = np.linspace(frame.course_time.min(), frame.course_time.max(), LIMIT_EDGES)
+    edges = np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), LIMIT_EDGES)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
-        Column(mechanism.name, name, theta, TimeFunction("jump", float(start), float(stop)), units)
+        Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
         for start, stop in zip(edges[:-1], [*edges[1:-1], np.inf], strict=True)
         for name, units in names
     ]

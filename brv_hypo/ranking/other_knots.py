@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from brv_hypo.constants import KNOT_SHIFTS, REPEATED_WITHIN, SETTLED_FALL
-from brv_hypo.model.columns import Column
+from brv_hypo.constants import CONVERGED_FALL, KNOT_SHIFTS, REPEATED_WITHIN
+from brv_hypo.model.term import Regressor
 from brv_hypo.ranking.repeated import Repeated, criteria
 from brv_hypo.regression.fit import HypothesisFit, scanned_finely, settled
 from brv_hypo.regression.problem import Problem
@@ -35,12 +35,12 @@ def on_other_knots(problem: Problem, fits: Sequence[HypothesisFit]) -> Repeated:
 def _refined(problem: Problem, fit: HypothesisFit, shift: float) -> float:
     """The criterion of a fit that was refined from knots so many spacings later; finely where that ends elsewhere."""
     found = replace(settled(problem, fit, _shifted(fit, shift), ()), bound_cost=fit.bound_cost)
-    if found.information > fit.information + SETTLED_FALL:
+    if found.information > fit.information + CONVERGED_FALL:
         found = replace(scanned_finely(problem, found), bound_cost=fit.bound_cost)
     return found.information
 
 
-def _shifted(fit: HypothesisFit, shift: float) -> tuple[Column, ...]:
+def _shifted(fit: HypothesisFit, shift: float) -> tuple[Regressor, ...]:
     """The columns of a fit with its knots so many spacings later, within the record."""
     columns = fit.columns
     for parameter in fit.nonlinear:

@@ -19,7 +19,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.quadrature import at_nodes
+from brv_hypo.motion.motion import at_nodes
 from brv_hypo.ranking.repeated import Criteria, Repeated, criteria, criteria_at
 from brv_hypo.regression.build import normal_force_slope
 from brv_hypo.regression.fit import HypothesisFit, likeliest

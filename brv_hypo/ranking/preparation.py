@@ -13,24 +13,23 @@ from brv_hypo.constants import (
     BASELINE_BELIEVED,
     COLOURED,
     COMPARED_SMALLEST,
+    CONVERGED_ERRORS,
     MOST_LINEARISATIONS,
     OFFSET_DEGREE,
-    SETTLED_ERRORS,
     SLOPE_DEGREE,
     WAVERING_SPEED,
 )
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms, without
-from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
-from brv_hypo.model.columns import default_knots
+from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, without
+from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.model.static_bend import Quantity, StaticBend
+from brv_hypo.model.term import default_knots
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.motion.answerable import require_answerable
-from brv_hypo.motion.noise import ColouredNoise
+from brv_hypo.motion.pipeline import require_answerable
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.regression.build import (
     LinearisationPoint,
@@ -87,8 +86,8 @@ def settled(
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < COMPARED_SMALLEST:
         raise UnanswerableError(
-            f"the window holds {samples} samples, expected at least {COMPARED_SMALLEST}: too few to tell "
-            "mechanisms apart. Widen --start and --stop."
+            f"the window holds {samples} samples, expected at least {COMPARED_SMALLEST}: too few to "
+            "distinguish mechanisms. Widen --start and --stop."
         )
     settings = Settings(
         tuple(ReconstructionConfig(method=config.method) for _ in reconstructions),
@@ -113,7 +112,7 @@ def settled(
             break
         taken, problem = found, about(point, records, settings, config)
         found, heard = errors_found(problem), _as_loud(problem, settings)
-        if heard is settings and farthest_apart(problem, taken, found) < SETTLED_ERRORS:
+        if heard is settings and farthest_apart(problem, taken, found) < CONVERGED_ERRORS:
             break
         settings = heard
     return problem, replace(settings, taken=taken)
@@ -237,14 +236,14 @@ def _problem(
     static = settings.static or _static(smooth, config, settings.common)
     bend = () if settings.bend is None else (settings.bend,)
     frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
-    span = frame.course_time
+    span = frame.coefficient_time
     knots = _knots(float(span.min()), float(span.max()), config)
     return build_problem(
         frame,
         records,
         baseline_columns(frame),
-        carried_effects(),
-        (*carried_mechanisms(reconstructions[0].flight), *bend),
+        nuisance_effects(),
+        (*nuisance_mechanisms(reconstructions[0].flight), *bend),
         knots,
         config.max_terms,
         config.exact_terms,
@@ -278,7 +277,7 @@ def sharing_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ..
     if isinstance(found, str):
         return (f"terms begin and end at the same time on every flight, not at the same Mach number: {found}",)
     return tuple(
-        f"flight {number + 1} flies at no Mach number of another: what begins or ends there, it tells alone"
+        f"flight {number + 1} shares no Mach number with another: changes there are determined by it alone"
         for number in (() if found is None else found.apart())
     )
 
@@ -309,7 +308,7 @@ def _static(
 def _alongs(
     reconstructions: Sequence[Reconstruction], common: CommonTime | None
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """What the drift of C_Nalpha is of, and the speed (m/s), of each curve that it has to follow.
+    """What the drift of C_malpha is of, and the speed (m/s), of each curve that it has to follow.
 
     Flights have one curve together where they share it: at one Mach number the air is warmer on one than on another.
     """

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
-from brv_hypo.tabular import Pictured, Row
+from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
 
@@ -258,7 +258,7 @@ class StepwiseDifference(NullIsNaN):
     rss_ratio: float
 
 
-class Comparison(Pictured, Result):
+class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict.
 
     `reference_flight`: number (from 1) of the one of several flights in whose time regions and knots are told; None for

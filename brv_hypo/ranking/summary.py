@@ -9,11 +9,10 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.constants import SEARCH_OUT_OF_REACH
-from brv_hypo.flight.faults import RecordTrial
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.record import Flight, RecordTrial
 from brv_hypo.identification import Identification
-from brv_hypo.model.columns import BASELINE, Column, Vector
-from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.model.term import BASELINE, Regressor, Vector
+from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
 from brv_hypo.ranking.drawn import drawn
 from brv_hypo.ranking.intervals import Interval, intervals
@@ -193,12 +192,12 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
     return tuple(found)
 
 
-def _region(fit: HypothesisFit, column: Column) -> tuple[float, float] | None:
+def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
     """Where the column acts, in the time that courses are told in (s); None where it does everywhere."""
-    if column.course.kind == "constant":
+    if column.time_basis.kind == "constant":
         return None
-    time = fit.frame.course_time
-    return max(column.course.start, float(time.min())), min(column.course.stop, float(time.max()))
+    time = fit.frame.coefficient_time
+    return max(column.time_basis.start, float(time.min())), min(column.time_basis.stop, float(time.max()))
 
 
 def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
@@ -306,7 +305,7 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
     )
 
 
-def _channel(fit: HypothesisFit, column: Column) -> str:
+def _channel(fit: HypothesisFit, column: Regressor) -> str:
     """In which plane the column acts."""
     motion = fit.frame.motions[0]
     terms = fit.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
@@ -317,7 +316,7 @@ def _channel(fit: HypothesisFit, column: Column) -> str:
 
 def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     found = []
-    end = float(fit.frame.course_time.max())
+    end = float(fit.frame.coefficient_time.max())
     for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
         found.append(
             DerivedEstimate(
@@ -329,12 +328,12 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
         )
     vectors: dict[Vector, list[int]] = {}
     for j, column in enumerate(fit.columns):
-        if column.tied:
+        if column.grouped:
             vectors.setdefault(column.vector, []).append(j)
-    for (name, _, _, course), members in vectors.items():
+    for (name, _, _, time_basis), members in vectors.items():
         values = {fit.columns[j].term: float(fit.values[j]) for j in members}
         covariance = fit.covariance[np.ix_(members, members)]
-        region = None if course.kind == "constant" else (course.start, end)
+        region = None if time_basis.kind == "constant" else (time_basis.start, end)
         found.extend(
             DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
             for d in fit.frame.mechanisms[name].derived(values, covariance)

@@ -20,4 +20,4 @@ def tolerance_warnings(fitted: Fitted, verdict: Verdict) -> tuple[str, ...]:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
     told = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {leader.name} the data want errors beyond what the record states: {told} (see --instruments)",)
+    return (f"with {leader.name} errors exceed the tolerances of the record: {told} (see --instruments)",)

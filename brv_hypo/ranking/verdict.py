@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from brv_hypo.constants import (
+    CREDIBLE_PROBABILITY,
     IMPROBABLE_ERRORS,
     OTHER_PRIOR,
-    STANDING_PROBABILITY,
     TEMPERATURE,
     WINNING_PROBABILITY,
 )
@@ -152,7 +152,7 @@ def judge(contest: Contest, stability: Stability, limits: Sequence[Limit] = ()) 
     ruling, left = contest.ruling(stability.leader), contest.left
     leader, chances, beaten = ruling.leader, ruling.chances, ruling.beaten
     rivals = [score for score in contest.scores if score is not leader]
-    standing = [s.name for s in rivals if chances[s.name] >= STANDING_PROBABILITY]
+    standing = [s.name for s in rivals if chances[s.name] >= CREDIBLE_PROBABILITY]
     verdict = Verdict(
         winner=ruling.winner,
         outcome=ruling.outcome,
@@ -185,7 +185,7 @@ def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict
 
     The rest lead its rivals on the list, to whom that goes by their probabilities; it says nothing of `other`.
     """
-    lost = chances[leader] - max(stability, STANDING_PROBABILITY)
+    lost = chances[leader] - max(stability, CREDIBLE_PROBABILITY)
     rivals = {name: chance for name, chance in chances.items() if name not in (leader, OTHER)}
     if lost <= 0.0 or not rivals:
         return dict(chances)
@@ -214,7 +214,7 @@ def _inadequate(
             else "`brv-hypo trace` looks for what else is at work."
         )
         return (
-            f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, "
+            f"None of the hypotheses is adequate: {leader.name} fits best, at {left.ratio:.2f} times the noise, "
             f"but {' and '.join(wrongs)}. {remedy}"
         )
     if instead is not None:
@@ -223,8 +223,8 @@ def _inadequate(
             f"(probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
         )
     return (
-        f"None of the hypotheses is adequate: {leader.name} fits best and leaves {left.ratio:.2f} times the noise, in "
-        f"which something smooth is left (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
+        f"None of the hypotheses is adequate: {leader.name} fits best, at {left.ratio:.2f} times the noise, "
+        f"part of which is smooth (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
     )
 
 
@@ -235,7 +235,7 @@ def _won(
     stability: float,
     limits: Sequence[MechanismLimit],
 ) -> str:
-    chance = f"{_share(chances[leader.name])}; of repetitions {100.0 * stability:.0f} % end so too"
+    chance = f"{_share(chances[leader.name])}; {100.0 * stability:.0f} % of the repetitions give the same outcome"
     if leader.name == NONE:
         most = max(limits, key=lambda limit: limit.share_of_moment_95, default=None)
         room = (
@@ -256,12 +256,12 @@ def _undecided(verdict: Verdict, leader: Score, beaten: bool, instead: Alternati
             f"The data do not name one hypothesis: {leader.name} leads on the information criterion, but the baseline "
             "alone predicts the held-out blocks as well or better."
         )
-    names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= STANDING_PROBABILITY else []))
+    names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     other = "something else" if instead is None else f"something else, such as {instead.words},"
     shares = ", ".join(
         f"{other if name == OTHER else name} {_share(verdict.probability[name])}" for name in names
     )
-    return f"The data do not tell these apart: {shares}."
+    return f"The data do not distinguish these: {shares}."
 
 
 def _share(chance: float) -> str:

@@ -12,10 +12,9 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.constants import ERRORS_REACH, FORCE_SPIKE, FORCE_SPIKE_ROUNDS
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.frames import crossflow
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import whole
 from brv_hypo.regression.force import ForceModel
@@ -29,11 +28,11 @@ from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import difference
 
 
-def baseline_columns(frame: RateFrame) -> tuple[Column, ...]:
+def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
     """The columns of the static moment and of pitch damping that the frame knows."""
-    always = TimeFunction("constant")
+    always = TimeBasis("constant")
     return tuple(
-        Column(name, term.name, (), always, term.units)
+        Regressor(name, term.name, (), always, term.units)
         for name in (StaticMoment.name, PitchDamping.name)
         for term in frame.mechanisms[name].terms(frame.motions[0], {})
     )
@@ -47,7 +46,7 @@ class LinearisationPoint:
     """
 
     mechanisms: tuple[Mechanism, ...]
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     values: FloatArray
     acting: tuple[Errors, ...]
     taken: tuple[Errors, ...]
@@ -56,7 +55,7 @@ class LinearisationPoint:
 def build_problem(
     frame: RateFrame,
     records: Sequence[InertialRecord],
-    baseline: tuple[Column, ...],
+    baseline: tuple[Regressor, ...],
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
     knots: FloatArray,
@@ -98,7 +97,7 @@ def carrying(problem: Problem, mechanism: Mechanism) -> Problem:
 
 
 def point_of(
-    problem: Problem, frame: RateFrame, columns: tuple[Column, ...], mechanisms: tuple[Mechanism, ...] = ()
+    problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...], mechanisms: tuple[Mechanism, ...] = ()
 ) -> LinearisationPoint:
     """The point at a model's fit and the errors that go with it."""
     values, others = problem.solution(frame, columns)
@@ -147,18 +146,18 @@ def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
 
 def with_vehicle(
     frame: RateFrame,
-    baseline: tuple[Column, ...],
+    baseline: tuple[Regressor, ...],
     values: FloatArray,
     vehicle: Sequence[Mechanism],
     known: Errors,
-) -> tuple[RateFrame, tuple[Column, ...], FloatArray]:
+) -> tuple[RateFrame, tuple[Regressor, ...], FloatArray]:
     """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known.
 
     An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
     """
-    always = TimeFunction("constant")
+    always = TimeBasis("constant")
     own = {
-        Column(mechanism.name, term.name, (), always, term.units): known[mechanism.name, term.name]
+        Regressor(mechanism.name, term.name, (), always, term.units): known[mechanism.name, term.name]
         for mechanism in vehicle
         for term in mechanism.terms(frame.motions[0], {})
         if (mechanism.name, term.name) in known
@@ -174,12 +173,12 @@ def _with_design(frame: RateFrame, vehicle: Sequence[Mechanism], known: Errors) 
     return replace(frame, design=made.design)
 
 
-def first_values(frame: RateFrame, columns: tuple[Column, ...]) -> FloatArray:
+def first_values(frame: RateFrame, columns: tuple[Regressor, ...]) -> FloatArray:
     """Coefficients (columns,) by plain least squares of the rates' differences."""
     return plain_values(frame, columns, frame.observed)
 
 
-def plain_values(frame: RateFrame, columns: tuple[Column, ...], rates: ComplexArray) -> FloatArray:
+def plain_values(frame: RateFrame, columns: tuple[Regressor, ...], rates: ComplexArray) -> FloatArray:
     """The same of other derolled rates (rows,), such as those that errors which are known leave."""
     design = whiten(frame.columns(columns), frame.pieces, difference())
     return solve_scaled(design, whiten(rates[:, None], frame.pieces, difference())[:, 0])
@@ -189,7 +188,7 @@ def linearised(
     record: InertialRecord,
     reconstruction: Reconstruction,
     frame: RateFrame,
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     values: FloatArray,
 ) -> LinearisedFlight:
     """A flight with its moment model and the normal force that fits it, spikes left out."""

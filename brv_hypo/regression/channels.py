@@ -15,7 +15,7 @@ from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
-from brv_hypo.motion.noise import ColouredNoise
+from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.whitening import NoiseModel, applied
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.fit import HypothesisFit, settled
 from brv_hypo.regression.problem import Problem
 
 
-def plain_columns(fit: HypothesisFit) -> tuple[Column, ...]:
+def plain_columns(fit: HypothesisFit) -> tuple[Regressor, ...]:
     """The selected columns without those that are characteristic of a mechanism."""
     telling = {(mechanism.name, term) for mechanism in fit.mechanisms for term in mechanism.characteristic}
     return tuple(column for column in fit.selected if (column.mechanism, column.term) not in telling)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from brv_hypo.constants import SEARCH_EXCHANGES
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.fit import HypothesisFit, gains, likeliest, plainer, renewed, scanned_finely, settled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import in_place_of
@@ -34,8 +34,8 @@ def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return likeliest([fit, given])
 
 
-def _without_each(selected: Sequence[Column]) -> Iterator[tuple[tuple[Column, ...], tuple[Column, ...]]]:
+def _without_each(selected: Sequence[Regressor]) -> Iterator[tuple[tuple[Regressor, ...], tuple[Regressor, ...]]]:
     """What is kept and what is taken out, for the columns of each course and delay in turn."""
-    for place in dict.fromkeys((column.mechanism, column.theta, column.course) for column in selected):
-        taken = tuple(c for c in selected if (c.mechanism, c.theta, c.course) == place)
+    for place in dict.fromkeys((column.mechanism, column.theta, column.time_basis) for column in selected):
+        taken = tuple(c for c in selected if (c.mechanism, c.theta, c.time_basis) == place)
         yield tuple(column for column in selected if column not in taken), taken

@@ -12,6 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     SCANNED,
     SCANNED_FINELY,
+    SEARCH_EQUAL,
     SEARCH_FINE_SCANS,
     SEARCH_GAIN,
     SEARCH_NARROWINGS,
@@ -19,10 +20,9 @@ from brv_hypo.constants import (
     SEARCH_PATIENCE,
     SEARCH_SIZES_TRIED,
     SEARCH_STARTS,
-    SEARCH_TIED,
 )
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column, Theta
+from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
@@ -43,7 +43,7 @@ class DesignMoment:
     `covariance` is that of the fit's coefficients and then of these.
     """
 
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     values: FloatArray
     covariance: FloatArray
 
@@ -62,7 +62,7 @@ class HypothesisFit:
     name: str
     mechanisms: tuple[Mechanism, ...]
     frame: RateFrame
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     baseline_size: int
     values: FloatArray
     residual: FloatArray
@@ -78,7 +78,7 @@ class HypothesisFit:
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def moment(self) -> tuple[tuple[Column, ...], FloatArray, FloatArray]:
+    def moment(self) -> tuple[tuple[Regressor, ...], FloatArray, FloatArray]:
         """Columns, coefficients (k,) and their covariance (k, k) of the whole moment of the vehicle's shape."""
         if self.design is None:
             return self.columns, self.values, self.covariance
@@ -102,7 +102,7 @@ class HypothesisFit:
         return float(self.residual @ self.residual)
 
     @property
-    def selected(self) -> tuple[Column, ...]:
+    def selected(self) -> tuple[Regressor, ...]:
         """The mechanism's columns."""
         return self.columns[self.baseline_size :]
 
@@ -167,7 +167,7 @@ def fit_hypothesis(
     searched, offered = grid.offered.count, grid.offered
     start = Reduced(problem, grid.frame)
 
-    def settle(chosen: tuple[Column, ...], known: tuple[Column, ...] = ()) -> HypothesisFit:
+    def settle(chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = ()) -> HypothesisFit:
         return _settled(start, name, mechanisms, (*problem.baseline, *chosen), searched, frozenset(known))
 
     best: HypothesisFit | None = None
@@ -231,21 +231,21 @@ def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
     return any(mechanism.parameters() for mechanism in mechanisms)
 
 
-def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Column, ...]:
+def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Regressor, ...]:
     """The baseline's columns and then the fit's in time order: what is scanned first, not what was found first."""
     return (*problem.baseline, *sorted(fit.selected, key=_place))
 
 
-def _place(column: Column) -> tuple[bool, float, str, Theta]:
+def _place(column: Regressor) -> tuple[bool, float, str, Theta]:
     """What always acts comes first; then what begins first."""
-    return column.course.kind != "constant", column.course.start, column.mechanism, column.theta
+    return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
 
 
 def settled(
     problem: Problem,
     fit: HypothesisFit,
-    columns: tuple[Column, ...],
-    known: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
+    known: tuple[Regressor, ...],
     steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
     """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
@@ -296,7 +296,7 @@ def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
     """The fit of the least criterion; of those that are tied the first."""
     found = [fit.information for fit in fits]
     least = min(found)
-    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_TIED)
+    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL)
 
 
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
@@ -308,9 +308,9 @@ def _settled(
     reduced: Reduced,
     name: str,
     mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     searched: int,
-    known: frozenset[Column],
+    known: frozenset[Regressor],
     points: int = SCANNED,
     steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
@@ -328,9 +328,9 @@ def _refined(
     reduced: Reduced,
     name: str,
     mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     searched: int,
-    known: frozenset[Column],
+    known: frozenset[Regressor],
     points: int,
     steps: tuple[Steps, ...],
 ) -> HypothesisFit:
@@ -359,7 +359,7 @@ def solved(
     reduced: Reduced,
     name: str,
     mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     searched: int,
 ) -> HypothesisFit:
     """The hypothesis with just these columns, the baseline's first, least squares alone."""

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.frames import effective
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import effective
 
 
 @dataclass(frozen=True)

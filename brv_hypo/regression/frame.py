@@ -15,13 +15,12 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.mechanisms.checked import checked_terms, read_only
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.mechanisms.isolation import checked_terms, read_only
-from brv_hypo.model.columns import Column, Theta
 from brv_hypo.model.common_time import CommonTime, OwnTime
-from brv_hypo.motion.frames import body_from_plane
-from brv_hypo.motion.history import with_in_plane_moment
-from brv_hypo.motion.motion import Motion
+from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.motion.kinematics import body_from_plane
+from brv_hypo.motion.motion import Motion, with_in_plane_moment
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.weakform import Integrals, WeakSegment, weak_segments
 from brv_hypo.regression.whitening import NoiseModel
@@ -107,9 +106,9 @@ class RateFrame:
         return np.concatenate([segment.time for segment in self.segments])
 
     @property
-    def course_time(self) -> FloatArray:
+    def coefficient_time(self) -> FloatArray:
         """The time that courses are told in, of each row (rows,), s."""
-        return np.concatenate([segment.course_time for segment in self.segments])
+        return np.concatenate([segment.coefficient_time for segment in self.segments])
 
     @cached_property
     def reference(self) -> int:
@@ -128,16 +127,16 @@ class RateFrame:
         """Index of the flight of each row (rows,)."""
         return np.concatenate([np.full(segment.time.size, segment.flight) for segment in self.segments])
 
-    def columns(self, columns: Sequence[Column]) -> ComplexArray:
+    def columns(self, columns: Sequence[Regressor]) -> ComplexArray:
         """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
         for shapes, members, which in self._by_shape(columns):
-            courses = [columns[j].course for j in members]
+            courses = [columns[j].time_basis for j in members]
             for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
                 out[a:b, members] = segment.columns(integrals, which, courses)
         return self._where_they_act(out, columns)
 
-    def moments(self, columns: Sequence[Column]) -> ComplexArray:
+    def moments(self, columns: Sequence[Regressor]) -> ComplexArray:
         """C_m + i C_n (rows, columns) per unit of each coefficient."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
         for shapes, members, which in self._by_shape(columns):
@@ -145,10 +144,10 @@ class RateFrame:
                 nodes = segment.nodes
                 body = (shapes.plane[segment.flight] * self._turns[segment.flight])[nodes.rows][nodes.samples]
                 for j, k in zip(members, which, strict=True):
-                    out[a:b, j] = body[:, k] * columns[j].course(segment.course_time)
+                    out[a:b, j] = body[:, k] * columns[j].time_basis(segment.coefficient_time)
         return self._where_they_act(out, columns)
 
-    def _where_they_act(self, rows: ComplexArray, columns: Sequence[Column]) -> ComplexArray:
+    def _where_they_act(self, rows: ComplexArray, columns: Sequence[Regressor]) -> ComplexArray:
         """The histories (rows, columns), zero on the flights that a column does not act on."""
         for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
             idle = [j for j, column in enumerate(columns) if not column.acts_on(segment.flight)]
@@ -178,14 +177,14 @@ class RateFrame:
             for name in names
         )
 
-    def with_in_plane_moment(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
+    def with_in_plane_moment(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
         """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`.
 
         Other shapes than these, of which it is made, are evaluated anew.
         """
         return self.following(self.static_moments(columns, values))
 
-    def static_moments(self, columns: Sequence[Column], values: FloatArray) -> list[FloatArray]:
+    def static_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
         """C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`, one (k,) a flight at its nodes."""
         made = self._in_plane_moments(columns, values)
         return [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
@@ -197,11 +196,11 @@ class RateFrame:
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
         return out
 
-    def with_design(self, columns: Sequence[Column], values: FloatArray) -> RateFrame:
+    def with_design(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
         """The frame whose `design` is made of the wind-fixed ones of these columns."""
         return replace(self, design=tuple(self._in_plane_moments(columns, values)))
 
-    def _in_plane_moments(self, columns: Sequence[Column], values: FloatArray) -> list[FloatArray]:
+    def _in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
         """What wind-fixed columns make of C_mw, one (k,) a flight at its nodes."""
         fixed = [j for j, column in enumerate(columns) if self.mechanisms[column.mechanism].wind_fixed]
         moments = []
@@ -215,11 +214,11 @@ class RateFrame:
                 if key not in known:
                     terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                     known[key] = {term.name: term for term in terms}
-                moment = moment + value * known[key][column.term].in_plane * column.course(motion.course_time)
+                moment = moment + value * known[key][column.term].in_plane * column.time_basis(motion.coefficient_time)
             moments.append(moment)
         return moments
 
-    def _by_shape(self, columns: Sequence[Column]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
+    def _by_shape(self, columns: Sequence[Regressor]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
         """Shapes in turn, the columns of them, and which term each column has."""
         groups: dict[_Key, list[int]] = {}
         for j, column in enumerate(columns):

@@ -15,8 +15,7 @@ from scipy.interpolate import BSpline
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import FREE_FEWEST_SPLINES, FREE_MOST_SPLINES, FREE_ROWS_PER_COLUMN
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
@@ -83,7 +82,7 @@ class FreeMoment(Mechanism):
 
     name = "free_moment"
     title = "a moment that is free but smooth"
-    claims = "nothing: it stands for whatever moved the vehicle"
+    claims = "nothing specific: any moment that moved the vehicle"
     source = "Maple and Synge 1949; nonparametric regression"
     time_variation = ("constant",)
 
@@ -95,7 +94,7 @@ class FreeMoment(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One shape times each spline."""
         name = self.shapes[int(theta[_SHAPE])]
-        splines = self._splines(motion.course_time)
+        splines = self._splines(motion.coefficient_time)
         return tuple(
             Term(f"{name} {part} {k}", values.real * spline, values.imag * spline)
             for part, values in enumerate(shape_of(name, motion))
@@ -111,17 +110,17 @@ class FreeMoment(Mechanism):
 
 def free_moment(
     problem: Problem, shapes: tuple[str, ...] = ORDINARY
-) -> tuple[RateFrame, tuple[Column, ...]]:
+) -> tuple[RateFrame, tuple[Regressor, ...]]:
     """The problem's frame with a free moment of these shapes, and that moment's columns."""
-    time, motion = problem.frame.course_time, problem.frame.motions[0]
+    time, motion = problem.frame.coefficient_time, problem.frame.motions[0]
     parts = {name: len(shape_of(name, motion)) for name in SHAPES}
     rows = problem.frame.observed.size * 2
     wanted = rows / (FREE_ROWS_PER_COLUMN * sum(parts[name] for name in ORDINARY))
     count = int(np.clip(wanted, FREE_FEWEST_SPLINES, FREE_MOST_SPLINES))
     free = FreeMoment(start=float(time.min()), stop=float(time.max()), splines=count, shapes=shapes)
-    always = TimeFunction("constant")
+    always = TimeBasis("constant")
     columns = tuple(
-        Column(free.name, f"{name} {part} {k}", ((_SHAPE, float(number)),), always, "1")
+        Regressor(free.name, f"{name} {part} {k}", ((_SHAPE, float(number)),), always, "1")
         for number, name in enumerate(shapes)
         for part in range(parts[name])
         for k in range(count)

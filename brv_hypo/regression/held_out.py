@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
@@ -76,7 +76,7 @@ class LeavingOut:
         self.untied = problem.untied()
         self._blocks: dict[int, tuple[_Block, ...]] = {}
 
-    def of(self, frame: RateFrame, columns: Sequence[Column]) -> FitsWithout:
+    def of(self, frame: RateFrame, columns: Sequence[Regressor]) -> FitsWithout:
         """The fits of these columns."""
         return FitsWithout(self, frame, tuple(columns))
 
@@ -181,7 +181,7 @@ class _Bordered:
 class FitsWithout:
     """The same columns fitted without blocks of time."""
 
-    def __init__(self, shared: LeavingOut, frame: RateFrame, columns: tuple[Column, ...]) -> None:
+    def __init__(self, shared: LeavingOut, frame: RateFrame, columns: tuple[Regressor, ...]) -> None:
         self.shared, self.frame, self.columns = shared, frame, columns
         self._found: dict[int, tuple[Without, ...]] = {}
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.motion.kept_rows import KeptRows
+from brv_hypo.motion.interpolation import DecimatedGrid
 from brv_hypo.regression.channels import Rows
 
 # Values of histories that are made at once: 16 bytes each, several times over.
@@ -17,7 +17,7 @@ AT_ONCE = 2_000_000
 class Histories:
     """Histories in both channels, `kept` (m, unknowns) of them, on the `rows` that are kept."""
 
-    rows: KeptRows
+    rows: DecimatedGrid
     kept: Rows
 
     def of(self, values: FloatArray) -> Rows:

@@ -18,14 +18,12 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import MOMENT_SLOPE_STEP
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column, Theta
-from brv_hypo.motion.angles import crossflow_rate, with_crossflow
-from brv_hypo.motion.frames import CROSSFLOW_FLOOR, crossflow
-from brv_hypo.motion.history import recorded
+from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.interpolation import Places, Spline
+from brv_hypo.motion.kinematics import CROSSFLOW_FLOOR, crossflow
+from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.splines import Places, Spline
 
 # The parts of the crossflow and of its rate, as names of quantities.
 _TURNED = ("y", "z", "rate y", "rate z")
@@ -46,7 +44,7 @@ class MomentModel:
 
     reconstruction: Reconstruction
     mechanisms: Mapping[str, Mechanism]
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     values: FloatArray
     motion: Motion
 
@@ -153,14 +151,14 @@ class MomentModel:
         """C_m + i C_n (m,) on a motion at the nodes: of what is always there, and of what is tested."""
         plane = np.zeros((2, motion.time.size), dtype=complex)
         found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        for column, course in zip(self.columns, self._courses, strict=True):
+        for column, time_basis in zip(self.columns, self._courses, strict=True):
             key = (column.mechanism, column.theta)
             if key not in found:
                 terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
                 found[key] = {term.name: term for term in terms}
             term, own = found[key][column.term], plane[0 if column.mechanism in self._always else 1]
-            own.real += course * term.in_plane
-            own.imag += course * term.out_of_plane
+            own.real += time_basis * term.in_plane
+            own.imag += time_basis * term.out_of_plane
         always, tested = (motion.to_body(each.real, each.imag) for each in plane)
         return always, tested
 
@@ -175,8 +173,8 @@ class MomentModel:
     @cached_property
     def _courses(self) -> list[FloatArray]:
         """Each column's coefficient at the nodes (m,)."""
-        time = self.motion.course_time
-        return [value * column.course(time) for column, value in zip(self.columns, self.values, strict=True)]
+        time = self.motion.coefficient_time
+        return [value * column.time_basis(time) for column, value in zip(self.columns, self.values, strict=True)]
 
 
 @dataclass(frozen=True)

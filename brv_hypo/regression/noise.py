@@ -13,7 +13,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE, NOISE_RAISED
-from brv_hypo.motion.kept_rows import turning
+from brv_hypo.motion.interpolation import turning
 from brv_hypo.regression.channels import Lasting, Noise, Part
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.free_moment import free_moment

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import BEYOND_TOLERANCE, RESPONSE_PER_CYCLE
+from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.motion.kept_rows import kept_rows
+from brv_hypo.motion.interpolation import decimated_grid
+from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.histories import Histories
@@ -124,7 +125,7 @@ def nuisances(
     before. What has no influence on a flight is left out.
     """
     known_before = taken or tuple({} for _ in flights)
-    kept = kept_rows(frame.pieces, min(each.spacing(RESPONSE_PER_CYCLE) for each in flights))
+    kept = decimated_grid(frame.pieces, min(each.spacing(RESPONSE_PER_CYCLE) for each in flights))
     items: list[Nuisance] = []
     rows: list[Rows] = []
     noise: dict[int, Rows] = {}

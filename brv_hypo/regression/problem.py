@@ -13,11 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import NOISE_MOST_TIED
+from brv_hypo.constants import NOISE_MOST_EQUAL
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
@@ -45,9 +44,9 @@ class GivenColumns(Mechanism):
         return ()
 
 
-def given_column(name: str, units: str = "1") -> Column:
+def given_column(name: str, units: str = "1") -> Regressor:
     """The column of a history that is given."""
-    return Column(GIVEN, name, (), TimeFunction("constant"), units)
+    return Regressor(GIVEN, name, (), TimeBasis("constant"), units)
 
 
 @dataclass(frozen=True)
@@ -92,7 +91,7 @@ class WhitenedRows:
     def _sharpening(self) -> tuple[FloatArray, FloatArray]:
         """Directions (rate rows, rank) of the noise that is in unknowns, and what they gain as it leaves the rates."""
         directions, share, _ = np.linalg.svd(self.own_noise, full_matrices=False)
-        share = np.minimum(share, NOISE_MOST_TIED)
+        share = np.minimum(share, NOISE_MOST_EQUAL)
         return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
 
     def _sharpened(self, rates: FloatArray) -> FloatArray:
@@ -199,7 +198,7 @@ class Problem:
     records: tuple[InertialRecord, ...]
     force: ComplexArray
     rows: WhitenedRows
-    baseline: tuple[Column, ...]
+    baseline: tuple[Regressor, ...]
     knots: FloatArray
     max_terms: int
     exact_terms: int
@@ -248,18 +247,18 @@ class Problem:
         free = len(self.rows.nuisances.items) - self.rows.nuisances.bounded.size
         return 2 * self.rows.rates - 2 * len(self.rows.part.levels) - free
 
-    def design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+    def design(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """Whitened columns (rows, columns), projected like the response."""
         return self.rows.projected(self.raw_design(frame, columns))
 
-    def raw_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+    def raw_design(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """Whitened columns (rows, columns) as they are."""
         own = self.own_rows(frame, columns)
         out = np.zeros((self.rows.size, len(columns)))
         out[: own.shape[0]] = own
         return out
 
-    def own_rows(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+    def own_rows(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """The rows of the raw design in which columns can be other than zero: the first ones.
 
         Rates alone where all columns are moments; rates and force where some are given.
@@ -274,7 +273,7 @@ class Problem:
         out[:, given] = self.rows.white_histories(side_by_side([self.given[columns[j].term] for j in given]))
         return out
 
-    def _white_moments(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+    def _white_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """Rows of the rates, so many columns at once that their histories stay small."""
         out = np.empty((self.rows.rates, len(columns)))
         for some in self._batches(len(columns)):
@@ -286,14 +285,14 @@ class Problem:
         width = max(1, AT_ONCE // self.frame.observed.size)
         return [slice(first, first + width) for first in range(0, count, width)]
 
-    def _rates(self, frame: RateFrame, columns: Sequence[Column], values: FloatArray) -> ComplexArray:
+    def _rates(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> ComplexArray:
         """Rates (frame rows, ...) that moments with these coefficients (columns, ...) make."""
         out = np.zeros((frame.observed.size, *values.shape[1:]), dtype=complex)
         for some in self._batches(len(columns)):
             out += frame.columns(columns[some]) @ values[some]
         return out
 
-    def whole_design(self, frame: RateFrame, columns: Sequence[Column]) -> FloatArray:
+    def whole_design(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """The columns as they are, and constants and nuisances after them (rows, columns + unknowns)."""
         return np.column_stack([self.raw_design(frame, columns), self.rows.nuisance_design])
 
@@ -317,7 +316,7 @@ class Problem:
                 vars(out)[name] = vars(self)[name]
         return out
 
-    def solution(self, frame: RateFrame, columns: Sequence[Column]) -> tuple[FloatArray, FloatArray]:
+    def solution(self, frame: RateFrame, columns: Sequence[Regressor]) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,), fitted together."""
         design = self.raw_design(frame, columns)
         scale = lengths(design)
@@ -327,7 +326,7 @@ class Problem:
         return values, others[2 * len(self.rows.part.levels) :]
 
     def left(
-        self, frame: RateFrame, columns: Sequence[Column], values: FloatArray, others: FloatArray
+        self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray
     ) -> Rows:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).
 

@@ -8,17 +8,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import FREE_GRAVITY
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.angles import crossflow_rate, with_crossflow
-from brv_hypo.motion.axial_force import axial_share
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.history import recorded
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.inertial import (
+    FREE_GRAVITY,
+    InertialRecord,
+    WindStart,
+    body_crossflow,
+    gravity_magnitude,
+    inertial_record,
+    transverse_axes,
+    wind_direction,
+)
 from brv_hypo.motion.inputs import with_smooth_inputs
+from brv_hypo.motion.interpolation import SplineGrid
+from brv_hypo.motion.moments import axial_share
+from brv_hypo.motion.motion import crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.splines import SplineGrid
-from brv_hypo.motion.wind import WindStart, body_crossflow, gravity_magnitude, transverse_axes, wind_direction
 from brv_hypo.regression.wander import walk_modes, walk_sines, wind_to_body
 
 # Names of a motion's unknowns: what a fit says that it has too much of.

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem, ProjectedBaseline
@@ -87,7 +87,7 @@ class Reduced:
     def _baseline(self) -> ProjectedBaseline:
         return self.problem.projected_baseline(self.frame)
 
-    def batch(self, columns: Sequence[Column]) -> Batch:
+    def batch(self, columns: Sequence[Regressor]) -> Batch:
         """Columns, whitened."""
         return self._batch(self.problem.own_rows(self.frame, columns))
 

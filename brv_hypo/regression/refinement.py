@@ -19,17 +19,16 @@ from brv_hypo.constants import (
     REFINED_HALVINGS,
     REFINED_STEPS,
     REFINED_WIDTH,
+    REFIT_GAIN,
+    REFIT_LAST_STEPS,
+    REFIT_LAST_WIDTH,
+    REFIT_LOSS,
+    REFIT_STEPS,
+    REFIT_WHOLE_STEPS,
     SCANNED,
     SCANNED_FACTOR,
-    SETTLED_GAIN,
-    SETTLED_LAST_STEPS,
-    SETTLED_LAST_WIDTH,
-    SETTLED_LOSS,
-    SETTLED_STEPS,
-    SETTLED_WHOLE_STEPS,
 )
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.reduced import Batch, Fitted, Reduced
@@ -56,8 +55,8 @@ class Steps(NamedTuple):
 ROUGH = (Steps(REFINED_STEPS, REFINED_GAIN, REFINED_WIDTH),)
 # Of one that is told, or linearised about.
 SETTLED = (
-    Steps(SETTLED_STEPS, SETTLED_GAIN, REFINED_WIDTH),
-    Steps(SETTLED_LAST_STEPS, SETTLED_GAIN, SETTLED_LAST_WIDTH, whole=SETTLED_WHOLE_STEPS),
+    Steps(REFIT_STEPS, REFIT_GAIN, REFINED_WIDTH),
+    Steps(REFIT_LAST_STEPS, REFIT_GAIN, REFIT_LAST_WIDTH, whole=REFIT_WHOLE_STEPS),
 )
 
 
@@ -84,32 +83,32 @@ class Nonlinear:
         """The values of `around` that are not its own."""
         return [float(value) for value in self.around(points) if not math.isclose(value, self.value, rel_tol=_SAME)]
 
-    def moved(self, columns: Sequence[Column], value: float) -> tuple[Column, ...]:
+    def moved(self, columns: Sequence[Regressor], value: float) -> tuple[Regressor, ...]:
         """The columns with this parameter at `value`."""
         out = list(columns)
         for j in self.columns:
             out[j] = self._moved(out[j], value)
         return tuple(out)
 
-    def _moved(self, column: Column, value: float) -> Column:
+    def _moved(self, column: Regressor, value: float) -> Regressor:
         if self.kind == "knot":
-            return column.at(column.theta, TimeFunction(column.course.kind, value, column.course.stop))
+            return column.at(column.theta, TimeBasis(column.time_basis.kind, value, column.time_basis.stop))
         theta = tuple((key, value if key == self.name else old) for key, old in column.theta)
-        return column.at(theta, column.course)
+        return column.at(theta, column.time_basis)
 
 
 @dataclass(frozen=True)
 class Refined:
     """Columns with refined delays and knots, and the fit at them; `residual` (rows,) is whitened."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     values: FloatArray
     residual: FloatArray
     nonlinear: tuple[Nonlinear, ...]
 
 
 def refine(
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     nonlinear: tuple[Nonlinear, ...],
     fresh: frozenset[int],
     reduced: Reduced,
@@ -139,7 +138,7 @@ class _State:
     """Chosen columns (those of the baseline left out), the parameters that move them, and the fit at them."""
 
     nonlinear: tuple[Nonlinear, ...]
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     batch: Batch
     fitted: Fitted
 
@@ -156,27 +155,27 @@ def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
             break
     for _ in range(steps.whole):
         last = _moved(reduced, state, _step(reduced, state, steps.width))
-        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) >= SETTLED_LOSS * state.fitted.rss:
+        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) >= REFIT_LOSS * state.fitted.rss:
             break
         state = last
     return state
 
 
 def nonlinear_parameters(
-    columns: Sequence[Column], baseline_size: int, frame: RateFrame, knots: FloatArray
+    columns: Sequence[Regressor], baseline_size: int, frame: RateFrame, knots: FloatArray
 ) -> tuple[Nonlinear, ...]:
     """The delays and knots of a model: knots may move by their spacing, delays within their bounds.
 
     A knot stays within the record: outside of it nothing depends on where it is.
     """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
-    start, stop = float(frame.course_time.min()), float(frame.course_time.max())
+    start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
     found: dict[tuple[Literal["theta", "knot"], str, float, str, int | None], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
         for name, value in column.theta:
             found.setdefault(("theta", column.mechanism, value, name, None), []).append(j)
-        if column.course.kind != "constant" and reach > 0.0:
-            place = (column.mechanism, column.course.start, "knot", column.flight)
+        if column.time_basis.kind != "constant" and reach > 0.0:
+            place = (column.mechanism, column.time_basis.start, "knot", column.flight)
             found.setdefault(("knot", *place), []).append(j)
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
@@ -192,7 +191,7 @@ def nonlinear_parameters(
 def _scanned(
     reduced: Reduced,
     nonlinear: tuple[Nonlinear, ...],
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     fresh: frozenset[int],
     points: int,
 ) -> _State:
@@ -211,7 +210,7 @@ def _scanned(
 
 
 def _best_of(
-    reduced: Reduced, batch: Batch, columns: Sequence[Column], parameter: Nonlinear, values: Sequence[float]
+    reduced: Reduced, batch: Batch, columns: Sequence[Regressor], parameter: Nonlinear, values: Sequence[float]
 ) -> tuple[int, Batch]:
     """Which value fits best, the other columns held, and the moved columns at it: one stack of normal equations."""
     count, size = len(values), len(parameter.columns)
@@ -238,7 +237,7 @@ def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
 
 def prediction_slopes(
     nonlinear: Sequence[Nonlinear],
-    columns: Sequence[Column],
+    columns: Sequence[Regressor],
     values: FloatArray,
     frame: RateFrame,
     share: float = REFINED_WIDTH,
@@ -248,7 +247,7 @@ def prediction_slopes(
     By central differences, a `share` of its bounds to either side, all in one batch: where a knot lies at a sample, the
     derivatives on its two sides differ, and their mean is wanted.
     """
-    moved: list[Column] = []
+    moved: list[Regressor] = []
     weights: list[tuple[int, float]] = []
     for p, parameter in enumerate(nonlinear):
         width = share * (parameter.bounds[1] - parameter.bounds[0])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.motion.differentiation import derivatives
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.signals import derivatives
 from brv_hypo.regression.frame import RateFrame
 
 

@@ -18,25 +18,23 @@ from typing import TypeVar
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.constants import RESPONSE_PULL, RESPONSE_STEP, RESPONSE_TURN
+from brv_hypo.constants import RESPONSE_PULL, RESPONSE_TURN
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.columns import Column
-from brv_hypo.motion.effect_responses import AT_ONCE
-from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
-from brv_hypo.motion.kept_rows import spacing
-from brv_hypo.motion.perturbation import perturbed
-from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.smoothing import InputError
-from brv_hypo.motion.splines import running_integral
-from brv_hypo.motion.wind import (
+from brv_hypo.model.term import Regressor
+from brv_hypo.motion.inertial import (
+    InertialRecord,
     WindStart,
     body_crossflow,
     propagated_crossflows,
     transverse_axes,
     wind_direction,
 )
+from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
+from brv_hypo.motion.interpolation import running_integral, spacing
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
+from brv_hypo.motion.signals import InputError
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
 from brv_hypo.regression.moment_model import MomentModel, MovedRecord
@@ -63,7 +61,7 @@ class LinearisedFlight:
     reconstruction: Reconstruction
     start: WindStart
     mechanisms: Mapping[str, Mechanism]
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     values: FloatArray
     force: ForceModel
     force_values: FloatArray

@@ -12,14 +12,14 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import SEARCH_BEST, SEARCH_FINER_KNOTS, SEARCH_SAME_KNOT, SEARCH_SAME_THETA
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column, Theta, Vector, candidates, theta_grid
+from brv_hypo.model.term import Regressor, Theta, Vector, candidates, theta_grid
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.subset import Chosen, best_columns
 
-Subset = tuple[float, tuple[Column, ...]]
+Subset = tuple[float, tuple[Regressor, ...]]
 Search = Callable[..., Sequence[Chosen]]  # with the interface of `best_columns`
 
 
@@ -31,19 +31,19 @@ class Offers:
     sets in which terms of several theta may stand side by side.
     """
 
-    single: tuple[tuple[Column, ...], ...]
-    joint: tuple[tuple[Column, ...], ...]
+    single: tuple[tuple[Regressor, ...], ...]
+    joint: tuple[tuple[Regressor, ...], ...]
 
     @property
     def count(self) -> int:
         """Number of choices at one theta, which the search pays for; theta itself is paid for as a parameter."""
-        return len({column.at((), column.course).choice for offer in self.single for column in offer})
+        return len({column.at((), column.time_basis).choice for offer in self.single for column in offer})
 
 
 def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:
     """The columns on offer for a hypothesis."""
 
-    def product(grids: list[list[tuple[Theta, ...]]]) -> tuple[tuple[Column, ...], ...]:
+    def product(grids: list[list[tuple[Theta, ...]]]) -> tuple[tuple[Regressor, ...], ...]:
         return tuple(
             tuple(
                 column
@@ -69,7 +69,7 @@ def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) 
 
 def _columns_of(
     problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
-) -> tuple[Column, ...]:
+) -> tuple[Regressor, ...]:
     motion = frame.motions[frame.reference]
     own = mechanism.knots(motion)
     return candidates(mechanism, motion, problem.knots if own is None else own, thetas)
@@ -82,7 +82,7 @@ class Factor:
     It has the same residual sums of squares as the rows, and is small.
     """
 
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     forced: int
     triangle: FloatArray
 
@@ -90,7 +90,7 @@ class Factor:
         """(RSS, columns) of the best subsets of each size beside the forced columns."""
         vectors: dict[Vector, list[int]] = {}
         for place, column in enumerate(self.columns):
-            if place >= self.forced and column.tied:
+            if place >= self.forced and column.grouped:
                 vectors.setdefault(column.vector, []).append(place)
         found = search(
             self.triangle[:, :-1],
@@ -113,7 +113,7 @@ class GridFactors:
 
     def best(self, n_best: int, search: Search = best_columns) -> dict[int, tuple[Subset, ...]]:
         """For each number of columns the `n_best` of either kind, the least RSS first, as `search` finds them."""
-        best: dict[int, dict[tuple[Column, ...], float]] = {}
+        best: dict[int, dict[tuple[Regressor, ...], float]] = {}
         for factors in (self.single, self.joint):
             found: dict[int, list[Subset]] = {}
             for factor in factors:
@@ -139,7 +139,7 @@ class OnGrid:
     offered: Offers
     factors: GridFactors
     best: Mapping[int, tuple[Subset, ...]]
-    episodes: Sequence[tuple[Column, ...]]
+    episodes: Sequence[tuple[Regressor, ...]]
 
 
 def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEARCH_BEST) -> OnGrid:
@@ -161,10 +161,10 @@ def _rss(subset: Subset) -> float:
 def extended(
     problem: Problem,
     frame: RateFrame,
-    columns: tuple[Column, ...],
+    columns: tuple[Regressor, ...],
     mechanisms: Sequence[Mechanism],
-    offered: Sequence[tuple[Column, ...]],
-) -> tuple[Column, ...] | None:
+    offered: Sequence[tuple[Regressor, ...]],
+) -> tuple[Regressor, ...] | None:
     """A model's selected columns with the best further term of its own offer; None where it is full."""
     selected = columns[len(problem.baseline) :]
     reduced = Reduced(problem, frame)
@@ -176,7 +176,7 @@ def extended(
         for offer in _compatible(selected, mechanisms, offered)
         for subset in (
             _factor(reduced, selected, offer).subsets(size)
-            if size > 1 and not all(column.tied for column in offer)
+            if size > 1 and not all(column.grouped for column in offer)
             else _single(reduced, selected, offer, size)
         )
         if subset[1]
@@ -185,8 +185,8 @@ def extended(
 
 
 def in_place_of(
-    problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism], kept: tuple[Column, ...], size: int
-) -> list[tuple[Column, ...]]:
+    problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism], kept: tuple[Regressor, ...], size: int
+) -> list[tuple[Regressor, ...]]:
     """The model's columns that are kept with so many others: the best two sets of all on offer at finer knots."""
     offered = offers(_with_finer_knots(problem), frame, mechanisms)
     reduced = Reduced(problem, frame)
@@ -199,7 +199,7 @@ def in_place_of(
     return [(*kept, *chosen) for _, chosen in sorted(found, key=_rss)[:2]]
 
 
-def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Column, ...]]:
+def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Regressor, ...]]:
     """The best sets of columns in which all terms of a mechanism jump at one of finer knots, and at two.
 
     Between the knots of the grid a jump looks like ramps, and a search that begins with those stays with them.
@@ -210,8 +210,8 @@ def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]
     reduced = Reduced(problem, frame)
     best: dict[int, Subset] = {}
     for offer in offered.joint or offered.single:
-        jumps = [column for column in offer if column.course.kind == "jump"]
-        changes = _together(jumps, lambda column: (column.theta, column.course))
+        jumps = [column for column in offer if column.time_basis.kind == "jump"]
+        changes = _together(jumps, lambda column: (column.theta, column.time_basis))
         pairs = [[*one, *other] for one, other in itertools.combinations(changes, 2)]
         triangle = reduced.triangle(reduced.batch(jumps))
         for rss, columns in (*_best_group(triangle, jumps, changes), *_best_group(triangle, jumps, pairs)):
@@ -226,19 +226,19 @@ def _with_finer_knots(problem: Problem) -> Problem:
     return replace(problem, knots=finer)
 
 
-def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) -> list[tuple[Column, ...]]:
+def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...]) -> list[tuple[Regressor, ...]]:
     """The two best subsets of each size among all courses at a model's own knots and thetas, one more at most.
 
     It finds the plainer model where refinement has moved several terms to one place, and the term that another stood
     in for before the knots were where they are.
     """
     selected = columns[len(problem.baseline) :]
-    own: dict[Column, None] = {}
+    own: dict[Regressor, None] = {}
     for column in selected:
         mechanism = frame.mechanisms[column.mechanism]
         mine = [c for c in selected if c.mechanism == column.mechanism]
         knots = _merged(
-            [c.course.start for c in mine if c.course.kind != "constant"], SEARCH_SAME_KNOT * _spacing(problem)
+            [c.time_basis.start for c in mine if c.time_basis.kind != "constant"], SEARCH_SAME_KNOT * _spacing(problem)
         )
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
@@ -247,9 +247,9 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Column, ...]) ->
     return [chosen for _, chosen in found if chosen]
 
 
-def _choice_size(selected: Sequence[Column]) -> int:
+def _choice_size(selected: Sequence[Regressor]) -> int:
     """Columns that come with one more choice."""
-    return max((2 if column.tied else 1 for column in selected), default=1)
+    return max((2 if column.grouped else 1 for column in selected), default=1)
 
 
 def _spacing(problem: Problem) -> float:
@@ -265,7 +265,7 @@ def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
     return np.array([cluster.mean() for cluster in clusters])
 
 
-def _merged_thetas(columns: Sequence[Column], tolerance: float = SEARCH_SAME_THETA) -> list[Theta]:
+def _merged_thetas(columns: Sequence[Regressor], tolerance: float = SEARCH_SAME_THETA) -> list[Theta]:
     """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
     thetas = list(dict.fromkeys(column.theta for column in columns))
     if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):
@@ -276,22 +276,22 @@ def _merged_thetas(columns: Sequence[Column], tolerance: float = SEARCH_SAME_THE
 
 
 def _compatible(
-    selected: Sequence[Column], mechanisms: Sequence[Mechanism], offered: Sequence[tuple[Column, ...]]
-) -> list[tuple[Column, ...]]:
+    selected: Sequence[Regressor], mechanisms: Sequence[Mechanism], offered: Sequence[tuple[Regressor, ...]]
+) -> list[tuple[Regressor, ...]]:
     """The offers with the model's own theta, where a mechanism allows one theta at a time."""
     single = {m.name for m in mechanisms if m.parameters() and not m.several_parameters_at_once}
     theta = {c.mechanism: c.theta for c in selected if c.mechanism in single}
-    renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.course) for c in offer) for offer in offered]
+    renamed = [tuple(c.at(theta.get(c.mechanism, c.theta), c.time_basis) for c in offer) for offer in offered]
     return list(dict.fromkeys(renamed))
 
 
-def _single(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column], size: int) -> list[Subset]:
+def _single(reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor], size: int) -> list[Subset]:
     """(RSS, columns) of the best column or vector of `size` components beside the forced columns."""
     groups = [group for group in _together(offered, lambda column: column.choice) if len(group) == size]
     return _best_group(reduced.triangle(reduced.batch((*forced, *offered))), offered, groups)
 
 
-def _together(columns: Sequence[Column], key: Callable[[Column], object]) -> list[list[int]]:
+def _together(columns: Sequence[Regressor], key: Callable[[Regressor], object]) -> list[list[int]]:
     """The places of columns that have a key in common, for each key."""
     groups: dict[object, list[int]] = {}
     for place, column in enumerate(columns):
@@ -299,7 +299,7 @@ def _together(columns: Sequence[Column], key: Callable[[Column], object]) -> lis
     return list(groups.values())
 
 
-def _best_group(triangle: FloatArray, offered: Sequence[Column], groups: Sequence[Sequence[int]]) -> list[Subset]:
+def _best_group(triangle: FloatArray, offered: Sequence[Regressor], groups: Sequence[Sequence[int]]) -> list[Subset]:
     """(RSS, columns) of the best of some groups of what is on offer, all as large.
 
     `triangle` has the columns on offer and the response last; columns that are forced stand before those.
@@ -318,7 +318,7 @@ def _best_group(triangle: FloatArray, offered: Sequence[Column], groups: Sequenc
     return [(float(left @ left - falls[best]), tuple(offered[j] for j in members[best]))]
 
 
-def _factor(reduced: Reduced, forced: Sequence[Column], offered: Sequence[Column]) -> Factor:
+def _factor(reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor]) -> Factor:
     """The factor of these columns, without those that nothing is left of."""
     batch, columns = reduced.batch((*forced, *offered)), (*forced, *offered)
     triangle = reduced.triangle(batch)

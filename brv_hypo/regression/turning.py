@@ -10,8 +10,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
@@ -27,7 +26,7 @@ class TurningMoment(Mechanism):
 
     name = "turning_moment"
     title = "a moment that turns in the body"
-    claims = "nothing: it stands for what a separated flow, a wake or loose mass may do"
+    claims = "nothing specific: a moment as of separated flow, a wake or loose mass"
     source = "a rotating vector in body axes"
     terms_enter_together = True
 
@@ -72,7 +71,7 @@ def turning_moment(
     )
     if not rates:
         return None
-    falls = _falls(problem, everything, rates, TimeFunction("jump", start, stop))
+    falls = _falls(problem, everything, rates, TimeBasis("jump", start, stop))
     return TurningMoment(about=start, rates=(rates[int(np.argmax(falls))],), apart=2.0 * apart)
 
 
@@ -91,12 +90,12 @@ def _rates(motions: Sequence[Motion], apart: float) -> tuple[float, ...]:
 
 
 def _falls(
-    problem: Problem, moment: TurningMoment, rates: Sequence[float], course: TimeFunction
+    problem: Problem, moment: TurningMoment, rates: Sequence[float], time_basis: TimeBasis
 ) -> FloatArray:
     """Fall of the residual sum of squares that each rate brings with this course (rates,)."""
     reduced = Reduced(problem, problem.frame.with_mechanisms([moment]))
     columns = [
-        Column(moment.name, term.name, ((RATE, rate),), course, term.units)
+        Regressor(moment.name, term.name, ((RATE, rate),), time_basis, term.units)
         for rate in rates
         for term in moment.terms(problem.frame.motions[0], {RATE: rate})
     ]

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import DesignMoment, HypothesisFit
 from brv_hypo.regression.linear import covariance_of, variance_of
 from brv_hypo.regression.problem import Problem
@@ -39,8 +38,8 @@ def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     shared = [k for k, item in enumerate(items) if item.flight is None]
     if not shared:
         return fit
-    always = TimeFunction("constant")
-    columns = tuple(Column(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
+    always = TimeBasis("constant")
+    columns = tuple(Regressor(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
     sizes = np.array([items[k].size for k in shared])
     covariance = _with_unknowns(problem, fit, sizes, [2 * len(problem.rows.part.levels) + k for k in shared])
     return replace(fit, design=DesignMoment(columns, sizes * others[shared], covariance))

@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.mechanisms.checked import checked_terms
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.mechanisms.isolation import checked_terms
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.problem import Problem
@@ -20,7 +20,7 @@ class UnlistedMoment(Mechanism):
 
     name = "unlisted_moment"
     title = "a moment of a shape that no mechanism on the list has"
-    claims = "nothing: it stands for whatever else moved the vehicle"
+    claims = "nothing specific: any other moment that moved the vehicle"
     source = "Maple and Synge 1949"
 
     shapes: tuple[str, ...]

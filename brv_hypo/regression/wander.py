@@ -7,11 +7,10 @@ from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import WALK_FEWEST_MODES, WALK_LEFT_OUT, WALK_MODES_PER_CYCLE, WALK_MOST_MODES
-from brv_hypo.motion.frames import crossflow
-from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.inertial import InertialRecord, transverse_axes
+from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.wind import transverse_axes
 
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:

@@ -19,9 +19,9 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.quadrature import Quadrature
-from brv_hypo.motion.splines import Places, SplineGrid, running_integral
+from brv_hypo.model.term import TimeBasis
+from brv_hypo.motion.interpolation import Places, SplineGrid, running_integral
+from brv_hypo.motion.motion import Quadrature
 
 # Share of the last step before a segment's end within which what begins is nothing of it: the difference of two
 # integrals up to there is rounding, and least squares would fit the last sample's noise by any multiple of that.
@@ -89,10 +89,10 @@ class _Courses:
     end: FloatArray
 
     @classmethod
-    def told(cls, courses: Sequence[TimeFunction], segment: WeakSegment) -> _Courses:
+    def told(cls, courses: Sequence[TimeBasis], segment: WeakSegment) -> _Courses:
         """These courses over a segment."""
-        start, stop = np.array([(course.start, course.stop) for course in courses]).T
-        ramp = np.array([course.kind == "ramp" for course in courses])
+        start, stop = np.array([(time_basis.start, time_basis.stop) for time_basis in courses]).T
+        ramp = np.array([time_basis.kind == "ramp" for time_basis in courses])
         begin, end = (segment.own_times(times) for times in (start, stop))
         return cls(ramp, start, stop, begin, end)
 
@@ -111,7 +111,7 @@ class Nodes:
     """
 
     time: FloatArray
-    course_time: FloatArray
+    coefficient_time: FloatArray
     factor: ComplexArray
     rows: slice
     samples: IntArray | slice
@@ -137,10 +137,10 @@ class WeakSegment:
     def nodes(self) -> Nodes:
         """The nodes of its integrals."""
         every = slice(None)
-        return self.finer or Nodes(self.time, self.course_time, self.factor, self.rows, every)
+        return self.finer or Nodes(self.time, self.coefficient_time, self.factor, self.rows, every)
 
     @property
-    def course_time(self) -> FloatArray:
+    def coefficient_time(self) -> FloatArray:
         """The time that courses are told in (m,), s."""
         return self.time if self.common_time is None else self.common_time
 
@@ -149,9 +149,9 @@ class WeakSegment:
 
         After it infinite: what begins there is nothing of it.
         """
-        before, end = self.course_time[-2:]
+        before, end = self.coefficient_time[-2:]
         shared = self.common_time is not None
-        own = np.interp(told, self.course_time, self.time) if shared else np.maximum(told, self.time[0])
+        own = np.interp(told, self.coefficient_time, self.time) if shared else np.maximum(told, self.time[0])
         return np.where(told > end - _END * (end - before), np.inf, own)
 
     @cached_property
@@ -164,16 +164,16 @@ class WeakSegment:
 
     def integrate_weighted(self, integrands: ComplexArray) -> Integrals:
         """Antiderivatives for columns (k, columns) that hold the segment's factor already."""
-        return Integrals(self._grid, integrands, self.nodes.course_time - self.course_time[0])
+        return Integrals(self._grid, integrands, self.nodes.coefficient_time - self.coefficient_time[0])
 
-    def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeFunction]) -> ComplexArray:
+    def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeBasis]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
         told = _Courses.told(courses, self)
         out = self._between(integrals.plain, which, told)
         ramps = np.flatnonzero(told.ramp)
         if ramps.size:
             told, which = told.of(ramps), which[ramps]
-            out[:, ramps] *= self.course_time[0] - told.start
+            out[:, ramps] *= self.coefficient_time[0] - told.start
             out[:, ramps] += self._between(integrals.first, which, told)
             self._hold(out, ramps, integrals.plain, which, told)
         return out
@@ -202,7 +202,7 @@ class WeakSegment:
         """Add to the ramps among the columns what their last values bring after they have ended."""
         last = np.full(ramps.size, self.time[-1])
         if np.any(told.end < last):
-            held = np.minimum(told.stop, self.course_time[-1]) - told.start
+            held = np.minimum(told.stop, self.coefficient_time[-1]) - told.start
             out[:, ramps] += held * self._between(integral, which, _Courses(told.ramp, last, last, told.end, last))
 
 
@@ -239,5 +239,5 @@ def _nodes(nodes: Quadrature, first: int, stop: int, factor: ComplexArray, commo
     """Those of the segment [first, stop) of a flight with the factor (n,) of its integrands."""
     rows = nodes.rows(first, stop)
     time = nodes.time[rows]
-    course_time = time if common is None else nodes.of(common)[rows]
-    return Nodes(time, course_time, nodes.of(factor)[rows], rows, nodes.samples[first:stop] - rows.start)
+    coefficient_time = time if common is None else nodes.of(common)[rows]
+    return Nodes(time, coefficient_time, nodes.of(factor)[rows], rows, nodes.samples[first:stop] - rows.start)

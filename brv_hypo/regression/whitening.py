@@ -27,7 +27,7 @@ from brv_hypo.constants import (
     NOISE_SHORTEST_STRETCH,
     NOISE_STRETCHES,
 )
-from brv_hypo.motion.noise import ColouredNoise, inverse_spectrum
+from brv_hypo.motion.signals import ColouredNoise, inverse_spectrum
 
 # What a median knows of an exponential distribution's mean, over what all values know: ln(2)^2.
 MEDIAN_EFFICIENCY = 0.48

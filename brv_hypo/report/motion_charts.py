@@ -1,18 +1,103 @@
-"""Charts of a motion and of moments over time, angle and frequency, for whatever result has them."""
+"""Charts of a motion and of moments over time, angle of attack and frequency, for whatever result has them.
+
+The vertical range of a panel is that of the bulk of its values (`framed`): a few outliers, or a wide noise
+band, must not flatten a history. What lies beyond the frame is said in the caption.
+
+Pitch and yaw angles are drawn in axes that do not roll,
+
+    theta = alpha cos(lambda),  psi = alpha sin(lambda),  lambda = phi - phi_w,
+
+with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi), one panel for every few cycles at
+one scale.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.signal import welch
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.faults import RecordFault
+from brv_hypo.flight.record import RecordFault
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
-from brv_hypo.report.chart import Band, Chart, Layer, Line, Mark, Panel, Role, Span, Values, wrapped_degrees
-from brv_hypo.report.frames import cut_text, framed
+from brv_hypo.report.document import (
+    Band,
+    Chart,
+    Layer,
+    Line,
+    Mark,
+    Panel,
+    PlanePath,
+    Role,
+    Span,
+    Values,
+    wrapped_degrees,
+)
+
+_BULK = (0.01, 0.99)
+"""Quantiles of the values that a frame always holds."""
+_FAR = 3.0
+"""Times the width of the bulk that all values take, beyond which the rest of them lies outside the frame."""
+_BESIDE = 0.5
+"""Widths of the bulk that are shown on both sides of it then."""
+_FAR_WIDER = 5.0
+"""Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
+
+
+def framed(panel: Panel, floor: float = -np.inf) -> Panel:
+    """The panel, with a range where outliers or a wide band would flatten its histories; nothing lies below `floor`."""
+    shown = _known([line.y for line in panel.layers if isinstance(line, Line)])
+    if not shown.size:
+        return panel
+    low, high = _of_bulk(shown)
+    width = high - low
+    edges = _known([side for band in panel.layers if isinstance(band, Band) for side in (band.low, band.high)])
+    if edges.size and np.ptp(edges) > _FAR_WIDER * width > 0.0:
+        return replace(panel, range=(max(low - width, floor), high + width))
+    if (low, high) != (np.min(shown), np.max(shown)):
+        return replace(panel, range=(max(low, floor), high))
+    return panel
+
+
+def cut_text(panels: Sequence[Panel]) -> str:
+    """What lies beyond the frames, in a sentence; empty where nothing does."""
+    if any(_beyond(panel, Line) for panel in panels):
+        return "A few values far from all others lie beyond the frame: double-click shows them."
+    if any(_beyond(panel, Band) for panel in panels):
+        return "The band is far wider than what is drawn, and goes beyond the frame."
+    return ""
+
+
+def _of_bulk(values: FloatArray) -> tuple[float, float]:
+    """Least and greatest of the values; where a few are far from all others, of the bulk with some room beside it."""
+    low, high = float(np.min(values)), float(np.max(values))
+    first, last = (float(edge) for edge in np.quantile(values, _BULK))
+    width = last - first
+    if not high - low > _FAR * width > 0.0:
+        return low, high
+    return max(low, first - _BESIDE * width), min(high, last + _BESIDE * width)
+
+
+def _beyond(panel: Panel, kind: type[Line] | type[Band]) -> bool:
+    """Whether layers of this kind reach beyond the range of the panel."""
+    if panel.range is None:
+        return False
+    layers = [layer for layer in panel.layers if isinstance(layer, kind)]
+    sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
+    values = _known(sides)
+    return bool(values.size and (np.min(values) < panel.range[0] or np.max(values) > panel.range[1]))
+
+
+def _known(sides: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
+    values = np.concatenate([np.asarray(side, dtype=float) for side in sides]) if sides else np.zeros(0)
+    return values[np.isfinite(values)]
+
+
+# ---- Charts of a motion and of moments over time, angle and frequency, for whatever result has them ----
+
 
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
@@ -40,7 +125,7 @@ class Scale:
     suffix: str
 
     def drawn(self, values: Values) -> FloatArray:
-        """The values as they stand on an axis."""
+        """The values in the units of an axis."""
         return self.factor * np.asarray(values, dtype=float)
 
 
@@ -272,3 +357,58 @@ def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
 def _band(time: Values, centre: Values, sigma: Values, scale: Scale) -> Band:
     middle, wide = scale.drawn(centre), 2.0 * scale.drawn(sigma)
     return Band(time, middle - wide, middle + wide)
+
+
+# ---- Pitch against yaw, stretch by stretch: many cycles over each other are a tangle that says nothing ----
+
+
+_CAPTION = (
+    "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
+    "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."
+)
+_SEVERAL = " Each stretch begins at the dot. Zoom a chart over time, and the stretches are of what it shows."
+
+
+def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:
+    """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda).
+
+    lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi). One panel for
+    every few cycles, in order of time and at one scale.
+    """
+    t, p = np.asarray(time, dtype=float), np.asarray(roll_rate, dtype=float)
+    phi = np.concatenate([[0.0], np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(t))])
+    turned = phi - np.asarray(meridian)
+    amplitude = np.degrees(np.asarray(alpha))
+    theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
+    path = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / _cycles(theta, psi))
+    panels = [Panel(title, layers) for title, layers in _stretches(path)]
+    return Chart(
+        f"theta-psi{setting.suffix}",
+        f"Pitch against yaw{setting.which}",
+        "psi, deg",
+        panels,
+        path=path,
+        caption=_CAPTION + (_SEVERAL if len(panels) > 1 else ""),
+    )
+
+
+def _cycles(theta: FloatArray, psi: FloatArray) -> float:
+    """How often the path goes round, by its length over the circumference of a circle of its size; at least one."""
+    length = float(np.sum(np.hypot(np.diff(theta), np.diff(psi))))
+    size = float(np.sqrt(np.mean(theta**2 + psi**2)))
+    return max(length / (2.0 * np.pi * size), 1.0) if size > 0.0 else 1.0
+
+
+def _stretches(path: PlanePath) -> Iterator[tuple[str, list[Line]]]:
+    """Title and layers of equally long stretches of the path, each up to where the next begins."""
+    time, x, y = (np.asarray(values, dtype=float) for values in (path.time, path.x, path.y))
+    edges = np.linspace(time[0], time[-1], path.stretches + 1)
+    digits = max(0, 1 - int(np.floor(np.log10((edges[1] - edges[0]) or 1.0))))
+    for start, stop in pairwise(edges):
+        inside = slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop)) + 1)
+        first = slice(inside.start, inside.start + 1)
+        line = Line(x[inside], y[inside], "measured", "path")
+        yield (
+            f"{start:.{digits}f}–{stop:.{digits}f} s",
+            [line, Line(x[first], y[first], "second", "start", dots=True, large=True)],
+        )

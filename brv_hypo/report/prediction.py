@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from brv_hypo.report.blocks import Document, Picture, Table, Texts
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Panel, thinned
-from brv_hypo.report.compare import term_table
+from brv_hypo.report.comparison import term_table
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, TIME, scale_of
-from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
 from brv_hypo.report.style import interval, number
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
 from brv_hypo.residuals.prediction import Prediction
 
-TOLD = 16
+SHOWN_AT_FIRST = 16
 """Coefficients that the terminal shows; all of them with -v and on the page."""
-SETTLED = 0.5
+HOLDS_BELOW = 0.5
 """Ratio of mean squares below which the frozen model is said to hold on the flight."""
 WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
@@ -37,15 +36,15 @@ def prediction_document(result: Prediction) -> Document:
         title=f"Predicted: {flight.title or flight.path}",
         subtitle=subtitle,
         conclusion_title="Prediction" if sound else IN_DOUBT,
-        conclusion=result.reason if sound else f"{CONTRADICTED.format(told='left')} {result.reason}",
-        settled=result.ratio < SETTLED and sound,
+        conclusion=result.reason if sound else f"{CONTRADICTED.format(reported='left')} {result.reason}",
+        decided=result.ratio < HOLDS_BELOW and sound,
         blocks=(
             Table(("moments less", "mean square", "ratio"), errors, "Mean square of the moment coefficients"),
             Table(("time, s", "Mach", "ratio"), regions, "Frozen model over none, by stretch of time"),
             *_differences(result),
             *(Picture(chart) for chart in prediction_charts(result)),
-            term_table("Frozen", result.frozen, "always", most=TOLD),
-            term_table("Fitted to this flight", result.refitted, "always", most=TOLD),
+            term_table("Frozen", result.frozen, "always", most=SHOWN_AT_FIRST),
+            term_table("Fitted to this flight", result.refitted, "always", most=SHOWN_AT_FIRST),
             Texts(fault_texts(result.record), "Warnings", warning=True),
             Texts(flight.notes, "Notes", shown="page"),
         ),
@@ -114,7 +113,7 @@ def _bars(names: list[str], percent: list[float]) -> Bars:
 
 
 def _percent(value: float) -> str:
-    """A share at two digits however small it is: a model's errors are told from the noise's by them."""
+    """A share at two digits however small it is: they tell a model's errors apart from the noise's."""
     return f"{number(value, 2)} %"
 
 

@@ -1,4 +1,8 @@
-"""A reconstruction as a document and as data."""
+"""A reconstruction as a document and as data: ranges and standard deviations of the histories, and their charts.
+
+First come charts of the record as it was measured: forces, rates, and the attitude by integration of the
+rates alone, in which there is no wind; then motion and moments. `reconstruction_document` is the entrance.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
 from brv_hypo.motion import Reconstruction
+from brv_hypo.motion.kinematics import body_attitude
 from brv_hypo.motion.reconstruction import angle_known
-from brv_hypo.report.attitude import attitude_chart
-from brv_hypo.report.blocks import Document, Picture, Table, Texts
-from brv_hypo.report.chart import Chart
+from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Table, Texts
 from brv_hypo.report.motion_charts import (
     Setting,
+    attitude_chart,
     masked,
     moment_by_alpha_chart,
     moment_chart,
@@ -21,8 +26,47 @@ from brv_hypo.report.motion_charts import (
     spectrum_chart,
     turning_rates,
 )
-from brv_hypo.report.record_charts import record_charts
 from brv_hypo.report.style import interval, number
+
+# ---- Charts of a record as it was measured: forces, rates, and the attitude that the rates alone make ----
+
+
+_FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))
+_RATES = (("p", "p, deg/s"), ("q", "q, deg/s"), ("r", "r, deg/s"))
+
+
+def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
+    """Accelerometers and gyros over time, as Figures 5.1 to 5.4 of the report have them."""
+    time = flight.time
+    forces = [Panel(title, [Line(time, getattr(flight, name), "measured")]) for name, title in _FORCES]
+    rates = [Panel(title, [Line(time, np.degrees(getattr(flight, name)), "measured")]) for name, title in _RATES]
+    return [
+        setting.chart("accelerations", "Accelerometers", forces),
+        setting.chart("rates", "Rate gyros", rates),
+        _integrated_attitude_chart(setting, flight),
+    ]
+
+
+def _integrated_attitude_chart(setting: Setting, flight: Flight) -> Chart:
+    """Pitch and yaw of the nose from its first direction, by integration of the rates; no wind is in it."""
+    nose = np.degrees(1.0) * _pitch_and_yaw(flight)
+    panels = [
+        Panel(title, [Line(flight.time, angle, "measured")])
+        for title, angle in zip(("theta, deg", "psi, deg"), nose, strict=True)
+    ]
+    caption = "In the body axes of the first sample, where both are zero: biases of the gyros add up."
+    return setting.chart("integrated-attitude", "Pitch and yaw by integrated rates", panels, caption)
+
+
+def _pitch_and_yaw(flight: Flight) -> FloatArray:
+    """Angles (2, n) rad of the nose above and to the right of where it stood at first."""
+    _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
+    forward, right, down = attitude[:, :, 0].T
+    return np.stack([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
+
+
+# ---- A reconstruction as a document and as data ----
+
 
 HEADINGS = ("history", "unit", "least", "greatest", "sigma (rms)")
 
@@ -49,7 +93,7 @@ def reconstruction_document(result: Reconstruction) -> Document:
         subtitle=(flight.title or flight.path, f"{flight.samples} samples, {span} s, {flight.sample_rate:.4g} Hz"),
         conclusion_title="Motion",
         conclusion=reconstruction_line(result),
-        settled=result.status == "ok",
+        decided=result.status == "ok",
         blocks=(
             Table(HEADINGS, history_rows(result)),
             Texts(noise, bullets=False),

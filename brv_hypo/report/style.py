@@ -11,7 +11,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from brv_hypo.files.printed import printable
+from brv_hypo.io.text import printable
 
 NOT_A_NUMBER = "–"
 

@@ -10,7 +10,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.panel import Panel
 from rich.text import Text
 
-from brv_hypo.report.blocks import TEXT_COLUMNS, Block, Document, Picture, Table, Texts
+from brv_hypo.report.document import TEXT_COLUMNS, Block, Document, Picture, Table, Texts
 from brv_hypo.report.style import bullets, plain_table
 
 _BETWEEN = 2
@@ -31,7 +31,7 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
         Text(document.conclusion),
         title=document.conclusion_title,
         title_align="left",
-        border_style="green" if document.settled else "yellow",
+        border_style="green" if document.decided else "yellow",
         expand=False,
     )
     return Group(*parts, Text(), panel, *late)

@@ -1,16 +1,119 @@
-"""A trace as a document."""
+"""A trace as a document: the steps with their candidates and errors, the model, and the residual that is left.
+
+`trace_charts` draws the moments with the model, the residual before and after, the static slope by Mach
+number and the motion. `trace_document` is the entrance.
+"""
 
 from __future__ import annotations
 
-from brv_hypo.ranking.result import MaximumLikelihood
-from brv_hypo.report.blocks import Block, Document, Picture, Table, Texts
-from brv_hypo.report.compare import term_table
-from brv_hypo.report.rows import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
-from brv_hypo.report.style import interval, number, p_value, share
-from brv_hypo.report.trace_charts import trace_charts
-from brv_hypo.residuals.result import Residual, Step, Trace, TriedCandidate
+import numpy as np
 
-TOLD = 4
+from brv_hypo.ranking.result import MaximumLikelihood
+from brv_hypo.report.comparison import term_table
+from brv_hypo.report.document import (
+    Band,
+    Block,
+    Chart,
+    Document,
+    Layer,
+    Line,
+    Panel,
+    Picture,
+    Role,
+    Table,
+    Texts,
+    Values,
+)
+from brv_hypo.report.motion_charts import (
+    BODY,
+    TIME,
+    Drawn,
+    Setting,
+    attitude_chart,
+    caption,
+    cut_text,
+    difference,
+    framed,
+    knots_of,
+    moment_chart,
+    motion_chart,
+    residual_chart,
+    spectrum_chart,
+    turning_rates,
+)
+from brv_hypo.report.style import interval, number, p_value, share
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
+from brv_hypo.residuals.result import Residual, StaticSlope, Step, Trace, TriedCandidate
+
+# ---- The charts of a trace: the moments with the model, the residual before and after, the motion ----
+
+
+def trace_charts(result: Trace) -> list[Chart]:
+    """Every chart that the trace has the data for; none where the residual was not kept."""
+    picture = result.picture
+    if picture is None:
+        return []
+    span = (result.flight.start_s, result.flight.stop_s)
+    setting = Setting(span, knots_of(result.model.terms, *span))
+    models = [Drawn("before", picture.before, "second"), Drawn("after", picture.after, "first")]
+    heading = "Residual moments, before and after"
+    rates = turning_rates(picture.roll_rate_rad_s, picture.windward_meridian_rate_rad_s)
+    model = Drawn("model", difference(picture.measured, picture.after), "first")
+    charts = [
+        moment_chart(setting, picture.time_s, picture.measured, picture.sigma, [model], BODY),
+        residual_chart(setting, picture.time_s, picture.sigma, models, BODY, heading),
+        *(static_slope_chart(slope, len(result.static_slopes)) for slope in result.static_slopes),
+        spectrum_chart(
+            setting,
+            picture.time_s,
+            {
+                "measured": (picture.measured, "measured"),
+                "before": (picture.before, "second"),
+                "after": (picture.after, "first"),
+            },
+            rates,
+        ),
+    ]
+    if picture.alpha_rad:
+        angles = (picture.alpha_rad, picture.windward_meridian_rad)
+        sigmas = (picture.alpha_sigma_rad, picture.windward_meridian_sigma_rad)
+        charts.append(motion_chart(setting, picture.time_s, *angles, *sigmas))
+        charts.append(attitude_chart(setting, picture.time_s, *angles, picture.roll_rate_rad_s))
+    return charts
+
+
+def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
+    """The slope of the static moment by Mach number, or by time where that is not known or stays the same."""
+    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
+    x = np.array(slope.mach if by_mach else slope.time_s)
+    order = np.argsort(x, kind="stable")
+    layers = [
+        *_estimate(x[order], np.array(slope.at_flown)[order], np.array(slope.at_flown_std_error)[order], "second",
+                   "at the angle flown"),
+        *_estimate(x[order], np.array(slope.at_zero)[order], np.array(slope.at_zero_std_error)[order], "first",
+                   "at no angle of attack"),
+    ]  # fmt: skip
+    panels = [framed(Panel("C<sub>N</sub>′ by alpha, 1/rad", layers))]
+    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
+    read = "Negative is stable. Bands: two standard deviations of the coefficients."
+    return Chart(
+        f"static-slope{suffix}",
+        f"Slope of the static moment{which}",
+        "Mach number" if by_mach else TIME,
+        panels,
+        caption=caption(read, cut_text(panels)),
+    )
+
+
+def _estimate(x: Values, value: np.ndarray, sigma: np.ndarray, role: Role, name: str) -> list[Layer]:
+    """A line within two standard deviations."""
+    return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, "", role), Line(x, value, role, name)]
+
+
+# ---- A trace as a document ----
+
+
+SHOWN_AT_FIRST = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
 
 CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "near-equals")
@@ -35,7 +138,7 @@ def trace_document(result: Trace) -> Document:
         subtitle=tuple(flight_line(flight) for flight in result.flights),
         conclusion_title=_title(result),
         conclusion=conclusion(result),
-        settled=result.unexplained is None and result.record.sound,
+        decided=result.unexplained is None and result.record.sound,
         blocks=blocks,
     )
 
@@ -46,14 +149,14 @@ def _title(result: Trace) -> str:
 
 def conclusion(result: Trace) -> str:
     """What was found, what is hinted at, and what is left, in a sentence or two."""
-    doubt = "" if result.record.sound else CONTRADICTED.format(told="found")
+    doubt = "" if result.record.sound else CONTRADICTED.format(reported="found")
     found = f"Found: {', '.join(result.findings)}." if result.findings else "Nothing was found."
     hinted = f"Hints, no findings: {', '.join(result.hints)}." if result.hints else ""
-    told = (doubt, found, hinted, result.static_stability, _ending(result), result.unexplained)
-    return " ".join(part for part in told if part)
+    sentences = (doubt, found, hinted, result.static_stability, _stop_reason(result), result.unexplained)
+    return " ".join(part for part in sentences if part)
 
 
-def _ending(result: Trace) -> str:
+def _stop_reason(result: Trace) -> str:
     """Why the loop stopped, where that says something of the flight."""
     return {
         "white": "What is left is noise.",
@@ -76,11 +179,11 @@ def residual_text(residual: Residual) -> str:
 
 def _step(step: Step) -> list[Block]:
     rows = [candidate_row(row) for row in step.candidates]
-    told = [outcome_text(step)]
+    sentences = [outcome_text(step)]
     if step.look_alikes:
-        told.insert(0, f"as good a fit on this flight: {', '.join(step.look_alikes)}")
+        sentences.insert(0, f"as good a fit on this flight: {', '.join(step.look_alikes)}")
     if step.taken_out:
-        told.append(f"not needed beside it, and taken out: {', '.join(step.taken_out)}")
+        sentences.append(f"not needed beside it, and taken out: {', '.join(step.taken_out)}")
     correlated = [
         f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {p_value(one.p_value)})"
         for one in step.residual.correlations
@@ -88,8 +191,8 @@ def _step(step: Step) -> list[Block]:
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
-        Table(CANDIDATE_HEADINGS, rows, marked=marked, most=TOLD),
-        Texts(told, bullets=False, strong=step.added is not None),
+        Table(CANDIDATE_HEADINGS, rows, marked=marked, most=SHOWN_AT_FIRST),
+        Texts(sentences, bullets=False, strong=step.added is not None),
         Texts(correlated, "Correlations", shown="verbose"),
     ]
 

@@ -14,10 +14,6 @@ repetition.py        whether an effect keeps its name; near_equals.py: what it c
                      flight_left_out.py: what several flights say of each other
 fitted_model.py      a model with its coefficients and errors; saved.py, restore.py, model_file.py: as data and back
 likelihood.py        the final model refined by maximum likelihood
-
-Commands: `python -m brv_hypo.residuals.study` (how often planted effects are found; planting.py),
-`python -m brv_hypo.residuals.record_study` (effects planted into a measured record; planting_on_record.py), and
-`python -m brv_hypo.residuals.variants` (whether findings persist where a record is cut, blocked or scaled otherwise).
 """
 
 from brv_hypo.residuals.config import TraceConfig

@@ -10,8 +10,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import BAND_FREQUENCIES
-from brv_hypo.motion.differentiation import middle_weights
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.signals import middle_weights
 
 
 def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.constants import BAND_LEAST_NOISE, BAND_LEVEL, BAND_SIGMAS
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
@@ -31,7 +31,7 @@ _MOST_TOLD = 2000
 def predictive_sigma(
     problem: Problem,
     frame: RateFrame,
-    columns: Sequence[Column],
+    columns: Sequence[Regressor],
     covariance: FloatArray,
     fitted: BoolArray,
     noise_sigma: FloatArray,

@@ -20,14 +20,12 @@ from brv_hypo.constants import (
 )
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_mechanisms
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
-from brv_hypo.model.baseline import PitchDamping, StaticMoment, wavering_speeds
-from brv_hypo.model.columns import Column
+from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.slope_schedule import SlopeSchedule
-from brv_hypo.model.static_bend import StaticBend
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.frame import RateFrame
@@ -59,15 +57,15 @@ def start_model(
     return Model({m.name: m for m in (static, PitchDamping(), *table, *mechanisms)}, ())
 
 
-def starting_columns(model: Model, frame: RateFrame) -> tuple[Column, ...]:
+def starting_columns(model: Model, frame: RateFrame) -> tuple[Regressor, ...]:
     """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
     columns = baseline_columns(frame)
     table = model.mechanisms.get(TableSlope.name)
     if table is None:
         return columns
-    kept = tuple(column for column in columns if not column.term.startswith("C_Nalpha"))
+    kept = tuple(column for column in columns if not column.term.startswith("C_malpha"))
     term = table.terms(frame.motions[0], {})[0]
-    return (*kept, Column(table.name, term.name, (), TimeFunction("constant"), term.units))
+    return (*kept, Regressor(table.name, term.name, (), TimeBasis("constant"), term.units))
 
 
 def has_schedule(model: Model) -> bool:
@@ -146,7 +144,7 @@ def tolerated(model: Model, flight: Flight) -> tuple[Mechanism, ...]:
     """
     held = {column.mechanism for column in model.columns if column.flight is None}
     own = (model.mechanisms[name] for name in TOLERATED if name in model.mechanisms)
-    return tuple(mechanism for mechanism in (*carried_mechanisms(flight), *own) if mechanism.name not in held)
+    return tuple(mechanism for mechanism in (*nuisance_mechanisms(flight), *own) if mechanism.name not in held)
 
 
 def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:

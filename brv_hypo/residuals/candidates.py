@@ -14,13 +14,13 @@ from scipy import stats
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     CANDIDATE_SOUND,
-    LOOK_ALIKE_COSINE,
-    LOOK_ALIKE_GAIN,
-    LOOK_ALIKE_NEAR,
+    CONFOUNDED_COSINE,
+    CONFOUNDED_GAIN,
+    CONFOUNDED_NEAR,
     RECORD_EFFECT_LARGEST,
 )
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
-from brv_hypo.model.columns import Column, Theta, candidates, default_knots, theta_grid
+from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.ranking.intervals import intervals, within_bounds
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
@@ -199,7 +199,7 @@ def forward(
     name: str,
     mechanisms: tuple[Mechanism, ...],
     frame: RateFrame,
-    groups: Sequence[tuple[Column, ...]],
+    groups: Sequence[tuple[Regressor, ...]],
     searched: int,
 ) -> list[HypothesisFit]:
     """Fits of 1, 2, ... groups of columns, each the one before with the group that lowers the error most."""
@@ -241,7 +241,7 @@ def _gain(columns: FloatArray, left: FloatArray, least: FloatArray) -> float:
     return float(np.sum((own.T @ left) ** 2))
 
 
-def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Column, ...]]:
+def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Regressor, ...]]:
     """The mechanism's columns: one set, or one for each theta where one theta at a time is allowed."""
     grid = theta_grid(mechanism)
     together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
@@ -250,7 +250,7 @@ def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tu
 
 def _offered(
     problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
-) -> tuple[Column, ...]:
+) -> tuple[Regressor, ...]:
     """The columns at these thetas: with several flights, those that follow the motion are shared by all, those that
     follow time or belong to the vehicle are of each flight that has none yet.
     """
@@ -264,7 +264,7 @@ def _offered(
         for number, motion in enumerate(frame.motions)
         if number not in with_own
         for column in candidates(mechanism, motion, _knots(problem, frame, mechanism, number), thetas)
-        if own or column.course.kind != "constant"
+        if own or column.time_basis.kind != "constant"
     )
 
 
@@ -279,9 +279,9 @@ def _knots(problem: Problem, frame: RateFrame, mechanism: Mechanism, number: int
     return default_knots(float(time[0]), float(time[-1]), problem.knots.size)
 
 
-def groups_of(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
+def groups_of(columns: Sequence[Regressor]) -> list[tuple[Regressor, ...]]:
     """Columns that enter together."""
-    found: dict[object, list[Column]] = {}
+    found: dict[object, list[Regressor]] = {}
     for column in columns:
         found.setdefault(column.choice, []).append(column)
     return [tuple(group) for group in found.values()]
@@ -300,7 +300,7 @@ def solved(
     name: str,
     mechanisms: tuple[Mechanism, ...],
     frame: RateFrame,
-    chosen: tuple[Column, ...],
+    chosen: tuple[Regressor, ...],
     searched: int,
     design: FloatArray | None = None,
 ) -> HypothesisFit:
@@ -372,8 +372,8 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
         if other is not leader
         and other.gain > 0.0
         and (
-            abs(leader.leads(other)) < LOOK_ALIKE_NEAR
-            or (alike(leader, other) and other.gain > LOOK_ALIKE_GAIN * leader.gain)
+            abs(leader.leads(other)) < CONFOUNDED_NEAR
+            or (alike(leader, other) and other.gain > CONFOUNDED_GAIN * leader.gain)
         )
     )
 
@@ -381,4 +381,4 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
 def alike(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates predict nearly the same."""
     a, b = one.contribution, other.contribution
-    return float(a @ b) > LOOK_ALIKE_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))

@@ -157,7 +157,7 @@ def _closer(
 
 
 def _has_nonlinear(candidate: Candidate) -> bool:
-    return any(column.theta or column.course.kind != "constant" for column in candidate.fit.selected)
+    return any(column.theta or column.time_basis.kind != "constant" for column in candidate.fit.selected)
 
 
 def _try_all(

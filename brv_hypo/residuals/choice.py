@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.constants import (
+    CONFOUNDED_NEAR,
     HELD_OUT_SIGMAS,
     HELD_OUT_WORSE,
-    LOOK_ALIKE_NEAR,
     LOOP_BEYOND_DOUBT,
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
@@ -212,7 +212,7 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
     """
     ranked = sorted(
         here.candidates,
-        key=lambda candidate: -candidate.together - (LOOK_ALIKE_NEAR if candidate.name in held else 0.0),
+        key=lambda candidate: -candidate.together - (CONFOUNDED_NEAR if candidate.name in held else 0.0),
     )
     if discovery is None:
         return ranked
@@ -232,14 +232,14 @@ def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
     if told_once(described, candidate):
         return described.gain >= LOOP_SHARED * candidate.gain
     more = described.leads(candidate)
-    if abs(more) >= LOOK_ALIKE_NEAR:
+    if abs(more) >= CONFOUNDED_NEAR:
         return more > 0.0
     return not is_particular(here.problem, here.null, candidate.fit)
 
 
 def told_once(described: Candidate, candidate: Candidate) -> bool:
     """Whether all flights share what is described, where the candidate changes in time on each of several anew."""
-    anew = any(column.flight is not None and column.course.kind != "constant" for column in candidate.fit.selected)
+    anew = any(column.flight is not None and column.time_basis.kind != "constant" for column in candidate.fit.selected)
     if described.kind != "discovered" or not anew:
         return False
     fit = described.fit

@@ -20,7 +20,7 @@ from brv_hypo.constants import (
     DESCRIBED_STEPS,
     TURNING_RATES,
 )
-from brv_hypo.mechanisms.filed import Axis, Factor, FiledTerm, Quantity, Turn, values_of
+from brv_hypo.mechanisms.yaml_mechanism import Axis, Factor, Quantity, Turn, YamlTerm, values_of
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.turning import fastest_turning
 
@@ -43,7 +43,7 @@ class Entry:
     """
 
     words: str
-    terms: tuple[FiledTerm, ...]
+    terms: tuple[YamlTerm, ...]
     position: float = 0.0
     spacing: float = 0.0
     at: Callable[[float], Entry] | None = None
@@ -84,7 +84,7 @@ def _turning(motion: Motion) -> list[Entry]:
         roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
         name = f"turns at {rate:.12g} rad/s"
         terms = tuple(
-            FiledTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY
+            YamlTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY
         )
         return Entry(
             f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})",
@@ -108,7 +108,7 @@ def _harmonics() -> list[Entry]:
         for power in (0, 1):
             for axis in _PLANE:
                 terms = tuple(
-                    FiledTerm(
+                    YamlTerm(
                         name=f"{axis} {function} {harmonic} phi_w{_POWER[power]}",
                         axis=axis,
                         factors=(
@@ -145,7 +145,7 @@ def _round_the_body() -> list[Entry]:
                     f"a moment that turns {_TIMES[abs(times)]} {way} the windward meridian in the plane of alpha"
                     f"{_POWER[power]}",
                     tuple(
-                        FiledTerm(
+                        YamlTerm(
                             name=f"{axis} turned by {times} phi_w{_POWER[power]}",
                             axis=axis,
                             turn=Turn(of="windward_meridian", rate=float(times)),
@@ -178,7 +178,7 @@ def _powers() -> list[Entry]:
             if power == 0
             else f"an {axis.replace('_', '-')} moment{_POWER[power].replace(' times', ' with')}",
             (
-                FiledTerm(
+                YamlTerm(
                     name=f"{axis}{_POWER[power]}",
                     axis=axis,
                     factors=_alpha(power),
@@ -207,7 +207,7 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
             name = f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}"
             return Entry(
                 f"{what} at {_QUANTITY[quantity]} {value:.5g}{_WIDTHS[share]}",
-                (FiledTerm(name=name, axis=axis, factors=(factor, *_alpha(1)), units="1/rad"),),
+                (YamlTerm(name=name, axis=axis, factors=(factor, *_alpha(1)), units="1/rad"),),
                 value,
                 spacing,
                 entry,
@@ -231,10 +231,10 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
         where = f"around {_QUANTITY[quantity]} {at:.4g}"
         label = f"hat at {quantity} {at:.12g}"
         slopes = (
-            FiledTerm(name=f"{axis} alpha, {label}", axis=axis, factors=(hat, *_alpha(1)), units="1/rad")
+            YamlTerm(name=f"{axis} alpha, {label}", axis=axis, factors=(hat, *_alpha(1)), units="1/rad")
             for axis in _PLANE
         )
-        fixed = tuple(FiledTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY)
+        fixed = tuple(YamlTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY)
         for form, terms in zip(_FORMS, (*((slope,) for slope in slopes), fixed), strict=True):
             found.append(Entry(f"{form} {where}", terms, follows=quantity, form=form))
     return found

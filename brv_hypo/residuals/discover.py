@@ -11,6 +11,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
+    CONFOUNDED_NEAR,
     DESCRIBED_CLIMB,
     DESCRIBED_CLOSEST,
     DESCRIBED_FINER,
@@ -19,11 +20,9 @@ from brv_hypo.constants import (
     DESCRIBED_SCREENED,
     DESCRIBED_STRETCHES,
     DESCRIBED_TIMED,
-    LOOK_ALIKE_NEAR,
 )
-from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm, MechanismFile, mechanism_of
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlMechanism, YamlTerm, mechanism_of
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
@@ -102,19 +101,19 @@ def _best(
     forms = {(entry.follows, entry.form): entry for entry in reversed(courses)}
     moved = [_moved(problem, entry, basis, left) for entry in forms.values()]
     told = [_gain(_free(own, basis), left) for own in _white(problem, moved)]
-    alike = [k for k, gain in enumerate(told) if gain > max(told) - LOOK_ALIKE_NEAR]
+    alike = [k for k, gain in enumerate(told) if gain > max(told) - CONFOUNDED_NEAR]
     first = min(alike, key=lambda k: (COURSES.index(moved[k].follows or COURSES[-1]), -told[k]))
     return moved[first]
 
 
-def filed(columns: Sequence[Column], values: FloatArray, mechanism: FiledMechanism) -> tuple[FiledTerm, ...]:
+def filed(columns: Sequence[Regressor], values: FloatArray, mechanism: YamlMechanism) -> tuple[YamlTerm, ...]:
     """The terms of a described mechanism's columns as a file holds them: one each, with its value and its jump."""
     known = {term.name: term for term in mechanism.definition}
     found = []
     for column, value in zip(columns, values, strict=True):
-        term, start = known[column.term], column.course.start
+        term, start = known[column.term], column.time_basis.start
         changes: dict[str, object] = {"value": float(value)}
-        if column.course.kind == "jump":
+        if column.time_basis.kind == "jump":
             changes["name"] = f"{term.name}, from {start:.12g} s"
             changes["factors"] = (*term.factors, Factor(of="time", function="step", at=start))
         found.append(term.model_copy(update=changes))
@@ -152,7 +151,7 @@ class _Described:
 
     fit: HypothesisFit
     file: MechanismFile
-    mechanism: FiledMechanism
+    mechanism: YamlMechanism
     entries: tuple[Entry, ...]
 
 
@@ -174,7 +173,7 @@ def _all_timed(
     if not fits:
         return fits
     best = min(fits, key=lambda each: each.fit.information)
-    courses = tuple(dict.fromkeys(column.course for column in best.fit.selected))
+    courses = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
     gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
     again = (offered[int(np.argmax(gains))], *best.entries)
     fits += [_timed(problem, name, entry, count, basis, left) for entry in again]
@@ -187,8 +186,8 @@ def _climbed(problem: Problem, found: _Described, basis: FloatArray, left: Float
     A moment that turns too slowly explains most over a part of the time: place by given times, and times at a given
     place, both end there.
     """
-    entry, courses = found.entries[0], tuple(dict.fromkeys(column.course for column in found.fit.selected))
-    if entry.at is None or not any(course.kind == "jump" for course in courses):
+    entry, courses = found.entries[0], tuple(dict.fromkeys(column.time_basis for column in found.fit.selected))
+    if entry.at is None or not any(time_basis.kind == "jump" for time_basis in courses):
         return found
     gain, spacing = _gain(_free(_white(problem, [entry], courses)[0], basis), left), entry.spacing
     while entry.at is not None:
@@ -202,8 +201,8 @@ def _climbed(problem: Problem, found: _Described, basis: FloatArray, left: Float
 
 
 def _placed_near(
-    problem: Problem, entry: Entry, courses: tuple[TimeFunction, ...], basis: FloatArray, left: FloatArray
-) -> tuple[Entry, tuple[TimeFunction, ...], float]:
+    problem: Problem, entry: Entry, courses: tuple[TimeBasis, ...], basis: FloatArray, left: FloatArray
+) -> tuple[Entry, tuple[TimeBasis, ...], float]:
     """An entry with its jumps moved, one after another, to where it explains most, and then at its best place.
 
     With it how much that is.
@@ -212,7 +211,7 @@ def _placed_near(
     gain = _gain(_free(_white(problem, [entry], courses)[0], basis), left)
     spacing = (stop - start) / DESCRIBED_STRETCHES
     for _ in range(2):
-        for k in [k for k, course in enumerate(courses) if course.kind == "jump"]:
+        for k in [k for k, time_basis in enumerate(courses) if time_basis.kind == "jump"]:
             shifts = spacing * np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
             places = [float(time) for time in courses[k].start + shifts if start < time < stop]
             moved = [(*courses[:k], replace(courses[k], start=time), *courses[k + 1 :]) for time in places]
@@ -230,23 +229,23 @@ def _timed(
     """An entry with jumps in time where they explain most, and then at its own best place."""
     mechanism = _Changing(definition=entry.terms)
     fit = fit_hypothesis(problem, mechanism.name, (mechanism,))
-    courses = tuple(dict.fromkeys(column.course for column in fit.selected))
+    courses = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
     entry = _moved(problem, entry, basis, left, courses)
     searched = _choices(entries_searched * math.comb(fit.searched, len(courses)), len(courses))
     return _with_courses(problem, name, entry, courses, searched)
 
 
 def _with_courses(
-    problem: Problem, name: str, entry: Entry, courses: tuple[TimeFunction, ...], searched: int
+    problem: Problem, name: str, entry: Entry, courses: tuple[TimeBasis, ...], searched: int
 ) -> _Described:
     """An entry with these courses in time."""
-    times = sorted(course.start for course in courses if course.kind == "jump")
+    times = sorted(time_basis.start for time_basis in courses if time_basis.kind == "jump")
     words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
-    columns = tuple(_column(name, term.name, term.units, course) for course in courses for term in entry.terms)
+    columns = tuple(_column(name, term.name, term.units, time_basis) for time_basis in courses for term in entry.terms)
     return _described(problem, _file(name, (entry,), words), columns, searched, (entry,))
 
 
-class _Changing(FiledMechanism):
+class _Changing(YamlMechanism):
     """An entry of the dictionary, constant or with jumps, its terms the components of one vector."""
 
     name = "changing"
@@ -268,7 +267,7 @@ def _changing(
     """The entries that explain most over some stretch; of neighbours the best alone."""
     start, stop = float(problem.frame.time.min()), float(problem.frame.time.max())
     edges = np.linspace(start, stop, DESCRIBED_STRETCHES + 1)
-    stretches = [TimeFunction("jump", float(a), float(b)) for a, b in itertools.pairwise(edges)]
+    stretches = [TimeBasis("jump", float(a), float(b)) for a, b in itertools.pairwise(edges)]
     gains = [_most_of_a_stretch(_free(_white(problem, [entry], stretches)[0], basis), left) for entry in offered]
     found: list[Entry] = []
     for k in sorted(range(len(gains)), key=lambda k: -gains[k]):
@@ -304,7 +303,7 @@ def _file(name: str, chosen: Sequence[Entry], words: str) -> MechanismFile:
 
 
 def _described(
-    problem: Problem, file: MechanismFile, columns: tuple[Column, ...], searched: int, chosen: tuple[Entry, ...]
+    problem: Problem, file: MechanismFile, columns: tuple[Regressor, ...], searched: int, chosen: tuple[Entry, ...]
 ) -> _Described:
     mechanism = mechanism_of(file)
     frame = problem.frame.with_mechanisms([mechanism])
@@ -312,7 +311,7 @@ def _described(
     return _Described(fit, file, mechanism, chosen)
 
 
-_ALWAYS = (TimeFunction("constant"),)
+_ALWAYS = (TimeBasis("constant"),)
 
 
 def _left(problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -326,7 +325,7 @@ def _moved(
     entry: Entry,
     basis: FloatArray,
     left: FloatArray,
-    courses: Sequence[TimeFunction] = _ALWAYS,
+    courses: Sequence[TimeBasis] = _ALWAYS,
 ) -> Entry:
     """The entry, with these courses in time, at the place near it that explains most."""
     spacing = entry.spacing
@@ -341,7 +340,7 @@ def _moved(
 
 
 def _white(
-    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeFunction] = _ALWAYS
+    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeBasis] = _ALWAYS
 ) -> list[FloatArray]:
     """The whitened columns of each entry with these courses."""
     frame, groups = _columns(problem, chosen, courses)
@@ -369,17 +368,17 @@ def _fall(normal: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _columns(
-    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeFunction] = _ALWAYS
-) -> tuple[RateFrame, list[tuple[Column, ...]]]:
+    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeBasis] = _ALWAYS
+) -> tuple[RateFrame, list[tuple[Regressor, ...]]]:
     name = "dictionary"
-    mechanism = FiledMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
+    mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
     frame = replace(problem.frame.with_mechanisms([]), mechanisms={**problem.frame.mechanisms, name: mechanism})
     return frame, [
-        tuple(_column(name, term.name, term.units, course) for course in courses for term in entry.terms)
+        tuple(_column(name, term.name, term.units, time_basis) for time_basis in courses for term in entry.terms)
         for entry in chosen
     ]
 
 
-def _column(mechanism: str, term: str, units: str, course: TimeFunction = _ALWAYS[0]) -> Column:
+def _column(mechanism: str, term: str, units: str, time_basis: TimeBasis = _ALWAYS[0]) -> Regressor:
     """A term's column; the terms of one course are chosen together."""
-    return Column(mechanism, term, (), course, units, tied=True)
+    return Regressor(mechanism, term, (), time_basis, units, grouped=True)

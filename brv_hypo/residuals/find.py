@@ -8,16 +8,16 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import (
-    TOLD_CHANCE,
-    TOLD_FREQUENCY_LINES,
-    TOLD_FREQUENCY_WITHIN,
-    TOLD_REGION_SHARE,
-    TOLD_REGIONS,
+    REPORTED_CHANCE,
+    REPORTED_FREQUENCY_LINES,
+    REPORTED_FREQUENCY_WITHIN,
+    REPORTED_REGION_SHARE,
+    REPORTED_REGIONS,
     WHITE_CHANCE,
     WHITE_LAGS,
 )
 from brv_hypo.flight.record import ACCELEROMETERS, Flight
-from brv_hypo.motion.frames import plane_from_body
+from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import SMOOTH, Motion
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
@@ -110,23 +110,23 @@ def _excess(values: FloatArray, sigma: FloatArray) -> float:
 
 def _by_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> FloatArray:
     """Mean square in each sixteenth of the record."""
-    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * TOLD_REGIONS).astype(int), 0, TOLD_REGIONS - 1)
+    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * REPORTED_REGIONS).astype(int), 0, REPORTED_REGIONS - 1)
     return np.array(
         [
             np.mean(np.abs(body[inside]) ** 2) if (inside := (which == k) & usable).any() else 0.0
-            for k in range(TOLD_REGIONS)
+            for k in range(REPORTED_REGIONS)
         ]
     )
 
 
 def _worst_region(time: FloatArray, size: FloatArray) -> tuple[tuple[float, float], float]:
     """The stretch around the largest of the regions' sizes in which they stay above that share of it; that size."""
-    edges = np.linspace(time[0], time[-1], TOLD_REGIONS + 1)
+    edges = np.linspace(time[0], time[-1], REPORTED_REGIONS + 1)
     worst = int(np.argmax(size))
     first = last = worst
-    while first > 0 and size[first - 1] > TOLD_REGION_SHARE * size[worst]:
+    while first > 0 and size[first - 1] > REPORTED_REGION_SHARE * size[worst]:
         first -= 1
-    while last < TOLD_REGIONS - 1 and size[last + 1] > TOLD_REGION_SHARE * size[worst]:
+    while last < REPORTED_REGIONS - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
         last += 1
     return (float(edges[first]), float(edges[last + 1])), float(size[worst])
 
@@ -140,7 +140,7 @@ def _dominant(body: ComplexArray, usable: BoolArray, step: float) -> float:
 
 def _name_frequency(motion: Motion, frequency: float) -> str:
     """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
-    resolution = TOLD_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
+    resolution = REPORTED_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
     rates = {
         "roll rate": float(np.mean(motion.p)),
         "windward-meridian rate": float(np.mean(motion.windward_meridian_rate)),
@@ -154,7 +154,7 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
         for multiple in (1, 2, 3)
     ]
     away, name = min(found)
-    near = away < max(resolution, TOLD_FREQUENCY_WITHIN * abs(frequency))
+    near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
     return name if near else "no multiple of roll or meridian rate"
 
 
@@ -176,5 +176,5 @@ def _correlations(
             t = abs(r) * np.sqrt(max(n - 2.0, 1.0) / max(1.0 - r * r, 1e-12))
             chance = min(1.0, 2.0 * len(others) * 2.0 * float(stats.t.sf(t, max(n - 2.0, 1.0))))
             found.append(Correlation(moment=moment, channel=name, coefficient=r, p_value=chance))
-    telling = [c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < TOLD_CHANCE]
+    telling = [c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < REPORTED_CHANCE]
     return tuple(telling[:4])

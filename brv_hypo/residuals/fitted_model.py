@@ -16,7 +16,7 @@ from brv_hypo.constants import (
     MODEL_TRIFLE,
 )
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects
+from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
@@ -123,7 +123,7 @@ def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: 
     `found` are whole errors, with what was taken out `before` in them.
     """
     free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
-    sizes = {(e.name, c.name): c.size for e in carried_effects() for c in e.components(flight)}
+    sizes = {(e.name, c.name): c.size for e in nuisance_effects() for c in e.components(flight)}
     of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
     known = {name: value for name, value in found.items() if name in sizes or name[0] in of_vehicle}
     most = {name: MODEL_PLAUSIBLE * size for name, size in sizes.items()}

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import GIVEN, Problem
 from brv_hypo.regression.residual_moments import residual_moments
@@ -38,7 +38,7 @@ def flight_left_out(problem: Problem, seen: Seen, candidate: Candidate) -> Fligh
 
 
 def _predicted(
-    problem: Problem, seen: Seen, frame: RateFrame, columns: Sequence[Column], number: int
+    problem: Problem, seen: Seen, frame: RateFrame, columns: Sequence[Regressor], number: int
 ) -> Prediction:
     """Errors on one flight of the shared coefficients that the others have."""
     items = problem.rows.nuisances.items

@@ -8,9 +8,8 @@ import numpy as np
 
 from brv_hypo.constants import LIKELIHOOD_STEPS, SCHEDULE_TRIFLE
 from brv_hypo.identification import IdentificationConfig, identify
-from brv_hypo.model.columns import Column
-from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block
 from brv_hypo.regression.regressed import Regressed
@@ -32,10 +31,10 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
     if seen.reconstructions[0].status == "degraded":
         return _left_out("the record limits the reconstruction, where its search seldom ends")
     values = state.values
-    course = _course(state)
-    if course is not None:
-        column = Column(course.name, "C_Nalpha by the schedule", (), TimeFunction("constant"), "1")
-        seen = replace(seen, frame=seen.frame.with_mechanisms([course]))
+    known_schedule = _course(state)
+    if known_schedule is not None:
+        column = Regressor(known_schedule.name, "C_malpha by the schedule", (), TimeBasis("constant"), "1")
+        seen = replace(seen, frame=seen.frame.with_mechanisms([known_schedule]))
         columns, values = (*columns, column), np.append(values, 1.0)
     _, others = state.problem.solution(state.seen.frame, state.model.columns)
     held = {(each.effect.name, each.component): each.value for each in state.model.applied}
@@ -44,17 +43,17 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
     return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
 
 
-def _course(state: State) -> SlopeCourse | None:
+def _course(state: State) -> KnownSlopeSchedule | None:
     """What the baseline's slope is more by its schedule, which the likelihood knows no prior of; None for a trifle."""
     schedule = state.model.mechanisms.get(SlopeSchedule.name)
     if not isinstance(schedule, SlopeSchedule):
         return None
     _, others = state.problem.solution(state.seen.frame, state.model.columns)
     more = increments(state.problem, others).items()
-    found = schedule.course(tuple(value for column, value in more if column.mechanism == schedule.name))
+    found = schedule.known_schedule(tuple(value for column, value in more if column.mechanism == schedule.name))
     motion = state.seen.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
-    slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_Nalpha")
+    slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_malpha")
     return found if np.linalg.norm(own) > SCHEDULE_TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
 
 

@@ -10,14 +10,14 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.constants import MODEL_MOMENT_ROUNDS
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import without
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.columns import Column
+from brv_hypo.mechanisms.registry import without
 from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.perturbation import superposed
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.responses import superposed
 from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
@@ -47,7 +47,7 @@ class Model:
     """What explains the flights: moment columns of these mechanisms, and components of record effects."""
 
     mechanisms: Mapping[str, Mechanism]
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     applied: tuple[Applied, ...] = ()
     added: tuple[str, ...] = ()
 
@@ -96,7 +96,7 @@ class Seen:
         seen[self.whole.rows] = self.whole.seen
         return part(self.frame, seen, chosen, shared=True)
 
-    def values(self, part: Part, columns: tuple[Column, ...]) -> FloatArray:
+    def values(self, part: Part, columns: tuple[Regressor, ...]) -> FloatArray:
         """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
         noise = Noise(difference(), difference())
         design = part.white_rates(self.frame.columns(columns)[part.rows], noise)
@@ -127,7 +127,7 @@ def see(
     return Seen(records, frame, fitted, held_out, whole(frame, seen), taken)
 
 
-def with_in_plane_moment(seen: Seen, columns: tuple[Column, ...]) -> Seen:
+def with_in_plane_moment(seen: Seen, columns: tuple[Regressor, ...]) -> Seen:
     """The flight with C_mw of Eq. 5.1 where columns look into its past."""
     if not any(column.theta for column in columns):
         return seen

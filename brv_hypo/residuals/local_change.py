@@ -18,8 +18,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
-from brv_hypo.model.columns import Column, term_column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
@@ -40,7 +39,7 @@ class ChangedSchedule(Mechanism):
     time_variation = ("constant", "jump")
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """C_Nalpha and C_mq."""
+        """C_malpha and C_mq."""
         return (static_terms(motion)[1], pitch_damping_term(motion))
 
 
@@ -55,7 +54,7 @@ class Rest:
 
     def columns(self, term: Term, edges: FloatArray) -> FloatArray:
         """A change of the term's coefficient from each edge (s) on, less what the rest takes up (rows, edges)."""
-        changes = [_column(term, TimeFunction("jump", float(edge))) for edge in edges]
+        changes = [_column(term, TimeBasis("jump", float(edge))) for edge in edges]
         design = _with_priors(self.problem.raw_design(self.frame, changes), self.basis.shape[0])
         return np.asarray(design - self.basis @ (self.basis.T @ design), dtype=float)
 
@@ -103,7 +102,7 @@ def find_local_change(rest: Rest) -> LocalChange | None:
 def rest_of(
     problem: Problem,
     frame: RateFrame,
-    columns: Sequence[Column],
+    columns: Sequence[Regressor],
     held: FloatArray,
     others: FloatArray,
     covariance: FloatArray,
@@ -124,7 +123,7 @@ def rest_of(
     erring = design[:, known] @ (directions * np.sqrt(np.maximum(variances, 0.0)))
     rows = design.shape[0] + known.size
     terms = ChangedSchedule().terms(frame.motions[0], {})
-    throughout = [_column(term, TimeFunction("constant")) for term in terms]
+    throughout = [_column(term, TimeBasis("constant")) for term in terms]
     fitted = np.column_stack([problem.raw_design(frame, throughout), design[:, free], erring])
     whole = _with_priors(fitted, rows)
     whole[design.shape[0] :, whole.shape[1] - known.size :] = np.eye(known.size)
@@ -133,8 +132,8 @@ def rest_of(
     return Rest(problem, frame, basis, response - basis @ (basis.T @ response))
 
 
-def _column(term: Term, course: TimeFunction) -> Column:
-    return term_column(ChangedSchedule(), term, (), course)
+def _column(term: Term, time_basis: TimeBasis) -> Regressor:
+    return term_column(ChangedSchedule(), term, (), time_basis)
 
 
 def _with_priors(rows: FloatArray, count: int) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from brv_hypo.constants import LOOK_AHEAD, LOOK_AHEAD_RIVAL, LOOK_ALIKE_NEAR
+from brv_hypo.constants import CONFOUNDED_NEAR, TWO_STEP, TWO_STEP_RIVAL
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
@@ -22,13 +22,13 @@ def looked_ahead(
 
     A leader that leaves nothing needs no comparison.
     """
-    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > LOOK_ALIKE_NEAR]
-    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:LOOK_AHEAD]
+    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > CONFOUNDED_NEAR]
+    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:TWO_STEP]
     if not leaders or (first := _beside(problem, leaders[0], mechanisms)) <= 0.0:
         return list(found)
     ahead = {leaders[0].name: first}
     for rival in leaders[1:]:
-        if rival.gain >= LOOK_AHEAD_RIVAL * leaders[0].gain:
+        if rival.gain >= TWO_STEP_RIVAL * leaders[0].gain:
             ahead[rival.name] = _beside(problem, rival, mechanisms)
     return [replace(candidate, ahead=ahead.get(candidate.name)) for candidate in found]
 
@@ -41,7 +41,7 @@ def looked_ahead_like(
     One that takes up a little of two effects at once would explain more than the name of either.
     """
     rivals = [candidate for candidate in found if candidate.ahead is not None]
-    if not any(described.gain > LOOK_AHEAD_RIVAL * rival.gain for rival in rivals):
+    if not any(described.gain > TWO_STEP_RIVAL * rival.gain for rival in rivals):
         return described
     return replace(described, ahead=_beside(problem, described, mechanisms))
 

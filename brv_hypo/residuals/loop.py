@@ -16,13 +16,12 @@ from threadpoolctl import threadpool_limits
 from brv_hypo.constants import DESCRIBED_TERMS, HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
-from brv_hypo.flight.averaging import averaged
+from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
-from brv_hypo.model.columns import Column, term_column
-from brv_hypo.model.static_bend import StaticBend
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.ranking.summary import record_summary
 from brv_hypo.regression.fit import fit_hypothesis
@@ -121,9 +120,9 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> T
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
-def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Column, ...]:
+def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Regressor, ...]:
     """Every term of mechanisms whose courses leave nothing to choose."""
-    motion, always = seen.reconstructions[0].motion, TimeFunction("constant")
+    motion, always = seen.reconstructions[0].motion, TimeBasis("constant")
     return tuple(
         term_column(m, term, (), always, flight)
         for m in mechanisms

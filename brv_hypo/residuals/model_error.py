@@ -14,22 +14,22 @@ from scipy import stats
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.constants import MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.filed import FiledMechanism
-from brv_hypo.model.columns import Column
+from brv_hypo.mechanisms.yaml_mechanism import YamlMechanism
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.residual_moments import ResidualMoments
 from brv_hypo.regression.whitening import effective_samples
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.saved import ModelError
 
 
-def lasting(columns: Sequence[Column], mechanisms: Mapping[str, Mechanism]) -> BoolArray:
+def lasting(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]) -> BoolArray:
     """Which columns do not belong to the times of one record, and mean the same on another (columns,)."""
     return np.array([not _follows_time(column, mechanisms[column.mechanism]) for column in columns], dtype=bool)
 
 
-def _follows_time(column: Column, mechanism: Mechanism) -> bool:
-    terms = mechanism.definition if isinstance(mechanism, FiledMechanism) else ()
-    return column.course.kind != "constant" or any(t.name == column.term and t.follows_time for t in terms)
+def _follows_time(column: Regressor, mechanism: Mechanism) -> bool:
+    terms = mechanism.definition if isinstance(mechanism, YamlMechanism) else ()
+    return column.time_basis.kind != "constant" or any(t.name == column.term and t.follows_time for t in terms)
 
 
 def model_error(seen: Seen, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:

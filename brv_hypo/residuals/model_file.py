@@ -12,8 +12,8 @@ import yaml
 from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import YAML_ENDINGS, read_json, read_yaml
-from brv_hypo.files.printed import one_line
+from brv_hypo.io.mappings import YAML_ENDINGS, read_json, read_yaml
+from brv_hypo.io.text import one_line
 from brv_hypo.residuals.saved import SavedModel
 
 _EXPECTED = "a model: what `trace --write-model` or `trace --json` wrote"

@@ -10,7 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import NEAR_EQUAL_COSINE
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.left_out import directions_beyond
@@ -41,12 +41,12 @@ def near_equals(
     return found
 
 
-def _at_the_times_of(candidate: Candidate, other: Candidate) -> tuple[Column, ...]:
+def _at_the_times_of(candidate: Candidate, other: Candidate) -> tuple[Regressor, ...]:
     """The other's columns where the candidate's begin, end and change; none where either cannot."""
     if not other.fit.mechanisms or not all(_may_come_and_go(m, other) for m in other.fit.mechanisms):
         return ()
-    courses = dict.fromkeys(c.course for c in candidate.fit.selected if c.course.kind != "constant")
-    return tuple(replace(column, course=course) for course in courses for column in other.fit.selected)
+    courses = dict.fromkeys(c.time_basis for c in candidate.fit.selected if c.time_basis.kind != "constant")
+    return tuple(replace(column, time_basis=time_basis) for time_basis in courses for column in other.fit.selected)
 
 
 def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
@@ -56,6 +56,6 @@ def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
     return constant and not mechanism.of_each_flight(flight)
 
 
-def _span(problem: Problem, base: FloatArray, candidate: Candidate, columns: Sequence[Column]) -> FloatArray:
+def _span(problem: Problem, base: FloatArray, candidate: Candidate, columns: Sequence[Regressor]) -> FloatArray:
     """Orthonormal directions (rows, columns) of columns of a candidate's beyond the baseline and the nuisances."""
     return directions_beyond(base, problem.design(candidate.fit.frame, columns))

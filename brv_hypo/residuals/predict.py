@@ -16,11 +16,9 @@ from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LI
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.carried import carried_effects, carried_mechanisms
-from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.registry import find_installed
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.mechanisms.contract import Mechanism, current_name
+from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
 from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.nuisance import Errors
@@ -77,7 +75,7 @@ def predict(
     content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, tuple(refit), _in_blocks(record, settings))
+        found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, settings))
     return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
 
 
@@ -87,7 +85,7 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
     if most < PREDICTED_BLOCKS:
         raise UnanswerableError(
             f"the record holds {flight.samples} samples in the window, expected at least "
-            f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to tell its motion and noise. Widen --start and --stop."
+            f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to know its motion and noise. Widen --start and --stop."
         )
     return config.model_copy(update={"blocks": min(config.blocks, most)})
 
@@ -102,7 +100,7 @@ class _Task:
 
     seen: Seen
     problem: Problem
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     held: FloatArray
     others: FloatArray
     left_out: tuple[str, ...] = ()
@@ -286,7 +284,7 @@ def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str,
 
 def _carried(flight: Flight) -> tuple[str, ...]:
     """What record and vehicle may err by within their tolerances."""
-    return (*(effect.name for effect in carried_effects()), *(m.name for m in carried_mechanisms(flight)))
+    return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
 
 
 def _remedy(task: _Task, refit: tuple[str, ...], carried: tuple[str, ...]) -> str:
@@ -299,12 +297,12 @@ def _remedy(task: _Task, refit: tuple[str, ...], carried: tuple[str, ...]) -> st
 def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig) -> Model:
     """The model with the constant columns of mechanisms that it lacks and that are to be fitted here."""
     known = {name for column in model.columns for name in (column.mechanism, column.term)}
-    always = TimeFunction("constant")
+    always = TimeBasis("constant")
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
         if isinstance(item, Mechanism):
             motion = see((flight,), model, config).reconstructions[0].motion
-            more = [Column(name, term.name, (), always, term.units) for term in item.terms(motion, {})]
+            more = [Regressor(name, term.name, (), always, term.units) for term in item.terms(motion, {})]
             mechanisms = {**model.mechanisms, name: item}
             model = replace(model, mechanisms=mechanisms, columns=(*model.columns, *more))
     return model

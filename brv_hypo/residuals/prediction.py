@@ -8,7 +8,7 @@ from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.ranking.result import FlightSummary, RecordSummary, TermEstimate
-from brv_hypo.tabular import Pictured, Row
+from brv_hypo.results import HasCharts, Row
 
 
 class ModelSource(NullIsNaN):
@@ -77,7 +77,7 @@ class Band(NullIsNaN):
     half_width: tuple[Series, Series]
 
 
-class Prediction(Pictured, Result):
+class Prediction(HasCharts, Result):
     """What a frozen model says of a flight; `ratio` is the error with it over that without.
 
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights

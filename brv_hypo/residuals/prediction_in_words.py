@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo.constants import (
+    PREDICTED_DISTINCT,
     PREDICTED_GREATLY,
     PREDICTED_HOLDS,
     PREDICTED_NEARLY_ALL,
     PREDICTED_SMALL,
-    PREDICTED_TELLING,
 )
 from brv_hypo.residuals.prediction import Band, LocalChange
 
@@ -68,7 +68,7 @@ def _explains(share: float) -> str:
         return "explains more than 99.9 % of"
     if share >= 0.0:
         return f"explains {100.0 * share:.1f} % of"
-    return f"does not hold here, and leaves {1.0 - share:.3g} times"
+    return f"does not hold here: its error is {1.0 - share:.3g} times"
 
 
 def _of_a_change(change: LocalChange | None) -> str:
@@ -91,10 +91,10 @@ def _held_too_much(shares: Shares, remedy: str) -> str:
     if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
         return ""
     return (
-        f" Over the whole record it leaves {shares.left:.3g} of the mean square. Errors of the record were taken as "
-        "none, and those of the vehicle as on the flights that the model was found on; "
+        f" Over the whole record its error is {shares.left:.3g} of the mean square. Errors of the record were assumed "
+        "zero, and those of the vehicle as on the flights that the model was found on; "
         f"`--refit {remedy}` lets this flight have its own"
-        + (f", and leaves about {shares.eased:.2g}." if much else ".")
+        + (f", for an error of about {shares.eased:.2g}." if much else ".")
     )
 
 
@@ -104,16 +104,16 @@ def _of_other_times(left_out: Sequence[str]) -> str:
     belong, are, they = ("belongs", "is", "it") if len(left_out) == 1 else ("belong", "are", "they")
     return (
         f" {', '.join(left_out)} of the model {belong} to the times of its own flight, and {are} left out; what {they} "
-        "stood for there is in the band."
+        "explained there is in the prediction interval."
     )
 
 
 def _of_the_model(band: Band, noise: float) -> str:
     """What is said of a band that is wider than the noise for what the model left where it was found."""
-    if band.model_error**2 < PREDICTED_TELLING * noise:
+    if band.model_error**2 < PREDICTED_DISTINCT * noise:
         return ""
     return (
-        f" Where it was found the model left {band.model_error:.2g} (rms) on stretches held out of its fit, "
-        f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the band is as much "
-        "wider."
+        f" Where it was found the residual was {band.model_error:.2g} (rms) on held-out blocks, "
+        f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the "
+        "prediction interval is as much wider."
     )

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms.carried import carried_effects
-from brv_hypo.model.columns import Column, default_knots
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.mechanisms.registry import nuisance_effects
+from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
@@ -57,7 +56,7 @@ def problem_of(
         for number in range(len(flights))
     ]
     vehicle = tolerated(model, seen.flights[0])
-    unknown = nuisances(frame, flights, carried_effects(), vehicle, free, seen.taken)
+    unknown = nuisances(frame, flights, nuisance_effects(), vehicle, free, seen.taken)
     force, _ = on_rows(frame, flights)
     time = frame.time
     problem = Problem(
@@ -98,11 +97,11 @@ def left_without(problem: Problem, fit: HypothesisFit, effect: str) -> Rows:
     return constrained(problem, fit.frame, fit.columns, np.full(len(fit.columns), np.nan), others).left
 
 
-def increments(problem: Problem, others: FloatArray) -> dict[Column, float]:
+def increments(problem: Problem, others: FloatArray) -> dict[Regressor, float]:
     """What the baseline is more within its priors, as columns with their coefficients; `others` (unknowns,)."""
-    always, items = TimeFunction("constant"), problem.rows.nuisances.items
+    always, items = TimeBasis("constant"), problem.rows.nuisances.items
     return {
-        Column(item.name, item.component, (), always, item.units): float(value) * item.size
+        Regressor(item.name, item.component, (), always, item.units): float(value) * item.size
         for item, value in zip(items, others, strict=True)
         if item.name in TOLERATED
     }
@@ -122,7 +121,7 @@ class Constrained:
 
 
 def constrained(
-    problem: Problem, frame: RateFrame, columns: Sequence[Column], held: FloatArray, others: FloatArray
+    problem: Problem, frame: RateFrame, columns: Sequence[Regressor], held: FloatArray, others: FloatArray
 ) -> Constrained:
     """Columns and nuisances fitted together, those held (columns,), (unknowns,) at their values; NaN where free."""
     constants = 2 * len(problem.rows.part.levels)

@@ -18,7 +18,7 @@ from brv_hypo.constants import (
     LOOP_SHARED,
     REPEATED_ERRORS,
 )
-from brv_hypo.model.columns import default_knots
+from brv_hypo.model.term import default_knots
 from brv_hypo.regression.channels import split
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem

@@ -13,14 +13,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile, mechanism_of
 from brv_hypo.mechanisms.registry import find, find_installed
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
 from brv_hypo.model.aero_table import TableSlope
-from brv_hypo.model.baseline import StaticMoment
-from brv_hypo.model.columns import Column, delays_among
+from brv_hypo.model.baseline import StaticBend, StaticMoment
 from brv_hypo.model.slope_schedule import SlopeSchedule
-from brv_hypo.model.static_bend import StaticBend
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis, delays_among
 from brv_hypo.residuals.baseline import TOLERATED, start_model
 from brv_hypo.residuals.linearisation import Applied, Model
 from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel, SavedRecordError
@@ -65,7 +63,7 @@ def saved(model: Model, found: Found | None = None) -> SavedModel:
             )
             for a in model.applied
         ),
-        files=tuple(_file(m) for m in model.mechanisms.values() if isinstance(m, FiledMechanism)),
+        files=tuple(_file(m) for m in model.mechanisms.values() if isinstance(m, YamlMechanism)),
     )
     return content if found is None else _with_coefficients(content, found)
 
@@ -150,31 +148,31 @@ def _among(covariance: tuple[tuple[float, ...], ...], kept: Sequence[int]) -> tu
     return tuple(tuple(covariance[j][k] for k in kept) for j in kept) if covariance else ()
 
 
-def _saved_column(column: Column) -> SavedColumn:
-    ends = [end if math.isfinite(end) else None for end in (column.course.start, column.course.stop)]
+def _saved_column(column: Regressor) -> SavedColumn:
+    ends = [end if math.isfinite(end) else None for end in (column.time_basis.start, column.time_basis.stop)]
     return SavedColumn(
         mechanism=column.mechanism,
         term=column.term,
         units=column.units,
         theta=dict(column.theta),
-        kind=column.course.kind,
+        kind=column.time_basis.kind,
         start=ends[0],
         stop=ends[1],
-        tied=column.tied,
+        tied=column.grouped,
         part_of=column.part_of,
         flight=column.flight,
     )
 
 
-def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
+def column_of(column: SavedColumn, mechanism: Mechanism) -> Regressor:
     """The column that the data hold."""
     start = -math.inf if column.start is None else column.start
     stop = math.inf if column.stop is None else column.stop
-    return Column(
+    return Regressor(
         column.mechanism,
         column.term,
         tuple(column.theta.items()),
-        TimeFunction(column.kind, start, stop),
+        TimeBasis(column.kind, start, stop),
         column.units,
         column.tied,
         delays_among(mechanism.parameters()),
@@ -183,7 +181,7 @@ def column_of(column: SavedColumn, mechanism: Mechanism) -> Column:
     )
 
 
-def _file(mechanism: FiledMechanism) -> MechanismFile:
+def _file(mechanism: YamlMechanism) -> MechanismFile:
     return MechanismFile(
         name=mechanism.name,
         title=mechanism.title,

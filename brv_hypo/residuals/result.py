@@ -8,11 +8,11 @@ from typing import Literal
 from pydantic import Field
 
 from brv_hypo.json_result import NullIsNaN, Result
-from brv_hypo.mechanisms.filed import MechanismFile
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordSummary, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
-from brv_hypo.tabular import Pictured, Row
+from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
 Standing = Literal["finding", "hint"]
@@ -173,7 +173,7 @@ class Picture(NullIsNaN):
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
 
 
-class Trace(Pictured, Result):
+class Trace(HasCharts, Result):
     """The course of a trace: its steps, the model that it ended with, and what is left."""
 
     schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
@@ -185,7 +185,7 @@ class Trace(Pictured, Result):
     hints: tuple[str, ...] = ()
     model: ModelSummary
     static_slopes: tuple[StaticSlope, ...] = ()
-    static_stability: str = Field(default="", description="where the static moment is not told to be stable")
+    static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     stopped: Stop
     unexplained: str | None
     caveats: tuple[str, ...] = ()

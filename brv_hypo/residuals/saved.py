@@ -5,14 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, field_validator, model_validator
 
-from brv_hypo.mechanisms.contract import TimeVariation
-from brv_hypo.mechanisms.filed import MechanismFile
+from brv_hypo.mechanisms.contract import TimeVariation, current_name
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
-from brv_hypo.model.baseline import StaticMoment
+from brv_hypo.model.baseline import StaticBend, StaticMoment
 from brv_hypo.model.slope_schedule import SlopeSchedule
-from brv_hypo.model.static_bend import StaticBend
 
 
 class _Saved(BaseModel):
@@ -42,6 +41,11 @@ class SavedColumn(_Saved):
     elsewhere: float | None = None
     flight: int | None = None
 
+    @field_validator("term")
+    @classmethod
+    def _earlier_name(cls, term: str) -> str:
+        return current_name(term)
+
 
 class ModelError(_Saved):
     """What the model leaves beyond the noise on stretches held out of its fit, 1-sigma of either moment coefficient.
@@ -60,7 +64,7 @@ class ModelError(_Saved):
         if (len(self.own), len(self.elsewhere)) != (wanted, wanted):
             raise ValueError(
                 f"the model's error has {len(self.own)} and {len(self.elsewhere)} values for {len(self.mach)} Mach "
-                f"numbers, expected {wanted}: edit all alike, or take it out"
+                f"numbers, expected {wanted}: change all together, or drop it"
             )
         if any(b <= a for a, b in pairwise(self.mach)):
             raise ValueError("the Mach numbers of the model's error must increase")
@@ -111,7 +115,7 @@ class SavedModel(_Saved):
             told = getattr(self, name)
             if told and {len(told), *(len(row) for row in told)} != {len(self.columns)}:
                 raise ValueError(
-                    f"{name} has {len(told)} rows for {len(self.columns)} columns: edit both alike, or take it out, "
+                    f"{name} has {len(told)} rows for {len(self.columns)} columns: change both together, or drop it, "
                     "so that the columns' own std_error count"
                 )
         return self

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.problem import Problem
@@ -61,7 +60,7 @@ def _with_slopes(problem: Problem, here: Look, values: FloatArray, design: Float
 class Coefficients:
     """Columns of moments with their coefficients (columns,) and these' covariance."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[Regressor, ...]
     values: FloatArray
     covariance: FloatArray
 
@@ -70,12 +69,12 @@ def coefficients_of(here: Look) -> Coefficients:
     """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
     values, covariance = whole_fit(here)
     columns = here.null.columns
-    count, always = len(columns), TimeFunction("constant")
+    count, always = len(columns), TimeBasis("constant")
     items = here.problem.rows.nuisances.items
     places = [k for k, item in enumerate(items) if item.name in TOLERATED]
     scale = np.array([*np.ones(count), *(items[k].size for k in places)])
     chosen = np.array([*range(count), *(count + k for k in places)], dtype=int)
-    more = (Column(items[k].name, items[k].component, (), always, items[k].units) for k in places)
+    more = (Regressor(items[k].name, items[k].component, (), always, items[k].units) for k in places)
     return Coefficients(
         (*columns, *more),
         scale * values[chosen],

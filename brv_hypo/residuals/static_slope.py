@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import STABLE_SIGMAS, TOLD_SLOPES
+from brv_hypo.constants import REPORTED_SLOPES, STABLE_SIGMAS
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.filed import FiledMechanism
-from brv_hypo.model.columns import Column, Theta
+from brv_hypo.mechanisms.yaml_mechanism import YamlMechanism
+from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.motion.motion import Motion
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.result import StaticSlope
@@ -30,7 +30,7 @@ def static_slopes(seen: Seen, found: Coefficients) -> tuple[StaticSlope, ...]:
 
 def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
     motion = seen.reconstructions[number].motion
-    stretches = np.array_split(np.arange(motion.time.size), TOLD_SLOPES)
+    stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
     places = [stretch[stretch.size // 2] for stretch in stretches]
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
@@ -50,7 +50,7 @@ def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
     )
 
 
-def slopes_at(seen: Seen, motion: Motion, columns: Sequence[Column], number: int, alpha: FloatArray) -> FloatArray:
+def slopes_at(seen: Seen, motion: Motion, columns: Sequence[Regressor], number: int, alpha: FloatArray) -> FloatArray:
     """d C_N'/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
     out = np.zeros((motion.time.size, len(columns)))
     more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))
@@ -62,13 +62,13 @@ def slopes_at(seen: Seen, motion: Motion, columns: Sequence[Column], number: int
         if key not in known:
             ends = (mechanism.terms(each, dict(column.theta)) for each in (more, less))
             known[key] = {high.name: (high.in_plane - low.in_plane) / _STEP for high, low in zip(*ends, strict=True)}
-        out[:, j] = known[key][column.term] * column.course(motion.course_time)
+        out[:, j] = known[key][column.term] * column.time_basis(motion.coefficient_time)
     return out
 
 
 def _is_static(mechanism: Mechanism) -> bool:
     """Whether its moment lies in the plane of alpha, and is one of the angle of attack and the flow alone."""
-    if not isinstance(mechanism, FiledMechanism):
+    if not isinstance(mechanism, YamlMechanism):
         return mechanism.wind_fixed
     return all(
         term.axis == "in_plane" and not (term.turn or term.delay) and all(f.of in _FLOW for f in term.factors)
@@ -83,7 +83,7 @@ def _with_error(slopes: FloatArray, found: Coefficients) -> tuple[tuple[float, .
 
 
 def stability_in_words(slopes: Sequence[StaticSlope]) -> str:
-    """Where a flight's static moment is not told to be stable at no angle of attack; empty where it is throughout."""
+    """Where a flight's static moment at zero alpha is not significantly stable; empty where it is throughout."""
     told = [_of_one(slope, f" of flight {slope.flight + 1}" if len(slopes) > 1 else "") for slope in slopes]
     return " ".join(filter(None, told))
 
@@ -96,7 +96,7 @@ def _of_one(slope: StaticSlope, whose: str) -> str:
     runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
     worst = int(doubtful[np.argmax((values / np.maximum(errors, 1e-300))[doubtful])])
     unstable = values[worst] > STABLE_SIGMAS * errors[worst]
-    said = "is unstable for a while" if unstable else "is not told to be stable"
+    said = "is unstable for a while" if unstable else "is not significantly stable"
     return (
         f"At no angle of attack the static moment{whose} {said} {' and '.join(_when(slope, run) for run in runs)}: "
         f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "

@@ -132,8 +132,8 @@ def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str
         f"{column.label} {value:.3g}"
         + (
             ""
-            if column.course.kind == "constant"
-            else f" at {max(column.course.start, float(here.seen.flights[column.flight or 0].time[0])):.2f} s"
+            if column.time_basis.kind == "constant"
+            else f" at {max(column.time_basis.start, float(here.seen.flights[column.flight or 0].time[0])):.2f} s"
         )
         + _of_flight(here, column.flight)
         for column, value in zip(candidate.fit.selected, values, strict=True)

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import TOLD_DRAG, TOLD_MERIDIAN, TOLD_PER_CYCLE
+from brv_hypo.constants import REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.filed import FiledMechanism, MechanismFile
-from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.columns import BASELINE, Column
-from brv_hypo.model.slope_schedule import SlopeCourse, SlopeSchedule
-from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
+from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
+from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
+from brv_hypo.model.term import BASELINE, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
@@ -44,7 +43,7 @@ from brv_hypo.residuals.sizes import Coefficients, coefficients_of, placed_by_th
 from brv_hypo.residuals.static_slope import stability_in_words, static_slopes
 
 _MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
-_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, SlopeCourse.name)
+_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def _described(end: Ending, moments: Coefficients) -> MechanismFile | None:
     pieces = [
         (name, piece)
         for name in dict.fromkeys(column.mechanism for column in model.columns)
-        if name.startswith(GENERIC) and isinstance(piece := model.mechanisms[name], FiledMechanism)
+        if name.startswith(GENERIC) and isinstance(piece := model.mechanisms[name], YamlMechanism)
     ]
     if not pieces:
         return None if end.discovery is None else end.discovery.file
@@ -181,7 +180,7 @@ def _elsewhere(flights: Sequence[Flight], end: Ending, model: Model, own: Coeffi
 
 
 def term_estimates(
-    seen: Seen, columns: tuple[Column, ...], values: FloatArray, covariance: FloatArray
+    seen: Seen, columns: tuple[Regressor, ...], values: FloatArray, covariance: FloatArray
 ) -> tuple[TermEstimate, ...]:
     """Coefficients (columns,) of the moment model with their standard errors."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -206,12 +205,12 @@ def _of_flight(seen: Seen, number: int | None) -> str:
     return "" if number is None or len(seen.records) == 1 else f" [flight {number + 1}]"
 
 
-def _region(seen: Seen, column: Column) -> tuple[float, float] | None:
+def _region(seen: Seen, column: Regressor) -> tuple[float, float] | None:
     """Where the course of a column acts, s; None where it is constant."""
-    if column.course.kind == "constant":
+    if column.time_basis.kind == "constant":
         return None
     time = seen.flights[column.flight or 0].time
-    return max(column.course.start, float(time[0])), min(column.course.stop, float(time[-1]))
+    return max(column.time_basis.start, float(time[0])), min(column.time_basis.stop, float(time[-1]))
 
 
 def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
@@ -243,11 +242,11 @@ def _f_ratio(value: float, sigma: float) -> float:
     return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
 
 
-def _owner(column: Column) -> str:
+def _owner(column: Regressor) -> str:
     return BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
 
 
-def _channel(seen: Seen, column: Column) -> str:
+def _channel(seen: Seen, column: Regressor) -> str:
     motion = seen.reconstructions[column.flight or 0].motion
     terms = seen.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
     term = next(term for term in terms if term.name == column.term)
@@ -291,11 +290,11 @@ def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
 def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
     found = list(reconstruction.warnings)
     motion = reconstruction.motion
-    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), TOLD_MERIDIAN)) + float(
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN)) + float(
         np.mean(np.abs(motion.p))
     )
     per_cycle = 2.0 * np.pi / (turning * flight.step)
-    if per_cycle < TOLD_PER_CYCLE:
+    if per_cycle < REPORTED_PER_CYCLE:
         attenuation = 1.0 - np.sinc(1.0 / per_cycle)
         found.append(
             f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: "
@@ -303,7 +302,7 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
             "of half a sample may pose as damping or lag"
         )
     drag = _drag_spread(flight)
-    if drag is not None and drag < TOLD_DRAG:
+    if drag is not None and drag < REPORTED_DRAG:
         found.append(
             f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
             "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "

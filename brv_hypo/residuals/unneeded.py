@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.fitted_model import State
@@ -50,5 +50,5 @@ def _may_go(name: str, model: Model, state: State) -> bool:
     return all(mechanism.tolerance(flight) is None for flight in state.seen.flights)
 
 
-def _fit(problem: Problem, columns: tuple[Column, ...]) -> HypothesisFit:
+def _fit(problem: Problem, columns: tuple[Regressor, ...]) -> HypothesisFit:
     return fit_hypothesis(replace(problem, baseline=columns), "none", ())

@@ -1,17 +1,35 @@
-"""What a simulated flight is: the schema of `configs/*.yaml`. SI and radians throughout."""
+"""Configuration of a simulation: the schema of configs/*.yaml, its files and mappings, and flights that differ.
+
+`SimulationConfig` holds all that is flown, in SI and rad. `load_config` reads one from a file, a name or a mapping, and
+refuses with what to write instead. `varied` makes one configuration per flight from dotted paths; `per_flight` reads
+one number of each.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.instruments import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.flight.record import Vehicle
-from brv_hypo.flight.schema import MINIMUM_SAMPLES
-from brv_hypo.mechanisms.contract import TimeVariation
+from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
+from brv_hypo.io.mappings import read_yaml
+from brv_hypo.io.reading import kind_of
+from brv_hypo.io.text import one_line
+from brv_hypo.mechanisms.contract import TimeVariation, current_name
+from brv_hypo.mechanisms.registry import record_effects
+from brv_hypo.thresholds import MINIMUM_SAMPLES
+
+# ---- What a simulated flight is: the schema of `configs/*.yaml`. SI and radians throughout ----
+
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -50,8 +68,19 @@ class VehicleConfig(Section):
         return Vehicle(**self.model_dump(exclude={"ixy", "ixz"}))
 
 
+def _with_current_names(data: Any) -> Any:
+    """A mapping from names of terms with the names of today; a name that is there twice is refused."""
+    if not isinstance(data, Mapping):
+        return data
+    names = [current_name(name) if isinstance(name, str) else name for name in data]
+    twice = sorted({name for name in names if names.count(name) > 1}, key=str)
+    if twice:
+        raise ValueError(f"{twice[0]} is given twice, once by its earlier name: keep one")
+    return dict(zip(names, data.values(), strict=True))
+
+
 class SlopeVariation(Section):
-    """C_Nalpha += change (x - at), or, as a step, += change where x >= at; x: Mach, Reynolds number, time.
+    """C_malpha += change (x - at), or, as a step, += change where x >= at; x: Mach, Reynolds number, time.
 
     A step of `width` > 0 is smooth, (1 + tanh((x - at) / width)) / 2. Prefer it for mach and reynolds: the
     integration lands on steps in time, not on steps in the motion.
@@ -67,20 +96,25 @@ class SlopeVariation(Section):
 class AerodynamicsConfig(Section):
     """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
 
-    C_A axial force; C_Nalpha_force > 0 slope of the normal force, which opposes the crossflow; C_N0, C_Nalpha
-    (< 0 on a stable vehicle), C_Nalpha3 the in-plane moment C_mw = C_N0 + C_Nalpha alpha + C_Nalpha3 alpha^3;
+    C_A axial force; C_Nalpha_force > 0 slope of the normal force, which opposes the crossflow; C_m0, C_malpha
+    (< 0 on a stable vehicle), C_malpha3 the in-plane moment C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3;
     C_mq pitch damping; C_l0, C_lp rolling moment and roll damping.
     """
 
     C_A: float = 0.0
     C_Nalpha_force: float = 0.0
-    C_N0: float = 0.0
-    C_Nalpha: float = 0.0
-    C_Nalpha3: float = 0.0
+    C_m0: float = 0.0
+    C_malpha: float = 0.0
+    C_malpha3: float = 0.0
     C_mq: float = 0.0
     C_l0: float = 0.0
     C_lp: float = 0.0
     slope_variations: tuple[SlopeVariation, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _earlier_names(cls, data: Any) -> Any:
+        return _with_current_names(data)
 
 
 class StartConfig(Section):
@@ -146,6 +180,11 @@ class PlantedConfig(Section):
     kind: TimeVariation = "jump"
     start: float | None = None
     stop: float | None = None
+
+    @field_validator("terms", mode="before")
+    @classmethod
+    def _earlier_names(cls, data: Any) -> Any:
+        return _with_current_names(data)
 
 
 class SensorConfig(Section):
@@ -290,3 +329,225 @@ class SimulationConfig(Section):
         """This configuration with the named sets of `plantable` added to `mechanisms`; else KeyError."""
         chosen = tuple(item for name in names for item in self.plantable[name])
         return self.model_copy(update={"mechanisms": (*self.mechanisms, *chosen)})
+
+
+# ---- Configurations from files and mappings, with refusals that say what to write instead ----
+
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+# An installed wheel carries the configurations inside the package, a checkout beside it.
+_HOMES = (_PACKAGE / "configs", _PACKAGE.parent / "configs")
+
+ConfigSource = SimulationConfig | Mapping[str, Any] | str | Path
+
+
+def config_names(folder: str = "") -> tuple[str, ...]:
+    """Names of the configurations that come with the program; `folder` holds those of another kind."""
+    return tuple(sorted({file.stem for home in _HOMES for file in (home / folder).glob("*.yaml")}))
+
+
+def config_path(name: str | Path, folder: str = "") -> Path:
+    """The file of a configuration: an existing path, or a name of `config_names` with or without `.yaml`.
+
+    Raises UsageError with the nearest names.
+    """
+    if kind_of(name) not in (None, "a directory"):  # what is no file either is refused where it is read
+        return Path(name)
+    for home in _HOMES:
+        for candidate in (home / folder / Path(name), home / folder / f"{name}.yaml"):
+            if kind_of(candidate) == "a file":
+                return candidate
+    known = config_names(folder)
+    near = difflib.get_close_matches(Path(name).stem, known, n=2, cutoff=0.4)
+    hint = f"did you mean {' or '.join(near)}?" if near else f"those that come along: {', '.join(known)}."
+    raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")
+
+
+def load_config(source: ConfigSource, *, plant: Sequence[str] = ()) -> SimulationConfig:
+    """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted.
+
+    Raises UsageError that names each wrong key, what it holds and what is expected.
+    """
+    config = source if isinstance(source, SimulationConfig) else _validated(source)
+    unknown = [name for name in plant if name not in config.plantable]
+    if unknown:
+        raise UsageError(
+            f"'{unknown[0]}' is not plantable in '{config.title}'; its `plantable` block holds "
+            f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `mechanisms`."
+        )
+    return config.planting(plant) if plant else config
+
+
+def validated(data: Mapping[str, Any], origin: str) -> SimulationConfig:
+    """The configuration of a mapping; `origin` names it in the refusal."""
+    try:
+        return SimulationConfig.model_validate(data)
+    except ValidationError as error:
+        problems = "; ".join(_problem(detail) for detail in error.errors())
+        raise UsageError(f"{origin}: {problems}. All values are SI, angles in rad.") from None
+
+
+def _validated(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
+    if isinstance(source, Mapping):
+        return validated(_on_base(source), "simulation configuration")
+    path = config_path(source)
+    return validated(_on_base(_read(path)), str(path))
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    return read_yaml(path, "a simulation with `vehicle`, `start` ...")
+
+
+def _on_base(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """`base: NAME` takes over another file's top-level keys, where the mapping has none of its own."""
+    if "base" not in data:
+        return data
+    own = {key: value for key, value in data.items() if key != "base"}
+    base = _read(config_path(str(data["base"])))
+    if "base" in base:
+        raise UsageError(f"the base configuration '{data['base']}' has a base itself; one level is allowed")
+    return {**base, **own}
+
+
+def _problem(detail: Any) -> str:
+    place = ".".join(str(part) for part in detail["loc"]) or "the whole"
+    if detail["type"] == "missing":
+        return f"'{place}' is missing"
+    if detail["type"] == "extra_forbidden":
+        return f"'{place}' is not a known key{_nearest_key(detail['loc'])}"
+    message = detail["msg"].removeprefix("Value error, ")
+    return f"'{place}': {message}" + (
+        "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
+    )
+
+
+def _nearest_key(location: Sequence[str | int]) -> str:
+    leaf = str(location[-1])
+    near = difflib.get_close_matches(leaf, _keys(SimulationConfig), n=1, cutoff=0.6)
+    if near and near[0] != leaf:
+        return f" (is '{near[0]}' meant?)"
+    return _nearest_effect(location) if location[0] == "instruments" else ""
+
+
+def _nearest_effect(location: Sequence[str | int]) -> str:
+    """Where an instrument's error is written beside its noise: the record effect that it is."""
+    effects = [effect.name for effect in record_effects()]
+    near = difflib.get_close_matches("_".join(map(str, location[1:])), effects, n=1, cutoff=0.7)
+    meant = f"is the record effect '{near[0]}' meant? " if near else ""
+    return f" ({meant}errors are written under `instruments.errors`, by effect and component)"
+
+
+def _keys(model: type[BaseModel]) -> list[str]:
+    """Every key of the schema, at any depth."""
+    names: list[str] = []
+    for name, field in model.model_fields.items():
+        names.append(name)
+        inner = (field.annotation, *getattr(field.annotation, "__args__", ()))
+        names += [
+            key
+            for kind in inner
+            if isinstance(kind, type) and issubclass(kind, BaseModel)
+            for key in _keys(kind)
+        ]
+    return names
+
+
+# ---- Flights that differ in a few numbers: dotted paths into the configuration, one value per flight ----
+
+
+# These shape the arrays of a batch, so all its flights share them.
+_COMMON = ("duration", "step", "sample_rate", "start.time")
+_ERRORS = "instruments.errors."
+
+
+def varied(
+    config: SimulationConfig, flights: int, variations: Mapping[str, ArrayLike] | None
+) -> tuple[SimulationConfig, ...]:
+    """One configuration per flight; `variations` maps dotted paths to a value or to (flights,) values.
+
+    Paths read like 'start.alpha', 'mechanisms.0.terms.eps', 'vehicle.accelerometer_position.1',
+    'instruments.errors.EFFECT.COMPONENT'.
+    Raises UsageError for an unknown path, a wrong number of values, or a value out of range.
+    """
+    if not variations:
+        return (config,) * flights
+    columns = {path: _column(path, values, flights) for path, values in variations.items()}
+    base = config.model_dump()
+    found = []
+    for flight in range(flights):
+        data = copy.deepcopy(base)
+        for path, column in columns.items():
+            _put(data, path, float(column[flight]))
+        found.append(validated(data, f"flight {flight} of the batch"))
+    return tuple(found)
+
+
+def per_flight(configs: Sequence[SimulationConfig], *path: str | int, missing: float = np.nan) -> FloatArray:
+    """The number at `path` of each configuration, (flights,); `missing` where the way there holds None."""
+    return np.array([_at(config, path, missing) for config in configs], dtype=float)
+
+
+def numbers(config: SimulationConfig) -> dict[str, float]:
+    """Every number of a configuration by its dotted path; `plantable` sets left out."""
+    found: dict[str, float] = {}
+    _collect(config.model_dump(exclude={"plantable"}), "", found)
+    return found
+
+
+def _at(node: Any, path: Sequence[str | int], missing: float) -> float:
+    for part in path:
+        inside: Any = part
+        node = node[inside] if isinstance(node, Mapping | tuple) else getattr(node, inside)
+        if node is None:
+            return missing
+    return float(node)
+
+
+def _collect(node: Any, path: str, found: dict[str, float]) -> None:
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            _collect(value, f"{path}.{key}" if path else str(key), found)
+    elif isinstance(node, tuple | list):
+        for index, value in enumerate(node):
+            _collect(value, f"{path}.{index}", found)
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        found[path] = float(node)
+
+
+def _column(path: str, values: ArrayLike, flights: int) -> FloatArray:
+    if path in _COMMON:
+        raise UsageError(
+            f"'{path}' cannot vary within a batch: its flights share one time grid. Simulate it apart."
+        )
+    column = np.asarray(values, dtype=float)
+    if column.shape not in ((), (flights,)):
+        raise UsageError(
+            f"variation '{path}' has shape {column.shape}, expected one value or ({flights},), one per seed"
+        )
+    return np.broadcast_to(column, (flights,))
+
+
+def _put(data: dict[str, Any], path: str, value: float) -> None:
+    """Set a leaf of nested mappings and tuples; tuples become lists on the way."""
+    if path.startswith(_ERRORS):  # any effect and component: those that are absent are zero
+        effect, _, component = path.removeprefix(_ERRORS).partition(".")
+        data["instruments"]["errors"].setdefault(effect, {})[component] = value
+        return
+    node: Any = data
+    *parents, leaf = current_name(path).split(".")
+    try:
+        for part in parents:
+            child = node[int(part)] if isinstance(node, list) else node[part]
+            if isinstance(child, tuple):
+                child = list(child)
+                node[int(part) if isinstance(node, list) else part] = child
+            node = child
+        key: Any = int(leaf) if isinstance(node, list) else leaf
+        if isinstance(node[key], str | Mapping | tuple | list):
+            raise TypeError
+        node[key] = value
+    except (KeyError, IndexError, ValueError, TypeError):
+        raise UsageError(
+            f"variation '{path}' does not lead to a number of the configuration; paths read like "
+            "'start.alpha' or 'mechanisms.0.terms.eps', and the mechanism must be in `mechanisms` or planted"
+        ) from None

@@ -12,12 +12,10 @@ import numpy as np
 import yaml
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.assemble import assemble
-from brv_hypo.flight.record import Flight
-from brv_hypo.flight.schema import Record
-from brv_hypo.flight.store import Quantity, save_flight
+from brv_hypo.flight.format import Quantity, assemble, save_flight
+from brv_hypo.flight.record import Flight, Record
+from brv_hypo.results import Histories
 from brv_hypo.simulation.config import SimulationConfig
-from brv_hypo.tabular import Histories
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,13 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.simulation.atmosphere import HIGHEST
-from brv_hypo.simulation.config import SimulationConfig
-from brv_hypo.simulation.dynamics import RATES, AirData, System
-from brv_hypo.simulation.errors import drawn, wind_course
-from brv_hypo.simulation.instruments import Signals, recorded
+from brv_hypo.simulation.air import HIGHEST
+from brv_hypo.simulation.config import ConfigSource, SimulationConfig, load_config, numbers, varied
+from brv_hypo.simulation.instruments import Signals, drawn, recorded, wind_profile
 from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
-from brv_hypo.simulation.loading import ConfigSource, load_config
-from brv_hypo.simulation.planting import check_terms, planted
+from brv_hypo.simulation.planted import check_terms, planted
 from brv_hypo.simulation.result import SimulatedFlight, Truth
-from brv_hypo.simulation.system import initial_state, system
-from brv_hypo.simulation.variation import numbers, varied
+from brv_hypo.simulation.vehicle import RATES, AirData, System, initial_state, system
 
 # A batch is integrated at once up to here; beyond, memory grows for no gain in speed.
 LARGEST_BATCH = 250
@@ -70,7 +66,7 @@ def simulate_batch(
 def _together(
     configs: Sequence[SimulationConfig], seeds: Sequence[int], progress: Progress
 ) -> list[SimulatedFlight]:
-    equations = replace(system(configs), wind_course=wind_course(configs))
+    equations = replace(system(configs), wind_profile=wind_profile(configs))
     trajectory = flown(configs, equations, progress)
     states = np.moveaxis(trajectory.states, 1, 0)
     time = trajectory.nodes[:, None] * np.ones(len(configs))
@@ -111,7 +107,7 @@ def flown(configs: Sequence[SimulationConfig], equations: System, progress: Prog
 def _other_breaks(equations: System) -> FloatArray:
     """Times of wind steps and of sudden changes of slope."""
     wind = np.zeros(0) if equations.wind_step is None else equations.wind_step.time
-    times = np.concatenate([wind, *(course.edges() for course in equations.slope_courses)])
+    times = np.concatenate([wind, *(slope_change.edges() for slope_change in equations.slope_changes)])
     return np.asarray(np.unique(times[np.isfinite(times)]), dtype=float)
 
 
@@ -121,7 +117,7 @@ def _check(trajectory: Trajectory, equations: System) -> None:
         raise UnanswerableError(
             f"the simulated motion diverges before {trajectory.nodes[np.argmax(lost)]:.3f} s. Likely cause: "
             "an unstable vehicle, a mechanism planted too strongly or too long, or too long a step. Remedy: "
-            "check the sign of C_Nalpha (< 0 is stable), plant less, or reduce `step`."
+            "check the sign of C_malpha (< 0 is stable), plant less, or reduce `step`."
         )
     _, altitude = equations.gravity_and_altitude(np.moveaxis(trajectory.states[:, :3], 1, 0))
     if np.any(altitude < 0.0) or np.any(altitude > HIGHEST):

@@ -8,12 +8,11 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, model_validator
 
-from brv_hypo.files.printed import meant
+from brv_hypo.io.text import meant
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
-from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig
-from brv_hypo.simulation.loading import config_path
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig, config_path
+from brv_hypo.study.faults import planted_faults
 
 NONE = "none"
 HOME = "studies"
@@ -57,7 +56,7 @@ class DrawsConfig(Section):
     `size` multiplies the planted coefficients, `delay` the planted delays and other nonlinear parameters,
     `gyro_noise` the gyros' standard deviation. `onset_shift` s moves the planted regions, uniformly.
     `windward_meridian` rad is the meridian at the start, uniform. `instruments` replaces what the vehicles say of
-    tolerances and errors to draw; `faults` spoils some of the records.
+    tolerances and errors to draw; `faults` corrupts some of the records.
     """
 
     size: PositiveSpan = (0.15, 1.2)

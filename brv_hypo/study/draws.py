@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.flight.schema import Record
+from brv_hypo.flight.record import Record
 from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import PlantedConfig, Section
 from brv_hypo.study.config import NONE, FaultDraws, InstrumentDraws, StudyConfig
-from brv_hypo.study.planted_faults import fault_called, planted_faults
+from brv_hypo.study.faults import fault_called, planted_faults
 
 FAULTS = 1  # number of the stream that faults are drawn from
 
@@ -84,15 +84,15 @@ def _fault(faults: FaultDraws | None, random: np.random.Generator) -> str:
     return kinds[int(random.integers(len(kinds)))]
 
 
-def spoilt(record: Record, draw: Draw) -> Record:
+def corrupted(record: Record, draw: Draw) -> Record:
     """The record with the fault that was drawn; itself where it is sound."""
     if not draw.fault:
         return record
-    return fault_called(draw.fault).spoil(record, np.random.default_rng([draw.seed, FAULTS]))
+    return fault_called(draw.fault).corrupt(record, np.random.default_rng([draw.seed, FAULTS]))
 
 
 def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
-    """The flight that was drawn; raises UsageError where a vehicle cannot plant what is asked."""
+    """The flight that was drawn; raises UsageError where a vehicle cannot plant what the study names."""
     source = next(vehicle for vehicle in study.vehicles if Path(vehicle).stem == draw.vehicle)
     chosen = () if draw.planted == NONE else tuple(draw.planted.split("+"))
     config = load_config(source, plant=chosen)

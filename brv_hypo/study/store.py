@@ -11,12 +11,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files.mappings import read_json
-from brv_hypo.files.regular import kind_of
-from brv_hypo.files.whole import LineLog, writable, write_whole
+from brv_hypo.io.atomic import LineLog, writable, write_whole
+from brv_hypo.io.mappings import read_json
+from brv_hypo.io.reading import kind_of
 from brv_hypo.study.config import StudyConfig
 from brv_hypo.study.draws import Draw, draws
-from brv_hypo.study.outcome import Outcome
+from brv_hypo.study.trial import Outcome
 
 STUDY, FLIGHTS = "study.json", "flights.jsonl"
 # A study may grow by more flights, and its statistics may be drawn otherwise: the flights stay the same.

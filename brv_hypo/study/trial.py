@@ -1,20 +1,231 @@
-"""One flight of a study: simulated, compared, noted."""
+"""One flight of a study: simulated with a planted mechanism, compared, and kept as an `Outcome`.
+
+The size of a planted mechanism is the rms of the moment that it adds, while it lasts, over the rms of the
+whole moment in that time (`effect_size`). Each planted parameter (delay, onset, coefficient, phi_b) is set
+beside its estimate in the fit of the planted mechanism (`estimates`). `fly` is the entrance; a flight that
+fails is an outcome with its reason.
+"""
 
 from __future__ import annotations
 
 import time as clock
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Literal, Protocol, TypeVar
 
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
-from brv_hypo.flight.assemble import assemble
+from brv_hypo.flight.format import assemble
+from brv_hypo.mechanisms import find
 from brv_hypo.ranking import Comparison, compare
-from brv_hypo.simulation import SimulatedFlight, simulate
+from brv_hypo.ranking.result import DerivedEstimate, Interval, RankedHypothesis, TermEstimate
+from brv_hypo.simulation import SimulatedFlight, Truth, simulate
+from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.config import StudyConfig
-from brv_hypo.study.draws import Draw, flight_config, spoilt
-from brv_hypo.study.effect import effect_size
-from brv_hypo.study.outcome import Outcome
-from brv_hypo.study.parameters import estimates
-from brv_hypo.study.planted_faults import fault_called
+from brv_hypo.study.draws import Draw, corrupted, flight_config
+from brv_hypo.study.faults import fault_called
+
+# ---- What is kept of one flight of a study ----
+
+
+EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
+
+
+class _Kept(BaseModel):
+    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
+
+
+class Estimate(_Kept):
+    """A planted value and its estimate, both in `units`; None where the fit holds no such parameter.
+
+    `kind`: `theta` (a delay), `knot` (onset or end, s), `coefficient`, or `derived` (phi_b).
+    """
+
+    name: str
+    kind: EstimateKind
+    units: str
+    truth: float
+    value: float | None = None
+    std_error: float | None = None
+
+    @property
+    def sigmas(self) -> float | None:
+        """Error over standard error; None where there is no estimate, or no standard error."""
+        if self.value is None or not self.std_error:
+            return None
+        return (self.value - self.truth) / self.std_error
+
+
+class Outcome(_Kept):
+    """One flight: what was drawn, what was planted, and what `compare` made of it.
+
+    `effect_in_plane`, `effect_out_of_plane`: rms of what is planted, while it lasts, over the rms of the
+    whole moment in that time. `outcome` is the verdict's, `faults` what the data compatibility check named, as
+    "channel: fault"; `fault_named` whether a planted fault is among them, None without one. `information` is the
+    criterion of each hypothesis. `estimates` are those of the planted mechanism's own fit. A flight that failed has
+    its `reason`.
+    """
+
+    draw: Draw
+    status: Literal["compared", "refused", "not simulated", "not compared"]
+    reason: str = ""
+    outcome: str = ""
+    faults: tuple[str, ...] = ()
+    fault_named: bool | None = None
+    effect_in_plane: float = 0.0
+    effect_out_of_plane: float = 0.0
+    first: str | None = None
+    winner: str | None = None
+    equivalent: tuple[str, ...] = ()
+    probability: dict[str, float] = {}
+    information: dict[str, float] = {}
+    prediction_error: dict[str, float] = {}
+    verdict: str = ""
+    estimates: tuple[Estimate, ...] = ()
+    alpha_sigma_rad: float | None = None
+    phi_w_sigma_rad: float | None = None
+    warnings: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def planted(self) -> str:
+        """The hypothesis that is true."""
+        return self.draw.planted
+
+    @property
+    def effect(self) -> float:
+        """The larger of the two effects."""
+        return max(self.effect_in_plane, self.effect_out_of_plane)
+
+    @property
+    def right(self) -> bool:
+        """True where the planted mechanism ranks first."""
+        return self.first == self.planted
+
+    @property
+    def won(self) -> bool:
+        """True where the verdict names the planted mechanism."""
+        return self.winner == self.planted
+
+
+# ---- How much of the moment a planted mechanism is ----
+
+
+# Below this part of its largest value what is planted counts as absent: rounding of the moments.
+ABSENT = 1e-6
+
+
+def effect_size(truth: Truth) -> tuple[float, float]:
+    """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts.
+
+    What is planted is the moment with the mechanism less the moment without it at the same state.
+    """
+    planted = np.hypot(truth.planted_in_plane, truth.planted_out_of_plane)
+    if not truth.planted or not np.any(planted):
+        return 0.0, 0.0
+    lasts = planted > ABSENT * planted.max()
+    whole = _rms(np.hypot(truth.C_N, truth.C_Z)[lasts])
+    return _rms(truth.planted_in_plane[lasts]) / whole, _rms(truth.planted_out_of_plane[lasts]) / whole
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+# ---- Planted parameters and what the planted mechanism's own fit makes of them ----
+
+
+class _Regional(Protocol):
+    @property
+    def region_s(self) -> Interval | None: ...
+
+
+Item = TypeVar("Item", bound=_Regional)
+
+
+def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
+    """Each planted parameter beside its estimate, which may be missing."""
+    return tuple(estimate for entry in planted for estimate in _of_entry(entry, fitted))
+
+
+def _of_entry(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
+    terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
+    leading = max(terms, key=lambda term: term.f_ratio, default=None)
+    yield from _thetas(entry, fitted, leading)
+    yield from _knots(entry, fitted)
+    same_delay = [term for term in terms if leading is not None and term.delay_s == leading.delay_s]
+    yield from _coefficients(entry, same_delay)
+    yield from _derived(entry, fitted)
+
+
+def _thetas(
+    entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None
+) -> Iterator[Estimate]:
+    """The delay of the term with the greatest F; another parameter's first value."""
+    declared = {parameter.name: parameter for parameter in find(entry.mechanism, entry.options).parameters()}
+    for name, truth in entry.theta.items():
+        found = [item for item in fitted.derived if item.name == f"{entry.mechanism} {name}"]
+        if declared[name].is_delay and leading is not None and leading.delay_s is not None:
+            delay = leading.delay_s / declared[name].seconds
+            found.sort(key=lambda item: abs(item.value - delay))
+        yield _estimate(name, "theta", declared[name].units, truth, found[0] if found else None)
+
+
+def _knots(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
+    """Onset and end, each with the nearest knot of the fit, no knot serving for both."""
+    knots = [item for item in fitted.derived if item.name == f"{entry.mechanism} knot"]
+    for name, truth in (("onset", entry.start), ("end", entry.stop)):
+        if truth is None:
+            continue
+        item = min(knots, key=lambda knot: abs(knot.value - truth), default=None)
+        knots = [knot for knot in knots if knot is not item]
+        yield _estimate(name, "knot", "s", truth, item)
+
+
+def _coefficients(entry: PlantedConfig, terms: Sequence[TermEstimate]) -> Iterator[Estimate]:
+    """The change of each coefficient at the onset."""
+    for name, truth in entry.terms.items():
+        label = name if entry.start is None else f"{entry.kind} in {name}"
+        item = _nearest(entry, (term for term in terms if term.name == label))
+        yield _estimate(name, "coefficient", "" if item is None else item.units, truth, item)
+
+
+def _derived(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
+    """What the mechanism derives from its coefficients; an angle is taken on the branch next to the truth."""
+    unknown = np.zeros((len(entry.terms), len(entry.terms)))
+    for truth in find(entry.mechanism, entry.options).derived(entry.terms, unknown):
+        item = _nearest(entry, (item for item in fitted.derived if item.name == truth.name))
+        found = _estimate(truth.name, "derived", truth.units, truth.value, item)
+        if found.value is not None and truth.units == "rad":
+            turned = truth.value + float(np.angle(np.exp(1j * (found.value - truth.value))))
+            found = found.model_copy(update={"value": turned})
+        yield found
+
+
+def _estimate(
+    name: str, kind: EstimateKind, units: str, truth: float, item: TermEstimate | DerivedEstimate | None
+) -> Estimate:
+    """A planted value beside what the fit has of it, if anything."""
+    value, error = (None, None) if item is None else (item.value, item.std_error)
+    return Estimate(name=name, kind=kind, units=units, truth=truth, value=value, std_error=error)
+
+
+def _nearest(entry: PlantedConfig, items: Iterable[Item]) -> Item | None:
+    """The item whose region begins nearest the planted onset; None where none begins nearer than the end."""
+    reach = np.inf if entry.start is None or entry.stop is None else 0.5 * (entry.stop - entry.start)
+
+    def distance(item: Item) -> float:
+        if item.region_s is None or entry.start is None:
+            return 0.0 if item.region_s is None and entry.start is None else np.inf
+        return abs(item.region_s[0] - entry.start)
+
+    found = min(items, key=distance, default=None)
+    return found if found is not None and distance(found) < reach else None
+
+
+# ---- One flight of a study: simulated, compared, noted ----
 
 
 def fly(study: StudyConfig, draw: Draw) -> Outcome:
@@ -31,7 +242,7 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
         "effect_out_of_plane": out_of_plane,
     }
     try:
-        flight = assemble(spoilt(flown.record, draw)) if draw.fault else flown.flight
+        flight = assemble(corrupted(flown.record, draw)) if draw.fault else flown.flight
         comparison = compare([flight], study.compare)
     except Exception as error:
         return Outcome(**known, status="not compared", reason=_reason(error))

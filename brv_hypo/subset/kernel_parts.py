@@ -83,7 +83,7 @@ class Work(NamedTuple):
     rules. requires, excludes (columns, columns): bytes, empty where there are no rules; the diagonal of
     ``requires`` counts what a column brings along. hits: rows of (size, columns...). scratch (5, m).
     most (levels,): no larger subset below the level can get under its limit. packing, factor, sets: see
-    ``packing``. place: 0, 1, 2, ... slack: allowance for rounding in a determinant. scored, beginnings: see
+    ``packing``. place: 0, 1, 2, ... slack: allowance for rounding in a determinant. scored, prefixes: see
     ``compiled``.
     """
 
@@ -114,7 +114,7 @@ class Work(NamedTuple):
     base: int
     slack: float
     scored: int
-    beginnings: int
+    prefixes: int
 
 
 @compiled_part
@@ -200,10 +200,10 @@ def score(
     if not pairs:
         return
     needed = rss - limits[size + 2]
-    eased = needed - abs(needed) * w.slack
+    relaxed = needed - abs(needed) * w.slack
     for i in range(1, m):
         di, ci = d[i], c[i]
-        a = ci * ci - eased * di
+        a = ci * ci - relaxed * di
         b = 2.0 * ci
         row = S[i]
         # Counting vectorises better than taking the maximum; the row is gone over again only on a hit.

@@ -1,4 +1,9 @@
-"""Runs the tree search: which kernel, for how long, on how many threads, and what it proved."""
+"""Runs the tree search: which kernel, for how long, and what it proved.
+
+Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as loading
+or compiling it costs, which depends on whether an earlier process left it on disk. `search` is the entrance;
+`Certificate` says what was proved, `proved_gaps` by how much each size may still be off.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +12,58 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.subset.board import CLOSED, Board
 from brv_hypo.subset.frame import Frame
-from brv_hypo.subset.kernel_cache import kernel_on_disk
-from brv_hypo.subset.pieces import OpenSubtree, Piece, independent_pieces, make_piece
+from brv_hypo.subset.incumbents import CLOSED, Board
 from brv_hypo.subset.result import Certificate
-from brv_hypo.subset.tree_numpy import NumpyTree, StopSearchError
+from brv_hypo.subset.tree import (
+    NumpyTree,
+    OpenSubtree,
+    Piece,
+    StopSearchError,
+    independent_pieces,
+    make_piece,
+)
+
+# ---- Whether the compiled kernel of an earlier process is on disk, told without importing numba ----
+
+
+# First bytes of an index of numba's, in which it names its version.
+HEAD = 64
+
+
+@cache
+def kernel_on_disk(folder: Path | None = None) -> bool:
+    """Whether an index of this Python and numba, no older than the kernel's source, lies in `folder`.
+
+    A kernel that was compiled on another processor passes: then it is compiled anew, once, a few nodes too early.
+    Indices that numba keeps elsewhere, by its own settings, are not looked for. Looked for once in a process, which may
+    search hundreds of times.
+    """
+    source = Path(__file__).with_name("kernel.py")
+    python = f"py{sys.version_info.major}{sys.version_info.minor}"
+    try:
+        compiler = version("numba").encode()
+        indices = (folder or source.parent / "__pycache__").glob(f"kernel.search-*.{python}.nbi")
+        return any(_serves(index, source, compiler) for index in indices)
+    except (PackageNotFoundError, OSError):
+        return False
+
+
+def _serves(index: Path, source: Path, compiler: bytes) -> bool:
+    with index.open("rb") as stream:
+        return compiler in stream.read(HEAD) and index.stat().st_mtime >= source.stat().st_mtime
+
+
+# ---- Runs the tree search: which kernel, for how long, on how many threads, and what it proved ----
+
 
 # Scaled condition number above which Schur complements lose too many digits and triangular factors take over.
 SCHUR_CONDITION = 2e5
@@ -66,10 +112,10 @@ def search(board: Board, effort: Effort) -> Certificate:
         # Imported here: numba takes longer to import than most searches take to finish.
         if not _kernel_in_memory():
             _tell(effort, "loading the compiled search kernel; the first time ever it has to be compiled")
-        from brv_hypo.subset.workers import search_compiled
+        from brv_hypo.subset.compiled import search_compiled
 
         engine = "numba"
-        more, left = search_compiled(board, left, triangular, effort, deadline)
+        more, left = search_compiled(board, left, triangular, deadline, effort.threads, effort.progress)
         nodes += more
     gaps = proved_gaps(board, left)
     return Certificate(

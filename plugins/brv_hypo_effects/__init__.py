@@ -1,1 +1,1 @@
-"""Effects that the residual loop tries: aerodynamics, instruments, wind. A file a subject."""
+"""Effects that the residual loop tries: aerodynamics, asymmetries, instruments, vehicle, wind. A file a family."""

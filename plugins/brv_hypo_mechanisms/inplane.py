@@ -1,4 +1,4 @@
-"""Asymmetric in-plane flow: jumps and ramps in C_N0 and C_Nalpha, nothing out of plane (Table 2.1, b)."""
+"""Asymmetric in-plane flow: jumps and ramps in C_m0 and C_malpha, nothing out of plane (Table 2.1, b)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from brv_hypo.motion.motion import Motion
 
 
 class InPlane(Mechanism):
-    """C_N' += jump or ramp in C_N0 and in C_Nalpha at the knots of Eq. 3.6."""
+    """C_N' += jump or ramp in C_m0 and in C_malpha at the knots of Eq. 3.6."""
 
     name = "inplane"
     title = "asymmetric in-plane flow"
@@ -20,15 +20,15 @@ class InPlane(Mechanism):
     )
     source = "report, Table 2.1 (b) and Table 5.5"
     time_variation = ("jump", "ramp")
-    characteristic = ("C_N0",)
+    characteristic = ("C_m0",)
     wind_fixed = True
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """Two terms: C_N0 and C_Nalpha."""
+        """Two terms: C_m0 and C_malpha."""
         nothing = np.zeros_like(motion.alpha)
         return (
-            Term("C_N0", np.ones_like(motion.alpha), nothing, "1"),
-            Term("C_Nalpha", motion.alpha, nothing, "1/rad"),
+            Term("C_m0", np.ones_like(motion.alpha), nothing, "1"),
+            Term("C_malpha", motion.alpha, nothing, "1/rad"),
         )
 
 

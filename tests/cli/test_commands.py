@@ -230,7 +230,7 @@ class TestCompare:
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
         chosen = ("--config", regression, "--mechanisms", "damping,lag")
         done = brv_hypo("compare", simulated_file, *chosen, "-v")
-        for expected in ("C_Nalpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
+        for expected in ("C_malpha", "C_damping", "sigma", "region, s", "delay, s", "1/rad", "s in all"):
             assert expected in done.stdout
 
     @pytest.mark.thorough

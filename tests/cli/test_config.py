@@ -11,8 +11,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.residuals import TraceConfig
-from brv_hypo.settings import read_settings, settings_of
-from brv_hypo.settings_file import commented, meanings
+from brv_hypo.settings import commented, meanings, read_settings, settings_of
 from brv_hypo.simulation import load_config
 from brv_hypo.study import read_study
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.instruments import of_grade
-from brv_hypo.flight.sources import flight_as_asked
+from brv_hypo.flight.format import load_for_analysis
+from brv_hypo.flight.tolerances import of_grade
 
 
 def test_left_out_it_leaves_what_the_record_states(flight_file):
-    assert flight_as_asked(flight_file, None, None, None).instruments == of_grade("tactical")
+    assert load_for_analysis(flight_file, None, None, None).instruments == of_grade("tactical")
 
 
 def test_a_grade_replaces_every_tolerance(flight_file):
-    flight = flight_as_asked(flight_file, 1.0, 3.0, "industrial")
+    flight = load_for_analysis(flight_file, 1.0, 3.0, "industrial")
     assert flight.instruments == of_grade("industrial")
     assert flight.time[-1] == pytest.approx(3.0, abs=0.011)
 
@@ -23,7 +23,7 @@ def test_a_grade_replaces_every_tolerance(flight_file):
 def test_a_file_replaces_what_it_names(flight_file, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("gyro_bias: 0.3\naccel_position: [1 mm, 0.002, 0.002]\n")
-    found = flight_as_asked(flight_file, None, None, str(file)).instruments
+    found = load_for_analysis(flight_file, None, None, str(file)).instruments
     assert found.gyro_bias == pytest.approx(np.radians([0.3] * 3))
     assert found.accel_position == pytest.approx((0.001, 0.002, 0.002))
     assert found.wind == of_grade("tactical").wind
@@ -44,7 +44,7 @@ def test_files_that_hold_no_tolerances_are_refused(flight_file, tmp_path, text, 
     file = tmp_path / "mine.yaml"
     file.write_text(text)
     with pytest.raises(UsageError, match=message):
-        flight_as_asked(flight_file, None, None, str(file))
+        load_for_analysis(flight_file, None, None, str(file))
 
 
 @pytest.mark.parametrize("command", ["compare", "trace", "reconstruct"])

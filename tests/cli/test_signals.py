@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from brv_hypo.cli import signals
-from brv_hypo.cli.guard import guarded
+from brv_hypo.cli.signals import guarded
 
 STUDY = """
 title: long
@@ -101,7 +101,7 @@ def test_a_simulation_ends_at_once_and_leaves_no_file(tmp_path, number, delay):
 
 STUCK = """
 import brv_hypo.cli.main as main, time, typer
-from brv_hypo.cli.guard import guarded
+from brv_hypo.cli.signals import guarded
 
 def command():
     print("begun", flush=True)

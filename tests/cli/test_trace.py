@@ -6,8 +6,8 @@ import json
 
 import pytest
 
+from brv_hypo.cli.analyses import starting_model
 from brv_hypo.cli.session import Session
-from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
 from brv_hypo.residuals import TraceConfig
 from tests.chains import ONE_EFFECT, traced_trim, trimmed

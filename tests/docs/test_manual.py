@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from brv_hypo.cli.main import app
 from brv_hypo.docs import text, topics
-from brv_hypo.docs.offline import manual_page
+from brv_hypo.docs.manual import manual_page
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
 from tests.docs.filling import filled_in
@@ -119,7 +119,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
     shutil.copytree(Path(__file__).parents[2] / "configs" / "instruments", tmp_path / "configs" / "instruments")
     printed = []
     *commands, variants = shown.body.splitlines()
-    assert variants.startswith("python -m brv_hypo.residuals.variants opportunity_entry.h5")
+    assert variants.startswith("python -m tests.studies.loop.variants opportunity_entry.h5")
     for line in commands:
         done = brv_hypo(*shlex.split(line)[1:], cwd=tmp_path, COLUMNS="80")
         assert done.returncode == 0, done.stderr

@@ -64,7 +64,7 @@ def test_the_wheel_holds_manual_pages_configurations_and_plugins(built) -> None:
     (wheel,) = built.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
     expected = {f"brv_hypo/docs/{topic}.md" for topic in topics()} | {f"brv_hypo/report/page/{f}" for f in PAGE_FILES}
-    expected |= {"brv_hypo/configs/demo.yaml", "brv_hypo_mechanisms/lag.py", "brv_hypo_effects/magnus.py"}
+    expected |= {"brv_hypo/configs/demo.yaml", "brv_hypo_mechanisms/lag.py", "brv_hypo_effects/aerodynamics.py"}
     assert expected - names == set()
     assert not any(name.startswith("tests/") for name in names)
 
@@ -189,6 +189,6 @@ def test_the_sdist_holds_what_the_wheel_is_built_from(built) -> None:
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    expected = {"pyproject.toml", "README.md", "configs/demo.yaml", "plugins/brv_hypo_effects/magnus.py"}
+    expected = {"pyproject.toml", "README.md", "configs/demo.yaml", "plugins/brv_hypo_effects/aerodynamics.py"}
     expected |= {f"brv_hypo/docs/notebooks/{name}" for name in notebooks()}
     assert expected - names == set()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.files import library
 from brv_hypo.flight import load_flight, read_tree
+from brv_hypo.io import sandbox
 from tests.flight.records import motion, write_raw
 
 CRASHES = {
@@ -31,9 +31,9 @@ def child_that(tmp_path, monkeypatch):
 
     def replaced(script):
         (tmp_path / "child.py").write_text(script)
-        monkeypatch.setattr(library, "_CHILD", tmp_path / "child.py")
-        monkeypatch.setattr(library, "_child", library._Child())
-        monkeypatch.setattr(library, "LONGEST_READ_SECONDS", 3.0)
+        monkeypatch.setattr(sandbox, "_CHILD", tmp_path / "child.py")
+        monkeypatch.setattr(sandbox, "_child", sandbox._Child())
+        monkeypatch.setattr(sandbox, "LONGEST_READ_SECONDS", 3.0)
 
     return replaced
 

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.files import mappings
-from brv_hypo.files.mappings import read_json, read_yaml
-from brv_hypo.files.printed import one_line, printable
-from brv_hypo.files.regular import read_text
-from brv_hypo.flight.csv_table import read_csv
+from brv_hypo.importing.tables import read_csv
+from brv_hypo.io import mappings
+from brv_hypo.io.mappings import read_json, read_yaml
+from brv_hypo.io.reading import read_text
+from brv_hypo.io.text import one_line, printable
 from tests.texts import texts
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(

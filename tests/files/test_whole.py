@@ -13,9 +13,9 @@ import time
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files import whole
-from brv_hypo.files.whole import LineLog, whole_folder, write_whole
 from brv_hypo.flight import load_flight, save_flight
+from brv_hypo.io import atomic
+from brv_hypo.io.atomic import LineLog, whole_folder, write_whole
 from tests.flight.records import flight
 
 HOST = socket.gethostname().replace(".", "-")
@@ -64,7 +64,7 @@ def test_a_medium_that_fails_is_a_refusal_and_leaves_the_old_file(tmp_path, monk
         raise OSError(code, os.strerror(code))
 
     (tmp_path / "out").write_text("old")
-    monkeypatch.setattr(whole.os, call, failing)
+    monkeypatch.setattr(atomic.os, call, failing)
     with pytest.raises(UsageError, match=says):
         write_whole(tmp_path / "out", "new")
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
@@ -178,7 +178,7 @@ class TestLineLog:
                 return true(descriptor, data[0][:2])
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-        monkeypatch.setattr(whole.os, call, failing)
+        monkeypatch.setattr(atomic.os, call, failing)
         with pytest.raises(UsageError, match="medium is full"):
             log.append("two")
         log.close()

@@ -8,13 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from brv_hypo.constants import AVERAGED_BEYOND, AVERAGED_PER_CYCLE
 from brv_hypo.flight import Flight
-from brv_hypo.flight.averaging import averaged
+from brv_hypo.flight.derived import AVERAGED_BEYOND, AVERAGED_PER_CYCLE, averaged
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.ranking.benchmark import finer, flights
 from tests.flights import nominal
+from tests.studies.comparison.benchmark import finer, flights
 
 SAMPLES = 24_001
 

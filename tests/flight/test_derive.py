@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from brv_hypo.flight.derive import derive
+from brv_hypo.flight.derived import derive
 
 # U.S. Standard Atmosphere, 1976 (NOAA-S/T 76-1562), tables I and III, geometric altitude:
 # altitude m, density kg/m^3, speed of sound m/s, dynamic viscosity kg/(m s); five digits as printed.

@@ -7,11 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from brv_hypo.flight.bursts import find_bursts
+from brv_hypo.flight.cleaning import constant_runs, find_bursts, flat_tops, mask_faults
 from brv_hypo.flight.clock import joint_jumps, stamped_steps
-from brv_hypo.flight.faults import mask_faults
 from brv_hypo.flight.noise import sigma_of_differences
-from brv_hypo.flight.stuck import constant_runs, flat_tops
 from tests.flight.records import motion
 
 SAMPLES = 800

@@ -15,7 +15,8 @@ import scipy.io
 import yaml
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.flight import CHANNELS, Flight, import_record, load_flight, save_flight, tables
+from brv_hypo.flight import CHANNELS, Flight, load_flight, save_flight
+from brv_hypo.importing import import_record, tables
 from tests.flight.records import UNITS, VEHICLE, motion, write_raw
 
 DEGREE = np.pi / 180.0

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brv_hypo.constants import BRIDGED_SAMPLES
 from brv_hypo.flight import load_flight, save_flight
-from brv_hypo.flight.resample import bridge, crossed, longest_gap, regularise
+from brv_hypo.flight.clock import bridge, crossed, longest_gap, regularise
+from brv_hypo.thresholds import BRIDGED_SAMPLES
 from tests.flight.records import flight, motion, write_raw
 
 

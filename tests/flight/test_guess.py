@@ -11,10 +11,9 @@ import pytest
 import yaml
 
 from brv_hypo.errors import UsageError
-from brv_hypo.flight import bring_in
-from brv_hypo.flight.guess import guess_map
-from brv_hypo.flight.guess_names import by_name
-from brv_hypo.flight.guess_physics import turning_units
+from brv_hypo.importing import bring_in
+from brv_hypo.importing.guess import guess_map
+from brv_hypo.importing.guess_rules import by_name, turning_units
 from tests.flight import rockets
 from tests.flight.records import UNITS, VEHICLE
 from tests.flight.test_foreign import write_csv, write_mat, write_parquet
@@ -178,7 +177,7 @@ def test_files_of_other_recorders_and_of_the_vehicle_go_with_the_log(tmp_path: P
     assert {name for name, entry in mapping["vehicle"].items() if "file" in entry} == {"mass", "ixx", "iyy"}
     assert any("site's height above the sea" in doubt for doubt in guess.unsure)
     unknown = "reference_length, reference_area, accelerometer_position"
-    assert f"no table tells of the vehicle: {unknown}" in guess.unsure
+    assert f"no table gives these properties of the vehicle: {unknown}" in guess.unsure
     for name in ("reference_length", "reference_area"):
         mapping["vehicle"][name]["value"] = float(getattr(VEHICLE, name))
     (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from brv_hypo.flight import CHANNELS, import_record, inspect_flight, load_flight
+from brv_hypo.flight import CHANNELS, inspect_flight, load_flight
+from brv_hypo.importing import import_record
 from tests.shared_data import shared_file
 
 pytestmark = pytest.mark.shared

@@ -12,14 +12,20 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brv_hypo.constants import DECIMATED_PASS_END, DECIMATED_STOP_BEGIN
 from brv_hypo.errors import UsageError
-from brv_hypo.flight import bring_in, find_phases, inspect_flight, load_flight, save_flight
-from brv_hypo.flight.ascent import ascent
-from brv_hypo.flight.clocks import clock_offset
-from brv_hypo.flight.decimate import decimated, low_pass, needed_rate
-from brv_hypo.flight.pad import take_out_biases
-from brv_hypo.flight.schema import Record, VehicleRecord
+from brv_hypo.flight import find_phases, inspect_flight, load_flight, save_flight
+from brv_hypo.flight.record import Record, VehicleRecord
+from brv_hypo.importing import bring_in
+from brv_hypo.importing.rocket_log import (
+    DECIMATED_PASS_END,
+    DECIMATED_STOP_BEGIN,
+    ascent,
+    clock_offset,
+    decimated,
+    low_pass,
+    needed_rate,
+    take_out_biases,
+)
 from tests.flight import rockets
 from tests.flight.records import UNITS, VEHICLE
 from tests.flight.test_foreign import write_csv, write_map

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.flight import despiked
-from brv_hypo.flight.spikes import find_spikes, spike_note
+from brv_hypo.flight.cleaning import find_spikes, spike_note
 from tests.flight.records import flight, motion
 
 SAMPLES = 600

@@ -25,9 +25,10 @@ from brv_hypo.flight import (
     load_truth,
     save_flight,
 )
-from brv_hypo.flight.schema import CHANNEL_DIMENSIONS, LARGEST, SHORTEST_STEP, SLOWEST
-from brv_hypo.flight.spikes import find_spikes
+from brv_hypo.flight.cleaning import find_spikes
+from brv_hypo.flight.record import CHANNEL_DIMENSIONS, LARGEST
 from brv_hypo.flight.units import ENDLESS_POWER
+from brv_hypo.thresholds import SHORTEST_STEP, SLOWEST
 from tests.flight.records import ACCEPTED, UNITS, VEHICLE, flight, motion, write_raw
 from tests.texts import texts
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from brv_hypo.identification import Identification, identify
-from brv_hypo.identification.study import Trial, flights, trial
 from brv_hypo.simulation import SimulatedFlight
+from tests.studies.identification.study import Trial, flights, trial
 
 
 @pytest.fixture(scope="session")

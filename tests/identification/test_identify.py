@@ -7,15 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.identification import (
-    coefficient_histories,
-    coefficients_without,
-    identify,
-    predicted_moments,
-)
+from brv_hypo.identification import coefficient_histories, identify
 from brv_hypo.identification.record_errors import tolerated_mechanisms
-from brv_hypo.identification.study import errors, flights, regress, trial
 from brv_hypo.mechanisms import record_effects
+from tests.studies.identification.heldout import coefficients_without, predicted_moments
+from tests.studies.identification.study import errors, flights, regress, trial
 
 
 def test_a_body_fixed_moment_comes_back_within_its_errors(bodyfixed):

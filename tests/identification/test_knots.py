@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from brv_hypo.identification import estimate
-from brv_hypo.identification.knots import averaged, kink, on_grid, placed
+from brv_hypo.identification.identify import _stale
+from brv_hypo.identification.parameters import averaged, kink, on_grid, placed
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import TimeBasis
 
 STEP = 0.05
 NODES = np.arange(0.0, 2.0 + STEP / 2, STEP)
@@ -29,17 +29,17 @@ def derivatives(t):
     return -3.0 * np.sin(3.0 * t + 0.3), -9.0 * np.cos(3.0 * t + 0.3)
 
 
-def collocated(course: TimeFunction, corrected: bool = True) -> tuple[float, float]:
+def collocated(time_basis: TimeBasis, corrected: bool = True) -> tuple[float, float]:
     """Rate and position at the end, by Hermite-Simpson, of rate' = course x moment, position' = rate."""
     half = np.full_like(MIDDLES, STEP / 2)
     first, second = (
-        kink(course, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
+        kink(time_basis, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
     )
     slope, curvature = derivatives(MIDDLES)
     if corrected:
-        ends, middle = on_grid(course, NODES, np.zeros_like(NODES)), on_grid(course, MIDDLES, half)
+        ends, middle = on_grid(time_basis, NODES, np.zeros_like(NODES)), on_grid(time_basis, MIDDLES, half)
     else:
-        ends, middle = course(NODES), course(MIDDLES)
+        ends, middle = time_basis(NODES), time_basis(MIDDLES)
     ends = ends * moment(NODES)
     middle = middle * moment(MIDDLES) - first * slope + second * curvature
     rate = position = 0.0
@@ -55,34 +55,34 @@ def collocated(course: TimeFunction, corrected: bool = True) -> tuple[float, flo
 @settings(max_examples=60)
 @given(knot=st.floats(0.2, 1.0), length=st.floats(0.2, 0.8))
 def test_a_jump_between_nodes_gives_the_rate_and_position_of_the_sharp_jump(knot, length):
-    rate, position = collocated(TimeFunction("jump", knot, knot + length))
+    rate, position = collocated(TimeBasis("jump", knot, knot + length))
     stop, end = knot + length, NODES[-1]
     assert rate == pytest.approx(quad(moment, knot, stop)[0], abs=1e-6)
     assert position == pytest.approx(quad(lambda t: (end - t) * moment(t), knot, stop)[0], abs=2e-6)
 
 
 def test_without_the_correction_the_error_is_a_thousand_times_larger():
-    course = TimeFunction("jump", 0.513)
+    time_basis = TimeBasis("jump", 0.513)
     exact = quad(moment, 0.513, NODES[-1])[0]
-    assert abs(collocated(course, corrected=False)[0] - exact) > 1e3 * abs(collocated(course)[0] - exact)
+    assert abs(collocated(time_basis, corrected=False)[0] - exact) > 1e3 * abs(collocated(time_basis)[0] - exact)
 
 
 @settings(max_examples=40)
 @given(knot=st.floats(0.2, 1.8))
 def test_a_ramp_is_integrated_exactly(knot):
-    course = TimeFunction("ramp", knot)
+    time_basis = TimeBasis("ramp", knot)
     half = np.full_like(MIDDLES, STEP / 2)
-    ends, middle = on_grid(course, NODES, np.zeros_like(NODES)), on_grid(course, MIDDLES, half)
+    ends, middle = on_grid(time_basis, NODES, np.zeros_like(NODES)), on_grid(time_basis, MIDDLES, half)
     total = np.sum(STEP / 6.0 * (ends[:-1] + 4.0 * middle + ends[1:]))
     assert total == pytest.approx((NODES[-1] - knot) ** 2 / 2.0, abs=1e-12)
 
 
 @given(knot=st.floats(0.3, 1.5))
 def test_the_averaged_course_is_the_mean_over_the_block(knot):
-    course, width, time = TimeFunction("jump", knot, knot + 0.2), 0.1, np.linspace(0.1, 1.9, 37)
+    time_basis, width, time = TimeBasis("jump", knot, knot + 0.2), 0.1, np.linspace(0.1, 1.9, 37)
     fine = np.linspace(-width / 2, width / 2, 4001)
-    expected = [np.mean(course(t + fine)) for t in time]
-    np.testing.assert_allclose(averaged(course, time, width), expected, atol=1e-3)
+    expected = [np.mean(time_basis(t + fine)) for t in time]
+    np.testing.assert_allclose(averaged(time_basis, time, width), expected, atol=1e-3)
 
 
 OWN = OwnTime(np.linspace(0.0, 2.0, 401), np.linspace(0.0, 2.0, 401) ** 1.5 + 3.0, np.linspace(9.0, 8.0, 401))
@@ -91,33 +91,38 @@ OWN = OwnTime(np.linspace(0.0, 2.0, 401), np.linspace(0.0, 2.0, 401) ** 1.5 + 3.
 @pytest.mark.parametrize("kind", ["jump", "ramp"])
 def test_courses_in_common_time_are_placed_where_the_flight_comes_by_them(kind: str) -> None:
     """Simpson's rule has their integrals: of a ramp but for the bend of common time about its knot."""
-    course = TimeFunction(kind, 3.5, 4.5)  # type: ignore[arg-type]
+    time_basis = TimeBasis(kind, 3.5, 4.5)  # type: ignore[arg-type]
     nodes = np.linspace(0.0, 2.0, 41)
     halfway, half = 0.5 * (nodes[1:] + nodes[:-1]), np.full(40, 0.025)
-    ends = on_grid(*placed(course, nodes, np.zeros(41), OWN))
-    middle = on_grid(*placed(course, halfway, half, OWN))
+    ends = on_grid(*placed(time_basis, nodes, np.zeros(41), OWN))
+    middle = on_grid(*placed(time_basis, halfway, half, OWN))
     simpson = np.sum(0.05 / 6.0 * (ends[:-1] + 4.0 * middle + ends[1:]))
     fine = np.linspace(0.0, 2.0, 400_001)
-    exact = np.mean(course(OWN.common_at(fine))) * 2.0
+    exact = np.mean(time_basis(OWN.common_at(fine))) * 2.0
     assert simpson == pytest.approx(exact, abs=2e-4)
-    at_start, *_ = placed(TimeFunction("jump", 3.5), nodes, half, OWN)
+    at_start, *_ = placed(TimeBasis("jump", 3.5), nodes, half, OWN)
     assert at_start.start == pytest.approx(0.5 ** (2.0 / 3.0), abs=1e-4)
 
 
 def test_a_course_in_a_flights_own_time_stays_as_it_is() -> None:
-    course, time, half = TimeFunction("jump", 1.0), np.linspace(0.0, 2.0, 5), np.zeros(5)
-    assert placed(course, time, half, None) == (course, time, half)
+    time_basis, time, half = TimeBasis("jump", 1.0), np.linspace(0.0, 2.0, 5), np.zeros(5)
+    assert placed(time_basis, time, half, None) == (time_basis, time, half)
 
 
 @pytest.mark.parametrize(("moved", "brought", "stale"), [(0.0, 0.0, False), (0.09, 0.0, True), (0.0, 2e-4, True)])
 def test_a_knot_that_was_held_has_no_error_and_stays_where_it_was(moved: float, brought: float, stale: bool) -> None:
     """Nodes are where they were, or not, whether its error is known or not; so are block means if an estimate moves."""
-    segment = SimpleNamespace(t=np.arange(5.0), y=np.zeros((4, 5)), courses=())
+    segment = SimpleNamespace(t=np.arange(5.0), y=np.zeros((4, 5)), time_varying=())
     record = SimpleNamespace(segment=segment, context=SimpleNamespace(block=0.1, flight=0))
-    movers = (SimpleNamespace(name="held", kind="knot"), SimpleNamespace(name="free", kind="knot"))
+    nonlinear_parameters = (SimpleNamespace(name="held", kind="knot"), SimpleNamespace(name="free", kind="knot"))
     places = {"held": 1.0, "free": 2.0}
-    old: Any = SimpleNamespace(block=2, records=(record,), structure=SimpleNamespace(movers=movers), theta=places)
+    old: Any = SimpleNamespace(
+        block=2,
+        records=(record,),
+        structure=SimpleNamespace(nonlinear_parameters=nonlinear_parameters),
+        theta=places,
+    )
     found: Any = SimpleNamespace(
         theta={"held": 1.0, "free": 2.0 + moved}, std_error={"free": 1e-3}, change_by=lambda _: {"free": brought}
     )
-    assert estimate._stale(old, old, found) is stale
+    assert _stale(old, old, found) is stale

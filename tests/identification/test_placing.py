@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.identification.placing import Meridian
+from brv_hypo.identification.nodes import Meridian
 
 TIME = np.arange(0.0, 4.0, 0.005)
 

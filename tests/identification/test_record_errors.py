@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.identification.readings import lever_force, noise_free_flights
+from brv_hypo.identification.parameters import of_flight
 from brv_hypo.identification.record_errors import (
     ACCELEROMETERS,
     CROSSFLOW,
@@ -16,9 +16,10 @@ from brv_hypo.identification.record_errors import (
     RATIO_ERROR,
     ROLL_RATE_ERROR,
     RecordErrors,
+    lever_force,
+    noise_free_flights,
     record_errors,
 )
-from brv_hypo.identification.structure import of_flight
 from brv_hypo.motion.inputs import smooth_inputs
 
 
@@ -104,8 +105,8 @@ def test_courses_hold_the_histories_at_the_nodes(linearised):
     flight, inputs, errors = linearised
     local = np.arange(300).reshape(100, 3)
     turn = np.exp(1j * inputs.roll[:300])
-    courses = {c.name: c for c in errors.courses(flight.time[:300], slice(0, 300), turn, local)}
-    course = courses[of_flight(GYROS[0], 0)]
+    time_varying = {c.name: c for c in errors.time_varying(flight.time[:300], slice(0, 300), turn, local)}
+    course = time_varying[of_flight(GYROS[0], 0)]
     size, scale = histories(errors, "gyro_scale q")
     row = course.weights.index(of_flight("gyro_scale q", 0))
     nodes = flight.time[:300][local[:, 1]]

@@ -11,13 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.identification import IdentificationConfig
-from brv_hypo.identification.model import GRAVITY
+from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.problem import Problem, build_problem
-from brv_hypo.identification.study import flights, trial
 from brv_hypo.likelihood.collocation import start_points
-from brv_hypo.likelihood.derivatives import Function, Points, evaluate, jacobian
-from brv_hypo.likelihood.given import PartlyGiven
+from brv_hypo.likelihood.derivatives import Function, PartialJacobian, Points, evaluate, jacobian
 from brv_hypo.likelihood.segment import build_grid
+from tests.studies.identification.study import flights, trial
 
 NEVER_FELT = ("error of q", "error of a_z", "change of r")
 """What no mechanism's columns change with."""
@@ -33,9 +32,9 @@ def problem(case: str) -> Problem:
 def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
     """A problem, and states and values near its start; what moves columns stays."""
     made, rng = problem(case), np.random.default_rng(seed)
-    movers = {mover.name for mover in made.structure.movers}
+    nonlinear_parameters = {parameter.name for parameter in made.structure.nonlinear_parameters}
     theta = {
-        name: value + (0.0 if name in movers else 0.1 * max(abs(value), 1.0) * rng.standard_normal())
+        name: value + (0.0 if name in nonlinear_parameters else 0.1 * max(abs(value), 1.0) * rng.standard_normal())
         for name, value in made.theta.items()
     }
     points = start_points(build_grid(made.segments()[0], 0), theta, made.structure.delays)
@@ -62,7 +61,7 @@ def test_slopes_are_those_of_differences(case: str, seed: int) -> None:
     made, points, theta = moved(case, seed)
     model, known = made.model, set()
     for function, slopes in ((model.dynamics, model.dynamics_slopes), (model.outputs, model.outputs_slopes)):
-        partly = PartlyGiven(function, slopes)
+        partly = PartialJacobian(function, slopes)
         agree(partly, function, points, theta, frozenset())
         known |= set(partly.at(points.x, points.u, with_courses(points, theta), points.t, points.delayed)[1])
     assert {f"{name} [flight 0]" for name in NEVER_FELT} <= known
@@ -87,4 +86,4 @@ def test_what_the_columns_make_of_rates(case: str, use: str) -> None:
 
 
 def with_courses(points: Points, theta: dict[str, float]) -> dict[str, Any]:
-    return {course.name: course.at(theta) for course in points.courses} | theta
+    return {course.name: course.at(theta) for course in points.time_varying} | theta

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 
 from brv_hypo.identification import identify
-from brv_hypo.identification.study import CASES, flights, trial
+from tests.studies.identification.study import CASES, flights, trial
 
 
 @pytest.mark.slow

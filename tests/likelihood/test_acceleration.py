@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood import acceleration, fit
-from brv_hypo.likelihood.acceleration import Extrapolation
-from brv_hypo.likelihood.hard_problems import stalled_aircraft
-from brv_hypo.likelihood.problems import short_period
-from brv_hypo.likelihood.step import Iterate, Problem, Step
+from brv_hypo.likelihood import fit, gauss_newton
+from brv_hypo.likelihood.gauss_newton import Extrapolation, Iterate, Problem, Step
+from tests.studies.likelihood.problems import short_period, stalled_aircraft
 
 GOAL = np.array([1.0, -2.0, 0.5])
 _TURN = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
@@ -70,7 +68,7 @@ def test_the_optimum_of_a_very_wrong_model_is_the_same_in_fewer_steps(
     flown, model = stalled_aircraft(6.0)
     segment = flown.simulate(480, seed=1)
     quick = fit(model.dynamics, model.outputs, [segment], model.truth)
-    monkeypatch.setattr(acceleration, "_NEAR", 0.0)
+    monkeypatch.setattr(gauss_newton, "_NEAR", 0.0)
     plain = fit(model.dynamics, model.outputs, [segment], model.truth, max_iterations=100)
     assert quick.converged, quick.message
     assert plain.converged, plain.message
@@ -84,7 +82,7 @@ def test_a_right_model_needs_no_more_steps_than_before(monkeypatch: pytest.Monke
     aircraft = short_period()
     segment = aircraft.simulate(200, seed=0)
     quick = fit(aircraft.dynamics, aircraft.outputs, [segment], aircraft.truth)
-    monkeypatch.setattr(acceleration, "_NEAR", 0.0)
+    monkeypatch.setattr(gauss_newton, "_NEAR", 0.0)
     plain = fit(aircraft.dynamics, aircraft.outputs, [segment], aircraft.truth)
     assert quick.iterations <= plain.iterations
     assert quick.log_likelihood == pytest.approx(plain.log_likelihood, abs=1e-6)

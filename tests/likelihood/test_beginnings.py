@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood import FitResult, Segment, Status, fit
-from brv_hypo.likelihood.beginnings import chosen, first_noises
-from brv_hypo.likelihood.problems import short_period
+from brv_hypo.likelihood.starts import chosen, first_noises
+from tests.studies.likelihood.problems import short_period
 
 SHORT = short_period()
 GOOD = fit(SHORT.dynamics, SHORT.outputs, [SHORT.simulate(200, seed=0)], dict(SHORT.truth))
@@ -21,7 +21,7 @@ def ended(log_likelihood: float, status: Status = Status.CONVERGED) -> FitResult
 
 
 def test_a_right_model_is_fitted_once() -> None:
-    assert [each.status for each in GOOD.beginnings] == ["converged"]
+    assert [each.status for each in GOOD.starting_points] == ["converged"]
     assert "disagree" not in GOOD.message
 
 
@@ -40,8 +40,8 @@ def test_a_wrong_model_is_begun_from_every_noise_and_the_best_is_kept() -> None:
 
     segment = Segment(t, np.zeros((0, 300)), y, np.zeros(2))
     result = fit(dynamics, lambda x, u, theta, t: x[:1], [segment], {"k": 2.0, "c": 0.0})
-    assert len(result.beginnings) == 3
-    assert result.log_likelihood >= max(each.log_likelihood for each in result.beginnings) - 1.0
+    assert len(result.starting_points) == 3
+    assert result.log_likelihood >= max(each.log_likelihood for each in result.starting_points) - 1.0
 
 
 @pytest.mark.parametrize("better", [Status.CONVERGED, Status.STALLED])

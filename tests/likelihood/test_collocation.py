@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood.collocation import Model, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.problems import ModelProblem, lagging_body, spinning_body
 from brv_hypo.likelihood.segment import History, Segment, build_grid
+from tests.studies.likelihood.problems import ModelProblem, lagging_body, spinning_body
 
 
 def late_output() -> ModelProblem:

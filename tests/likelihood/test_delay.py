@@ -10,7 +10,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import History, fit
-from brv_hypo.likelihood.problems import lagging_body, short_period
+from tests.studies.likelihood.problems import lagging_body, short_period
 
 BODY = lagging_body()
 

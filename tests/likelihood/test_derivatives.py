@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.course import Course, SampledCourse, sampled
 from brv_hypo.likelihood.derivatives import (
     Delayed,
     Method,
@@ -17,6 +16,7 @@ from brv_hypo.likelihood.derivatives import (
     jacobian,
     parameter_scales,
 )
+from brv_hypo.likelihood.segment import SampledParameter, TimeVaryingParameter, sampled
 
 RNG = np.random.default_rng(3)
 THETA = {"a": 0.7, "b": 0.0, "tau": 0.2}
@@ -111,10 +111,10 @@ def test_weights_of_a_course_have_the_derivatives_of_parameters(method: Method) 
     def with_course(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return np.stack([theta["k"] * x[0] * theta["drift"] ** 2, x[1] + theta["drift"]])
 
-    course = SampledCourse("drift", ("a", "b", "c"), shapes)
+    course = SampledParameter("drift", ("a", "b", "c"), shapes)
     names = tuple(theta)
     expected = jacobian(plain, Points(x, u, t), theta, names, method, {})
-    found = jacobian(with_course, Points(x, u, t, courses=(course,)), theta, names, method, {})
+    found = jacobian(with_course, Points(x, u, t, time_varying=(course,)), theta, names, method, {})
     np.testing.assert_allclose(found.value, expected.value, rtol=1e-14)
     np.testing.assert_allclose(found.by_state, expected.by_state, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.by_parameter, expected.by_parameter, rtol=1e-7, atol=1e-8)
@@ -124,12 +124,12 @@ def test_a_weight_of_two_courses_acts_through_both() -> None:
     t = np.linspace(0.0, 2.0, 40)
     slow, fast = np.ones((1, t.size)), np.stack([np.sin(3.0 * t), t])
     x, theta = np.random.default_rng(5).standard_normal((1, t.size)), {"a": 0.4, "b": -1.2}
-    courses = (SampledCourse("slow", ("a",), slow), SampledCourse("fast", ("a", "b"), fast))
+    time_varying = (SampledParameter("slow", ("a",), slow), SampledParameter("fast", ("a", "b"), fast))
 
     def function(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return x * theta["slow"] + theta["fast"]
 
-    points = Points(x, np.zeros((0, t.size)), t, courses=courses)
+    points = Points(x, np.zeros((0, t.size)), t, time_varying=time_varying)
     found = jacobian(function, points, theta, ("a", "b"), "central", {}, {"slow", "fast"})
     np.testing.assert_allclose(found.by_parameter[:, 0, 0], x[0] + fast[0], rtol=1e-12)
     np.testing.assert_allclose(found.by_parameter[:, 0, 1], fast[1], rtol=1e-12)
@@ -137,7 +137,7 @@ def test_a_weight_of_two_courses_acts_through_both() -> None:
 
 def test_shapes_of_the_wrong_size_are_refused() -> None:
     with pytest.raises(UsageError, match="one row for each weight"):
-        sampled((Course("drift", ("a", "b"), lambda t: np.ones((1, t.size))),), np.arange(5.0), 0)
+        sampled((TimeVaryingParameter("drift", ("a", "b"), lambda t: np.ones((1, t.size))),), np.arange(5.0), 0)
 
 
 def test_a_small_parameter_of_a_sensitive_function_keeps_its_own_magnitude() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood.collocation import Model
-from brv_hypo.likelihood.filtering import Determinant
+from brv_hypo.likelihood.filter_error import Determinant
+from brv_hypo.likelihood.gauss_newton import Iterate, Problem, Sensitivity, sensitivities
 from brv_hypo.likelihood.parameters import build_parameters
 from brv_hypo.likelihood.segment import Hold, Segment, build_grid
-from brv_hypo.likelihood.step import Iterate, Problem, Sensitivity, sensitivities
 
 THETA = {"mu": 0.8, "gain": 1.3, "slope": 0.4}
 

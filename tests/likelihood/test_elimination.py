@@ -10,12 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.band import eliminate_by_band
-from brv_hypo.likelihood.blocks import BlockRows, Coupling
-from brv_hypo.likelihood.compiled_band import LinearModel, Variances, log_determinants, solved
-from brv_hypo.likelihood.condensation import condense
-from brv_hypo.likelihood.elimination import eliminate
-from brv_hypo.likelihood.quadratic import Eliminated, Quadratic
+from brv_hypo.likelihood.compiled import LinearModel, Variances, log_determinants, solved
+from brv_hypo.likelihood.condensing import condense, eliminate
+from brv_hypo.likelihood.kkt import BlockRows, Coupling, Eliminated, Quadratic, eliminate_by_band
 
 
 def dense(rows: BlockRows, n: int) -> FloatArray:
@@ -247,7 +244,7 @@ def test_a_delay_is_eliminated_alike_in_one_span_in_several_and_by_the_band(
     start: float, growth: float, length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At a growth of 1.6 a sample recursion without resets would lose 1e20."""
-    monkeypatch.setattr("brv_hypo.likelihood.recursion.LENGTH", length)
+    monkeypatch.setattr("brv_hypo.likelihood.condensing.LENGTH", length)
     problem = started(delayed_problem(100, 17.3, growth), start)
     found = condense(problem)
     assert_same(found, eliminate_by_band(problem))
@@ -268,7 +265,7 @@ def test_a_delay_is_eliminated_alike_in_one_span_in_several_and_by_the_band(
 def test_a_long_segment_is_eliminated_alike_span_by_span_and_by_the_band(
     start: float, growth: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("brv_hypo.likelihood.recursion.LENGTH", 30)
+    monkeypatch.setattr("brv_hypo.likelihood.condensing.LENGTH", 30)
     problem = delayed_problem(100, 17.3, growth)
     problem = started(replace(problem, defect_by_state=problem.defect_by_state.without_couplings()), start)
     found = condense(problem)

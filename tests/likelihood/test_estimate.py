@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood import FitResult, Segment, fit, fit_single_shooting
-from brv_hypo.likelihood.problems import ModelProblem, growing_body, short_period, spinning_body
+from brv_hypo.likelihood import FitResult, Segment, fit
+from tests.studies.likelihood.problems import ModelProblem, growing_body, short_period, spinning_body
+from tests.studies.likelihood.single_shooting import fit_single_shooting
 
 SHORT = short_period()
 

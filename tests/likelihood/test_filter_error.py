@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood import FitResult, Segment, fit
-from brv_hypo.likelihood.problems import ModelProblem, short_period
+from tests.studies.likelihood.problems import ModelProblem, short_period
 
 DRIVE = np.array([0.005, 0.03])
 BUMPY = replace(short_period(), process_noise=DRIVE)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood import fit
-from brv_hypo.likelihood.bridging import pieces_of, stretches
-from brv_hypo.likelihood.problems import growing_body, short_period
+from brv_hypo.likelihood.starts import pieces_of, stretches
+from tests.studies.likelihood.problems import growing_body, short_period
 
 BODY = growing_body()
 START = {name: 0.7 * value for name, value in BODY.truth.items()}

@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, fit, profile_interval
-from brv_hypo.likelihood.fit_report import correlations
+from brv_hypo.likelihood.result import correlations
 
 TIMES = np.linspace(0.0, 5.0, 101)
 
@@ -38,18 +38,18 @@ PLAIN = fit(decay, seen, [SEGMENT], START)
 
 def test_a_tied_parameter_is_the_same_model_with_its_error() -> None:
     """The rate as the inverse of a time constant."""
-    tied = fit(
-        decay, seen, [SEGMENT], {"tau": 2.0, "gain": 0.5}, tied={"rate": lambda theta: 1.0 / theta["tau"]}
+    constraints = fit(
+        decay, seen, [SEGMENT], {"tau": 2.0, "gain": 0.5}, constraints={"rate": lambda theta: 1.0 / theta["tau"]}
     )
-    assert tied.names == ("tau", "gain")
-    assert tied.derivatives == "complex"
-    assert tied.theta["rate"] == pytest.approx(PLAIN.theta["rate"], rel=1e-5)
-    assert tied.std_error["rate"] == pytest.approx(PLAIN.std_error["rate"], rel=1e-3)
-    assert tied.std_error_coloured["rate"] == pytest.approx(PLAIN.std_error_coloured["rate"], rel=1e-3)
+    assert constraints.names == ("tau", "gain")
+    assert constraints.derivatives == "complex"
+    assert constraints.theta["rate"] == pytest.approx(PLAIN.theta["rate"], rel=1e-5)
+    assert constraints.std_error["rate"] == pytest.approx(PLAIN.std_error["rate"], rel=1e-3)
+    assert constraints.std_error_coloured["rate"] == pytest.approx(PLAIN.std_error_coloured["rate"], rel=1e-3)
 
 
 def test_a_constraint_takes_a_freedom_away() -> None:
-    half = fit(decay, seen, [SEGMENT], {"rate": 0.5}, tied={"gain": lambda theta: 0.5 * theta["rate"]})
+    half = fit(decay, seen, [SEGMENT], {"rate": 0.5}, constraints={"gain": lambda theta: 0.5 * theta["rate"]})
     assert half.theta["gain"] == 0.5 * half.theta["rate"]
     assert half.std_error["gain"] == pytest.approx(0.5 * half.std_error["rate"])
     assert half.nllf >= PLAIN.nllf - 1e-6
@@ -57,19 +57,19 @@ def test_a_constraint_takes_a_freedom_away() -> None:
 
 def test_a_tied_parameter_may_follow_from_another() -> None:
     ties = {"tau": lambda theta: 2.0 * theta["half"], "rate": lambda theta: 1.0 / theta["tau"]}
-    tied = fit(decay, seen, [SEGMENT], {"half": 1.0, "gain": 0.5}, tied=ties)
-    assert tied.theta["rate"] == pytest.approx(PLAIN.theta["rate"], rel=1e-5)
-    assert tied.std_error["rate"] == pytest.approx(PLAIN.std_error["rate"], rel=1e-3)
-    assert tied.std_error["tau"] == pytest.approx(2.0 * tied.std_error["half"], rel=1e-6)
+    constraints = fit(decay, seen, [SEGMENT], {"half": 1.0, "gain": 0.5}, constraints=ties)
+    assert constraints.theta["rate"] == pytest.approx(PLAIN.theta["rate"], rel=1e-5)
+    assert constraints.std_error["rate"] == pytest.approx(PLAIN.std_error["rate"], rel=1e-3)
+    assert constraints.std_error["tau"] == pytest.approx(2.0 * constraints.std_error["half"], rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"tied": {"rate": lambda theta: 1.0}}, "theta0 has too"),
-        ({"tied": {"other": lambda theta: theta["nothing"]}}, "needs 'nothing'"),
-        ({"tied": {"other": lambda theta: np.nan}}, "finite"),
-        ({"tied": {"other": lambda theta: 1.0}, "per_segment": ("gain",)}, "one value"),
+        ({"constraints": {"rate": lambda theta: 1.0}}, "theta0 has too"),
+        ({"constraints": {"other": lambda theta: theta["nothing"]}}, "needs 'nothing'"),
+        ({"constraints": {"other": lambda theta: np.nan}}, "finite"),
+        ({"constraints": {"other": lambda theta: 1.0}, "per_segment": ("gain",)}, "one value"),
     ],
 )
 def test_ties_that_mean_nothing_are_refused(changes: dict[str, Any], message: str) -> None:
@@ -119,7 +119,7 @@ def test_a_profile_of_nothing_is_refused(name: str, level: float) -> None:
 def test_the_report_says_what_a_reader_needs() -> None:
     held = fit(
         decay, seen, [SEGMENT], {"rate": 0.5, "gain": 0.4, "idle": 3.0}, fixed=("idle",),
-        tied={"level": lambda theta: theta["gain"] / theta["rate"]},
+        constraints={"level": lambda theta: theta["gain"] / theta["rate"]},
     )  # fmt: skip
     text = held.report()
     for part in (
@@ -130,7 +130,7 @@ def test_the_report_says_what_a_reader_needs() -> None:
         "output 0",
         "[[Parameters]]",
         "(held)",
-        "(tied)",
+        "(constrained)",
     ):
         assert part in text
     assert "C(rate, gain) = +" in text

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood import Course, FitResult, Segment, fit
-from brv_hypo.likelihood.given import PartlyGiven
+from brv_hypo.likelihood import FitResult, Segment, TimeVaryingParameter, fit
+from brv_hypo.likelihood.derivatives import PartialJacobian
 
 TRUTH = {"w2": 9.0, "damping": 0.3, "bias": 0.1}
 START = {"w2": 7.0, "damping": 0.0, "bias": 0.0}
@@ -77,7 +77,7 @@ def test_the_fit_is_the_same(noise: Any) -> None:
 
 
 def test_the_fit_is_the_same_where_some_derivatives_are_known() -> None:
-    known = PartlyGiven(pendulum, lambda *arguments: {"damping": by_hand(*arguments)[1]["damping"]})
+    known = PartialJacobian(pendulum, lambda *arguments: {"damping": by_hand(*arguments)[1]["damping"]})
     same(fit(known, angle, [SEGMENT], START), fitted())
 
 
@@ -95,10 +95,10 @@ def test_ties_and_courses_follow() -> None:
     def of_outputs(x: Any, u: Any, theta: Any, t: Any) -> Any:
         return of_angle(x, u, theta, t)[0], {"drift": np.ones_like(x[:1])}
 
-    course = Course("drift", ("b0", "b1"), lambda t: np.stack([np.ones_like(t), t]))
-    segment = Segment(SEGMENT.t, SEGMENT.u, SEGMENT.y, SEGMENT.x0, hold="linear", courses=(course,))
+    course = TimeVaryingParameter("drift", ("b0", "b1"), lambda t: np.stack([np.ones_like(t), t]))
+    segment = Segment(SEGMENT.t, SEGMENT.u, SEGMENT.y, SEGMENT.x0, hold="linear", time_varying=(course,))
     start = {"length": 1.4, "damping": 0.0, "b0": 0.0, "b1": 0.0}
-    options: dict[str, Any] = {"tied": {"w2": lambda theta: 9.81 / theta["length"]}}
+    options: dict[str, Any] = {"constraints": {"w2": lambda theta: 9.81 / theta["length"]}}
 
     def with_length(x: Any, u: Any, theta: Any, t: Any) -> Any:
         by_state, found = by_hand(x, u, theta, t)

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood import Segment, Status, fit
-from brv_hypo.likelihood.hard_problems import held_short_period, oscillator, thinned, with_gap
-from brv_hypo.likelihood.hard_study import (
+from tests.studies.likelihood.hard_study import (
     TrapStudy,
     hold_bias,
     print_hold,
@@ -16,6 +15,7 @@ from brv_hypo.likelihood.hard_study import (
     stiff_kinds,
     trapped,
 )
+from tests.studies.likelihood.problems import held_short_period, oscillator, thinned, with_gap
 
 
 @pytest.mark.thorough
@@ -95,7 +95,7 @@ def test_a_known_noise_that_residuals_exceed_is_begun_from_others_too() -> None:
         noise_covariance=known,
     )
     straight = fit(body.dynamics, body.outputs, [segment], body.truth, noise_covariance=known)
-    assert len(straight.beginnings) == 1
-    assert len(bent.beginnings) == 4
+    assert len(straight.starting_points) == 1
+    assert len(bent.starting_points) == 4
     assert straight.status is Status.CONVERGED
     np.testing.assert_array_equal(bent.noise_covariance, known)

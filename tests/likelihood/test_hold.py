@@ -10,8 +10,9 @@ import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood import FitResult, Segment, fit, fit_single_shooting
-from brv_hypo.likelihood.stepped_inputs import stepped_inputs
+from brv_hypo.likelihood import FitResult, Segment, fit
+from brv_hypo.likelihood.segment import stepped_inputs
+from tests.studies.likelihood.single_shooting import fit_single_shooting
 
 TRUTH = {"a": 1.5, "b": 2.0, "c": 0.7}
 SIGMA = 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.likelihood import Segment, fit
-from brv_hypo.likelihood.problems import growing_body, short_period
+from tests.studies.likelihood.problems import growing_body, short_period
 
 SHORT = short_period()
 

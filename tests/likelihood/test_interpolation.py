@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.likelihood.interpolation import Interpolator
+from brv_hypo.likelihood.segment import Interpolator
 
 TIMES = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 25))
 

@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood import FitResult, fit
-from brv_hypo.likelihood.problems import ModelProblem, lagging_body, short_period
+from tests.studies.likelihood.problems import ModelProblem, lagging_body, short_period
 
 MODULE = "brv_hypo.likelihood"
 
@@ -31,10 +31,10 @@ def test_in_parts_a_record_gives_the_same_result(
     whole = fitted(problem, 600)
     for name, value in (
         ("collocation._AT_ONCE", 100),
-        ("recursion.LENGTH", 100),
-        ("elimination._LONG", 200),
-        ("cutting.PIECE", 200),
-        ("step._MANY", 200),
+        ("condensing.LENGTH", 100),
+        ("condensing._LONG", 200),
+        ("starts.PIECE", 200),
+        ("gauss_newton._MANY", 200),
     ):
         monkeypatch.setattr(f"{MODULE}.{name}", value)
     parts = fitted(problem, 600)
@@ -59,7 +59,7 @@ def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     whole = fitted(short_period(), 600)
-    monkeypatch.setattr(f"{MODULE}.colour._BLOCK", 300)
+    monkeypatch.setattr(f"{MODULE}.uncertainty._BLOCK", 300)
     blocks = fitted(short_period(), 600)
     for name, error in whole.std_error_coloured.items():
         assert blocks.std_error_coloured[name] == pytest.approx(error, rel=0.02)

@@ -10,12 +10,11 @@ import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood import FitResult, Segment, Status, fit, mesh
-from brv_hypo.likelihood.changing_errors import MARK
-from brv_hypo.likelihood.hard_problems import kinetics
-from brv_hypo.likelihood.mesh import finer
-from brv_hypo.likelihood.problems import short_period
-from brv_hypo.likelihood.robertson import TRUTH, followed, measured, motion, reaction, slow_reaction
+from brv_hypo.likelihood import FitResult, Segment, Status, fit, starts
+from brv_hypo.likelihood.starts import finer
+from brv_hypo.likelihood.uncertainty import MARK
+from tests.studies.likelihood.hard_study import TRUTH, followed, measured, motion, reaction, slow_reaction
+from tests.studies.likelihood.problems import kinetics, short_period
 
 SIGMA = 0.01
 INTERVAL = 0.05
@@ -95,7 +94,7 @@ def test_what_is_left_out_is_counted_in_samples_on_a_fine_mesh_too() -> None:
 
 
 def test_a_mesh_that_stays_coarse_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh, "MOST_STEPS", 1)
+    monkeypatch.setattr(starts, "MOST_STEPS", 1)
     result, _ = run(20.0)
     assert result.status == Status.COARSE
     assert not result.converged
@@ -162,7 +161,7 @@ def test_what_that_status_advises_solves_them() -> None:
 
 @pytest.mark.thorough
 def test_a_search_that_fails_on_a_coarse_mesh_names_the_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh, "MOST_STEPS", 2)
+    monkeypatch.setattr(starts, "MOST_STEPS", 2)
     result = fit(reaction, lambda x, u, theta, t: x, [robertson(np.linspace(0.0, 40.0, 41))], TRUTH)
     assert not result.converged
     assert "The mesh is a likely cause" in result.message
@@ -173,7 +172,10 @@ def test_a_fit_on_a_finer_mesh_goes_on_from_one_that_was_near() -> None:
     again, _ = run(9.0, mesh_steps=result.mesh_steps)
     assert result.mesh_steps > 1
     assert result.iterations <= again.iterations
-    assert [beginning.source for beginning in result.beginnings] == ["differences of the outputs", "an earlier fit"]
+    assert [beginning.source for beginning in result.starting_points] == [
+        "differences of the outputs",
+        "an earlier fit",
+    ]
     for name in result.names:
         assert result.theta[name] == pytest.approx(again.theta[name], abs=1e-3 * again.std_error[name])
         assert result.std_error[name] == pytest.approx(again.std_error[name], rel=1e-3)

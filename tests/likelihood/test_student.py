@@ -12,8 +12,8 @@ from scipy import stats
 
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood import FitResult, Segment, fit, student
-from brv_hypo.likelihood.problems import short_period
-from brv_hypo.likelihood.study import with_outliers
+from tests.studies.likelihood.problems import short_period
+from tests.studies.likelihood.study import with_outliers
 
 PROBLEM = short_period()
 START = {name: 0.8 * value for name, value in PROBLEM.truth.items()}

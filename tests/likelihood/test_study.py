@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.likelihood.benchmark import Timing, growth_exponent, time_problem
-from brv_hypo.likelihood.problems import growing_body, short_period, spinning_body
-from brv_hypo.likelihood.study import (
+from tests.studies.likelihood.benchmark import Timing, growth_exponent, time_problem
+from tests.studies.likelihood.problems import growing_body, short_period, spinning_body
+from tests.studies.likelihood.study import (
     coverage,
     cramer_rao,
     delay,

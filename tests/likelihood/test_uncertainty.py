@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from brv_hypo.likelihood.colour import coloured_covariance
-from brv_hypo.likelihood.problems import markov_noise
 from brv_hypo.likelihood.uncertainty import (
+    coloured_covariance,
     covariance_from_information,
     identifiability,
     whiteness,
 )
+from tests.studies.likelihood.problems import markov_noise
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.8])

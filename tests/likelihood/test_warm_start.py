@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from brv_hypo.likelihood import FitResult, Segment, fit, search
-from brv_hypo.likelihood.problems import spinning_body
-from brv_hypo.likelihood.step import Iterate, Parts, Problem, linearised
+from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, linearised
+from tests.studies.likelihood.problems import spinning_body
 
 BODY = spinning_body()
 SEGMENT = BODY.simulate(400, seed=2)

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import MechanismError, UsageError
+from brv_hypo.mechanisms import checked as apart
 from brv_hypo.mechanisms import find, installed, left_out, registry, use_plugin_files
-from brv_hypo.mechanisms import isolation as apart
 from brv_hypo.mechanisms.conformance import sample_flight, sample_motion
-from brv_hypo.mechanisms.conformance.samples import uniform_time
+from brv_hypo.mechanisms.conformance_samples import uniform_time
 
 PLUGIN = """
 import sys, time
@@ -194,16 +194,16 @@ def test_foreign_code_leaves_the_rules_of_arithmetic_as_they_were(tmp_path):
 
 def test_a_guarded_mechanism_is_still_itself(tmp_path):
     mechanism = find("sticking")
-    guarded = apart.guarded(mechanism)
-    assert isinstance(guarded, type(mechanism))
-    assert (guarded.name, guarded.title) == (mechanism.name, mechanism.title)
-    assert apart.guarded(guarded) is guarded
-    assert apart.plain(guarded) == mechanism
-    assert guarded.parameters() == mechanism.parameters()
-    assert pickle.loads(pickle.dumps(guarded)) == guarded == copy.deepcopy(guarded)
+    checked = apart.checked(mechanism)
+    assert isinstance(checked, type(mechanism))
+    assert (checked.name, checked.title) == (mechanism.name, mechanism.title)
+    assert apart.checked(checked) is checked
+    assert apart.unchecked(checked) == mechanism
+    assert checked.parameters() == mechanism.parameters()
+    assert pickle.loads(pickle.dumps(checked)) == checked == copy.deepcopy(checked)
     motion = sample_motion(uniform_time(60))
     theta = {p.name: p.grid[0] for p in mechanism.parameters()}
-    for one, other in zip(mechanism.terms(motion, theta), guarded.terms(motion, theta), strict=True):
+    for one, other in zip(mechanism.terms(motion, theta), checked.terms(motion, theta), strict=True):
         np.testing.assert_array_equal(one.out_of_plane, other.out_of_plane)
 
 
@@ -217,7 +217,7 @@ def test_a_record_effect_cannot_write_into_the_record():
 
     flight = sample_flight()
     with pytest.raises(MechanismError, match="read-only"):
-        apart.guarded(Writing()).perturb(flight, "any", 1.0)
+        apart.checked(Writing()).perturb(flight, "any", 1.0)
     assert np.any(flight.q != 0.0)
 
 

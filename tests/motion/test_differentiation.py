@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from brv_hypo.motion.differentiation import _WIDE, _correlated, _filter, derivatives, differentiate
+from brv_hypo.motion.signals import _WIDE, _correlated, _filter, derivatives, differentiate
 
 STEP = 0.01
 

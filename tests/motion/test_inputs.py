@@ -5,12 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.identification.structure import input_course
+from brv_hypo.identification.parameters import input_error
 from brv_hypo.motion import reconstruct
-from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE, follows, log_density, smooth_inputs, telling
-from brv_hypo.motion.smoothing import InputError, smoothed, unsmoothed
+from brv_hypo.motion.inputs import (
+    PRESSURE,
+    ROLL_RATE,
+    follows,
+    log_density,
+    significant_shapes,
+    smooth_inputs,
+)
+from brv_hypo.motion.signals import InputError, smoothed, unsmoothed
 from tests.flights import nominal
-from tests.last_digit import last_digit_off
+from tests.harness.last_digit import last_digit_off
 
 TIME = np.linspace(0.0, 6.0, 1201)
 
@@ -71,7 +78,7 @@ def test_the_density_is_found_where_pressure_is_lost_in_noise():
 def test_the_errors_are_courses_of_their_flight():
     flight = nominal().flight
     inputs = smooth_inputs(reconstruct(flight))
-    courses = [input_course(error, 2) for error in inputs.errors]
+    courses = [input_error(error, 2) for error in inputs.errors]
     assert [course.name for course in courses] == [f"{name} [flight 2]" for name in (ROLL_RATE, PRESSURE)]
     for course, error in zip(courses, inputs.errors, strict=True):
         assert course.shapes(flight.time[:7]).shape == (len(course.weights), 7) == (error.count, 7)
@@ -92,10 +99,10 @@ def test_shapes_are_told_as_far_as_the_rates_see_them() -> None:
     reconstruction = reconstruct(nominal().flight)
     scale = 1e-2 * np.eye(67) / np.arange(1.0, 68.0)
     shares = np.ones(40)
-    fine = telling(scale, shares, reconstruction).shape[1]
+    fine = significant_shapes(scale, shares, reconstruction).shape[1]
     assert 20 <= fine <= 40
     loud = replace(reconstruction, gyro_sigma=100.0 * reconstruction.gyro_sigma)
-    assert telling(scale, shares, loud).shape[1] < fine
+    assert significant_shapes(scale, shares, loud).shape[1] < fine
 
 
 def test_what_is_left_as_it_is_holds_all_of_its_slow_noise() -> None:

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.constants import RESPONSE_PER_CYCLE
-from brv_hypo.motion import kept_rows as module
-from brv_hypo.motion.kept_rows import blocks, kept_rows, spacing
+from brv_hypo.motion import interpolation as module
+from brv_hypo.motion.interpolation import blocks, decimated_grid, spacing
+from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
 
 @settings(max_examples=25)
 @given(gap=st.integers(3_000, 20_000), stride=st.integers(2, 40), phase=st.floats(0.0, 6.0))
 def test_all_samples_follow_from_those_kept(gap: int, stride: int, phase: float) -> None:
     count = 40_000
-    rows = kept_rows([(0, gap), (gap, count)], stride)
+    rows = decimated_grid([(0, gap), (gap, count)], stride)
     place = np.arange(count)
     motion = np.exp(2j * np.pi * place / (stride * RESPONSE_PER_CYCLE) + 1j * phase) + 3.0
     values = np.stack([motion, (1.0 + place / count) * motion], axis=1)
@@ -28,7 +28,7 @@ def test_all_samples_follow_from_those_kept(gap: int, stride: int, phase: float)
 
 def test_a_step_between_pieces_stays_a_step() -> None:
     values = np.where(np.arange(30_000) < 11_000, 1.0, -2.0)
-    rows = kept_rows([(0, 11_000), (11_000, 30_000)], 50)
+    rows = decimated_grid([(0, 11_000), (11_000, 30_000)], 50)
     assert np.max(np.abs(rows.all_of(rows.of(values)) - values)) < 1e-12
 
 
@@ -36,7 +36,7 @@ def test_a_step_between_pieces_stays_a_step() -> None:
 def test_short_records_and_slow_sampling_keep_all(stride: int) -> None:
     count = module._MOST_KEPT + (stride == 1)
     values = np.random.default_rng(1).standard_normal(count)
-    rows = kept_rows([(0, count)], stride)
+    rows = decimated_grid([(0, count)], stride)
     assert rows.spread is None
     assert np.array_equal(rows.all_of(rows.of(values)), values)
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import inertial_record
-from brv_hypo.motion.limits import limits_of
-from brv_hypo.motion.methods import METHODS
 from brv_hypo.motion.moments import moment_estimate
+from brv_hypo.motion.pipeline import METHODS, limits_of
 from tests.flights import nominal
 
 

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.flight.record import CHANNELS, Flight, Vehicle
-from brv_hypo.mechanisms.carried import carried_effects, perturbations, without
-from brv_hypo.motion.perturbation import superposed
+from brv_hypo.mechanisms.registry import nuisance_effects, perturbations, without
+from brv_hypo.motion.responses import superposed
 from tests.flights import nominal
-from tests.invariance.changes import rolled
+from tests.harness.invariance.changes import rolled
 
 FLIGHT = nominal().flight
 EVERY = [each.apply(FLIGHT, each.size) for each in perturbations(FLIGHT)]
@@ -41,7 +41,7 @@ def test_a_variant_that_is_the_flight_changes_nothing() -> None:
     assert superposed(FLIGHT, [FLIGHT, replace(FLIGHT)]) == FLIGHT
 
 
-@pytest.mark.parametrize("effect", [effect.name for effect in carried_effects() if effect.kind == "instrument"])
+@pytest.mark.parametrize("effect", [effect.name for effect in nuisance_effects() if effect.kind == "instrument"])
 def test_one_error_is_taken_out_as_its_effect_says(effect: str) -> None:
     for each in perturbations(FLIGHT):
         if each.effect == effect:

@@ -11,12 +11,9 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.angles import with_crossflow
-from brv_hypo.motion.frames import body_from_plane
-from brv_hypo.motion.lagrange import lagrange
-from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.quadrature import at_nodes, quadrature
-from brv_hypo.motion.splines import running_integral
+from brv_hypo.motion.interpolation import lagrange, running_integral
+from brv_hypo.motion.kinematics import body_from_plane
+from brv_hypo.motion.motion import Motion, at_nodes, quadrature, with_crossflow
 
 SIZE = 0.1  # rad
 RATE = 12.0  # rad/s of the coning: 26 samples a quarter of a cycle

@@ -7,32 +7,37 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brv_hypo.motion.random_walk import Tie, walk_equations
+from brv_hypo.motion.smoother import LinearMeasurement, walk_equations
 
 START_VARIANCE = 4.0
 
 
-def _problem(seed: int, n: int, k: int) -> tuple[list[Tie], np.ndarray]:
+def _problem(seed: int, n: int, k: int) -> tuple[list[LinearMeasurement], np.ndarray]:
     rng = np.random.default_rng(seed)
     noise = lambda *shape: rng.standard_normal(shape) + 1j * rng.standard_normal(shape)  # noqa: E731
-    ties = []
+    measurements = []
     for _ in range(2):
         sigma = rng.uniform(0.2, 2.0, n)
         sigma[rng.random(n) < 0.2] = np.inf
-        ties.append(Tie(noise(n), noise(n), noise(n, k), sigma))
-    return ties, rng.uniform(0.05, 1.0, n - 1)
+        measurements.append(LinearMeasurement(noise(n), noise(n), noise(n, k), sigma))
+    return measurements, rng.uniform(0.05, 1.0, n - 1)
 
 
-def _dense(ties: list[Tie], steps: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _dense(
+    measurements: list[LinearMeasurement], steps: np.ndarray, information: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Solution (walk real, walk imaginary, globals) and covariance of all unknowns at once."""
-    n, k = ties[0].columns.shape
+    n, k = measurements[0].columns.shape
     rows, right = [], []
-    for tie in ties:
-        seen = np.isfinite(tie.sigma)
-        h, a = np.diag(tie.gain)[seen], tie.columns[seen]
+    for measurement in measurements:
+        valid = np.isfinite(measurement.sigma)
+        h, a = np.diag(measurement.gain)[valid], measurement.columns[valid]
         parts = np.hstack([h.real, -h.imag, a.real]), np.hstack([h.imag, h.real, a.imag])
-        rows += [part / tie.sigma[seen, None] for part in parts]
-        right += [tie.residual[seen].real / tie.sigma[seen], tie.residual[seen].imag / tie.sigma[seen]]
+        rows += [part / measurement.sigma[valid, None] for part in parts]
+        right += [
+            measurement.residual[valid].real / measurement.sigma[valid],
+            measurement.residual[valid].imag / measurement.sigma[valid],
+        ]
     difference = np.vstack(
         [np.eye(n)[:1] / np.sqrt(START_VARIANCE), np.diff(np.eye(n), axis=0) / np.sqrt(steps)[:, None]]
     )
@@ -47,10 +52,10 @@ def _dense(ties: list[Tie], steps: np.ndarray, information: np.ndarray) -> tuple
 
 @given(seed=st.integers(0, 2**31), n=st.integers(3, 25), k=st.integers(1, 4))
 def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
-    ties, steps = _problem(seed, n, k)
+    measurements, steps = _problem(seed, n, k)
     information = np.full(k, 0.3)
-    solution = walk_equations(ties, steps, START_VARIANCE).solve(np.zeros(k), information)
-    expected, covariance = _dense(ties, steps, information)
+    solution = walk_equations(measurements, steps, START_VARIANCE).solve(np.zeros(k), information)
+    expected, covariance = _dense(measurements, steps, information)
     assert solution.walk.real == pytest.approx(expected[:n], rel=1e-7, abs=1e-9)
     assert solution.walk.imag == pytest.approx(expected[n : 2 * n], rel=1e-7, abs=1e-9)
     assert solution.theta == pytest.approx(expected[2 * n :], rel=1e-7, abs=1e-9)
@@ -59,10 +64,10 @@ def test_walk_equals_dense_least_squares(seed: int, n: int, k: int) -> None:
 
 @given(seed=st.integers(0, 2**31), n=st.integers(3, 25))
 def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
-    ties, steps = _problem(seed, n, 2)
-    equations = walk_equations(ties, steps, START_VARIANCE)
+    measurements, steps = _problem(seed, n, 2)
+    equations = walk_equations(measurements, steps, START_VARIANCE)
     solution = equations.solve(np.zeros(2), np.full(2, 0.3))
-    _, covariance = _dense(ties, steps, np.full(2, 0.3))
+    _, covariance = _dense(measurements, steps, np.full(2, 0.3))
     response = equations.sensitivity().real
     variance = equations.walk_variance + np.einsum("nk,kl,nl->n", response, solution.covariance, response)
     assert variance == pytest.approx(np.diag(covariance)[:n], rel=1e-6)
@@ -72,9 +77,9 @@ def test_variance_of_the_walk_counts_the_globals(seed: int, n: int) -> None:
 def test_a_walk_that_hardly_steps_is_a_constant(seed: int, n: int, step: float) -> None:
     rng = np.random.default_rng(seed)
     gain, observed = rng.standard_normal((2, n, 2)) @ [1.0, 1j]
-    tie = Tie(observed, gain, np.zeros((n, 1), dtype=complex), np.full(n, 1e3))
+    measurement = LinearMeasurement(observed, gain, np.zeros((n, 1), dtype=complex), np.full(n, 1e3))
     with np.errstate(divide="raise", invalid="raise"):
-        found = walk_equations([tie], np.full(n - 1, step), START_VARIANCE)
+        found = walk_equations([measurement], np.full(n - 1, step), START_VARIANCE)
     information = 1.0 / START_VARIANCE + np.sum(np.abs(gain) ** 2) / 1e6
     level = np.sum(np.conj(gain) * observed) / 1e6 / information
     assert np.max(np.abs(found.answer @ [1.0, 0.0, 1j, 0.0] - level)) < 1e-2 / np.sqrt(information)
@@ -86,8 +91,8 @@ def test_a_prior_counts_as_one_more_observation() -> None:
     rng = np.random.default_rng(3)
     column = np.ones((n, 1), dtype=complex)
     observed = size * column[:, 0] + 0.1 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
-    tie = Tie(observed, np.zeros(n, dtype=complex), column, np.full(n, 0.1))
-    solution = walk_equations([tie], np.ones(n - 1), 1.0).solve(np.array([prior]), np.array([n / 0.1**2]))
+    measurement = LinearMeasurement(observed, np.zeros(n, dtype=complex), column, np.full(n, 0.1))
+    solution = walk_equations([measurement], np.ones(n - 1), 1.0).solve(np.array([prior]), np.array([n / 0.1**2]))
     assert solution.theta[0] == pytest.approx(0.5 * (np.mean(observed.real) + prior), rel=1e-9)
     assert np.sqrt(solution.covariance[0, 0]) == pytest.approx(0.1 / np.sqrt(2 * n), rel=1e-6)
     left = np.sum(np.abs(observed - solution.theta[0]) ** 2) / 0.1**2

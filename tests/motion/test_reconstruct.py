@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
-from brv_hypo.flight.instruments import of_grade, with_stated
+from brv_hypo.flight.tolerances import of_grade, with_stated
 from brv_hypo.mechanisms.conformance import sample_flight
 from brv_hypo.model.reconstruction import reconstruct as reconstruct_record
 from brv_hypo.motion import Perturbation, Reconstruction, ReconstructionConfig, reconstruct
@@ -266,7 +266,10 @@ def test_opportunity_oscillates_more_and_more_as_it_slows_down() -> None:
 @pytest.mark.shared
 def test_force_and_moment_agree_on_opportunity() -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
-    force, moment = (reconstruct(flight, ReconstructionConfig(ties=ties)) for ties in ("force", "moment"))
+    force, moment = (
+        reconstruct(flight, ReconstructionConfig(measurements=measurements))
+        for measurements in ("force", "moment")
+    )
     difference = np.degrees(force.motion.alpha - moment.motion.alpha)
     assert np.sqrt(np.mean(difference**2)) < 0.25
 

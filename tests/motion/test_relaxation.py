@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.motion.methods.observed_walk import TiedWalk, relaxed
+from brv_hypo.motion.smoother import RandomWalkSmoother, relaxed
 from brv_hypo.simulation import load_config, simulate
 
 
@@ -33,13 +33,13 @@ def test_no_more_than_a_whole_step_is_taken(share: float, left: float) -> None:
 def test_a_motion_of_large_angles_is_found_in_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Alpha reaches 35 deg; half steps took 13 to 25 of them for a fit."""
     steps: list[int] = []
-    usual = TiedWalk._linear
+    usual = RandomWalkSmoother._linear
 
-    def counted(self: TiedWalk, *arguments: object) -> object:
+    def counted(self: RandomWalkSmoother, *arguments: object) -> object:
         steps.append(1)
         return usual(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(TiedWalk, "_linear", counted)
+    monkeypatch.setattr(RandomWalkSmoother, "_linear", counted)
     flight = simulate(load_config("demo"), seed=150006, plant=("sticking",)).flight
     motion = reconstruct(flight).motion
     assert np.degrees(np.max(motion.alpha)) > 30.0

@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo import compare
 from brv_hypo.flight import load_flight
-from brv_hypo.flight.faults import RecordFault
+from brv_hypo.flight.record import RecordFault
 from brv_hypo.motion import try_record
 from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe, thinned
 from tests.shared_data import shared_file

@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo import reconstruct
 from brv_hypo.motion.reconstruction import Reconstruction
-from tests.independent.flights import Made, make_flight
+from tests.studies.independent.flights import Made, make_flight
 
 pytestmark = pytest.mark.thorough
 

@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.inertial import inertial_record
-from brv_hypo.motion.wind import WindStart, propagated_crossflows, wind_direction
+from brv_hypo.motion.inertial import WindStart, inertial_record, propagated_crossflows, wind_direction
 from tests.motion.truth import CONE, Truth, observe
 
 

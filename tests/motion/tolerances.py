@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.flight.instruments import of_grade
 from brv_hypo.flight.record import Flight
+from brv_hypo.flight.tolerances import of_grade
 from tests.motion.truth import Scenario, Truth, fly
 
 _CLOCK_MARGIN = 4  # samples at each end that late clocks may need

@@ -11,8 +11,7 @@ import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms import Mechanism, Term
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.adequacy import Misfit, misfit
 from tests.ranking.pulse import fitted, problem
@@ -33,7 +32,7 @@ class Swell(Mechanism):
 def swell() -> FloatArray:
     """What the moment leaves beside the baseline, of unit length (rows,)."""
     fit = fitted("none")
-    column = Column(Swell.name, "C", (), TimeFunction("constant"), "1")
+    column = Regressor(Swell.name, "C", (), TimeBasis("constant"), "1")
     rows = problem().design(fit.frame.with_mechanisms([Swell()]), (*fit.columns, column))
     basis = np.linalg.qr(rows[:, :-1] / np.linalg.norm(rows[:, :-1], axis=0))[0]
     left = rows[:, -1] - basis @ (basis.T @ rows[:, -1])

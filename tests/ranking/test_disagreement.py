@@ -12,7 +12,7 @@ from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
 from brv_hypo.ranking.result import StepwiseDifference, Verdict
 from brv_hypo.regression import search
-from brv_hypo.report import rows
+from brv_hypo.report import tables
 from brv_hypo.subset import best_columns, stepwise, stepwise_columns
 
 
@@ -76,9 +76,10 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
     y = hidden + 0.01 * rng.standard_normal(n)
 
     def best(n_best, method=best_columns):
-        course = SimpleNamespace(kind="jump", start=1.5)
+        time_basis = SimpleNamespace(kind="jump", start=1.5)
         labels = [
-            SimpleNamespace(label=f"c{j}", course=course, theta=(("delay", 0.1),), mechanism="lag") for j in range(4)
+            SimpleNamespace(label=f"c{j}", time_basis=time_basis, theta=(("delay", 0.1),), mechanism="lag")
+            for j in range(4)
         ]
         found = method(X, y, max_terms=2)
         return {len(columns): ((rss, [labels[j] for j in columns]),) for rss, columns in found}
@@ -98,7 +99,7 @@ def test_a_difference_reads_as_a_sentence():
     difference = StepwiseDifference(
         mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2
     )
-    (told,) = rows.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
+    (told,) = tables.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
     assert told == "lag, 2 terms: stepwise (Efroymson) would take a, c for a, b, with 20 % more left over"
 
 

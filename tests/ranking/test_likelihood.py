@@ -9,8 +9,8 @@ from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.uncertainty import with_design
 from tests.chains import prepared
-from tests.independent.instrument_errors import told
-from tests.independent.study import drawn_flight
+from tests.studies.independent.instrument_errors import told
+from tests.studies.independent.study import drawn_flight
 
 QUICK = CompareConfig(mechanisms=("damping",), maximum_likelihood="quick")
 

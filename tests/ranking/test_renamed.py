@@ -20,7 +20,7 @@ from brv_hypo.mechanisms.conformance import Alias, renamed
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import RankedHypothesis
 from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.report.compare import comparison_document
+from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.residuals.linearisation import Model
 from brv_hypo.residuals.model_file import model_text
@@ -55,7 +55,7 @@ def test_it_is_flown_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     alike = []
     for theta in ({"delay": 0.12}, {LATE.name: 120.0}):
         if LATE.name in theta:
-            known_as_late(monkeypatch, "brv_hypo.simulation.planting")
+            known_as_late(monkeypatch, "brv_hypo.simulation.planted")
         planted = entry | {"theta": theta, "start": 0.2, "stop": 0.4}
         alike.append(simulate(load_config({**cone, "mechanisms": [planted]}), seed=1))
     one, other = (flight.record.channels for flight in alike)

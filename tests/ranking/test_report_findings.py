@@ -78,7 +78,7 @@ def test_tables_5_5_and_5_7() -> None:
         assert abs(term.region_s[0] - knot) < 0.02
         assert abs(abs(term.value) - 0.6) < 2.0 * term.std_error
 
-    jumps = [term for term in found.terms if term.mechanism == "inplane" and term.name == "jump in C_N0"]
+    jumps = [term for term in found.terms if term.mechanism == "inplane" and term.name == "jump in C_m0"]
     first = min(jumps, key=lambda term: abs((term.region_s or (0.0, 0.0))[0] - 320.8))
     assert first.region_s is not None
     assert abs(first.region_s[0] - 320.8) < 0.03

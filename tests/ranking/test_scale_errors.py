@@ -43,10 +43,10 @@ def test_no_scale_of_all_moments_stands_in_for_a_large_mechanism(planted: str) -
 
 @PLANTED
 def test_the_baseline_beside_a_large_mechanism_is_the_vehicles(planted: str) -> None:
-    """As `none` had it, C_Nalpha was twice the true one, and drifted by six times that."""
+    """As `none` had it, C_malpha was twice the true one, and drifted by six times that."""
     terms = {term.name: term for term in compared(planted).baseline.terms}
     aerodynamics = load_config("research_cone").aerodynamics
-    for name in ("C_Nalpha", "C_mq"):
+    for name in ("C_malpha", "C_mq"):
         assert abs(terms[name].value - getattr(aerodynamics, name)) < 4.0 * terms[name].std_error
         assert terms[name].std_error < 0.05 * abs(terms[name].value)
 

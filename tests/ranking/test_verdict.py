@@ -76,7 +76,7 @@ def test_close_hypotheses_stand_together() -> None:
     verdict = said([NULL, LAG, Score("sticking", -79.0, 1.0, EQUAL)], NOISE)
     assert (verdict.winner, verdict.outcome) == (None, "undecided")
     assert set(verdict.equivalent) == {"lag", "sticking"}
-    assert "do not tell these apart" in verdict.reason
+    assert "do not distinguish these" in verdict.reason
 
 
 def test_something_smooth_that_is_left_makes_none_adequate() -> None:
@@ -241,6 +241,6 @@ def test_the_verdict_tells_the_share_of_outcomes_and_is_lowered_by_that_of_leade
     """A leader near the border is undecided in some repetitions; they do not speak for another."""
     border = judge(Contest([NULL, LAG], NOISE), Stability(0.4, 1.0))
     assert (border.winner, border.stability) == ("lag", 0.4)
-    assert "of repetitions 40 % end so too" in border.reason
+    assert "40 % of the repetitions give the same outcome" in border.reason
     shaken = judge(Contest([NULL, LAG], NOISE), Stability(0.4, 0.8))
     assert (shaken.winner, shaken.probability["lag"]) == (None, pytest.approx(0.8))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, settled, solved
 from brv_hypo.regression.problem import Problem
@@ -17,8 +16,8 @@ from tests.ranking.pulse import problem
 
 def fit_of(given: Problem, mechanism: str, *terms: str) -> HypothesisFit:
     """The fit of these terms, which jump in the middle of the record."""
-    middle = TimeFunction("jump", float(np.median(given.frame.time)))
-    columns = tuple(Column(mechanism, term, (), middle, "1") for term in terms)
+    middle = TimeBasis("jump", float(np.median(given.frame.time)))
+    columns = tuple(Regressor(mechanism, term, (), middle, "1") for term in terms)
     mechanisms = (find(mechanism),)
     reduced = Reduced(given, given.frame.with_mechanisms(mechanisms))
     return solved(reduced, mechanism, mechanisms, (*given.baseline, *columns), 0)
@@ -28,18 +27,18 @@ def test_what_is_lost_without_the_characteristic_term_is_a_share_of_what_is_expl
     """The knot of the other term moves to where that alone fits best: less is lost than where it was."""
     given = problem()
     null = fit_hypothesis(given, "none", ())
-    fit = fit_of(given, "inplane", "C_N0", "C_Nalpha")
-    there, plain = fit_of(given, "inplane", "C_Nalpha"), plain_columns(fit)
+    fit = fit_of(given, "inplane", "C_m0", "C_malpha")
+    there, plain = fit_of(given, "inplane", "C_malpha"), plain_columns(fit)
     moved = settled(given, fit, (*given.baseline, *plain), plain)
     lost = (moved.rss - fit.rss) / (null.rss - fit.rss)
-    assert [column.term for column in plain] == ["C_Nalpha"]
+    assert [column.term for column in plain] == ["C_malpha"]
     assert moved.rss < there.rss
     assert particular_share(given, null, fit) == pytest.approx(lost, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("mechanism", "terms", "share"),
-    [("inplane", ("C_Nalpha",), 0.0), ("inplane", ("C_N0",), 1.0), ("damping", ("C_mq",), 1.0)],
+    [("inplane", ("C_malpha",), 0.0), ("inplane", ("C_m0",), 1.0), ("damping", ("C_mq",), 1.0)],
 )
 def test_terms_of_one_kind_are_particular_or_not(
     mechanism: str, terms: tuple[str, ...], share: float

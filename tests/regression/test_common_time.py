@@ -14,9 +14,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.baseline import PitchDamping
-from brv_hypo.model.columns import Column
 from brv_hypo.model.common_time import CommonTime, at, common_time
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import reconstruct
 from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.search import offers
@@ -135,14 +134,14 @@ def moment(time: FloatArray) -> FloatArray:
 )
 def test_columns_are_integrals_of_courses_in_common_time(kind: str, start: float, length: float) -> None:
     """Wherever the knots lie; a ramp is straight in common time, and bent in the flight's own."""
-    course = TimeFunction("constant") if kind == "constant" else TimeFunction(kind, start, start + length)  # type: ignore[arg-type]
+    time_basis = TimeBasis("constant") if kind == "constant" else TimeBasis(kind, start, start + length)  # type: ignore[arg-type]
     here = segment(first_time(OTHER_TIME))
-    column = here.columns(here.integrate(moment(OTHER_TIME)[:, np.newaxis] + 0j), np.array([0]), [course])[:, 0]
+    column = here.columns(here.integrate(moment(OTHER_TIME)[:, np.newaxis] + 0j), np.array([0]), [time_basis])[:, 0]
     knots = [float(np.interp(t, first_time(OTHER_TIME), OTHER_TIME)) for t in (start, start + length)]
     for index in (57, 230, 300):
         inside = [t for t in knots if 10.0 < t < OTHER_TIME[index]] or None
         expected = quad(
-            lambda t: float(moment(np.array(t)) * course(first_time(np.array(t)))),
+            lambda t: float(moment(np.array(t)) * time_basis(first_time(np.array(t)))),
             10.0,
             OTHER_TIME[index],
             points=inside,
@@ -153,10 +152,11 @@ def test_columns_are_integrals_of_courses_in_common_time(kind: str, start: float
 
 @pytest.mark.parametrize("kind", ["constant", "jump", "ramp"])
 def test_a_common_time_that_is_the_own_changes_nothing(kind: str) -> None:
-    course = TimeFunction("constant") if kind == "constant" else TimeFunction(kind, 11.2345, 12.3456)  # type: ignore[arg-type]
+    time_basis = TimeBasis("constant") if kind == "constant" else TimeBasis(kind, 11.2345, 12.3456)  # type: ignore[arg-type]
     values = moment(OTHER_TIME)[:, np.newaxis] + 0j
     columns = [
-        each.columns(each.integrate(values), np.array([0]), [course]) for each in (segment(None), segment(OTHER_TIME))
+        each.columns(each.integrate(values), np.array([0]), [time_basis])
+        for each in (segment(None), segment(OTHER_TIME))
     ]
     np.testing.assert_allclose(columns[0], columns[1], rtol=0.0, atol=1e-15)
 
@@ -173,7 +173,7 @@ def test_what_begins_where_a_flight_has_ended_is_nothing_of_it(kind: TimeVariati
     moments = draws.standard_normal((OTHER_TIME.size, 200)) + 1j * draws.standard_normal((OTHER_TIME.size, 200))
     every = np.arange(200)
     begun, before = (
-        here.columns(here.integrate(moments), every, [TimeFunction(kind, start)] * every.size)
+        here.columns(here.integrate(moments), every, [TimeBasis(kind, start)] * every.size)
         for start in (float(common[-1]) + later, 0.5 * float(common[-2] + common[-1]))
     )
     assert not np.any(begun)
@@ -186,7 +186,7 @@ def test_what_begins_where_flights_by_the_clock_have_ended_is_nothing_of_them(co
     one = reconstructed("bodyfixed")
     frame = build_frame([one] * count, [PitchDamping()])
     (term,) = PitchDamping().terms(one.motion, {})
-    late = Column(PitchDamping.name, term.name, (), TimeFunction("jump", float(one.motion.time[-1])), term.units)
+    late = Regressor(PitchDamping.name, term.name, (), TimeBasis("jump", float(one.motion.time[-1])), term.units)
     assert not np.any(frame.columns([late]))
 
 
@@ -219,6 +219,6 @@ def test_one_flight_has_its_own_time() -> None:
     frame = problem().frame
     assert frame.common is None
     assert frame.own_time(0) is None
-    assert all(motion.course_time is motion.time for motion in frame.motions)
-    assert all(each.course_time is each.time for each in frame.segments)
-    assert replace(frame.motions[0], common_time=TIME).course_time is TIME
+    assert all(motion.coefficient_time is motion.time for motion in frame.motions)
+    assert all(each.coefficient_time is each.time for each in frame.segments)
+    assert replace(frame.motions[0], common_time=TIME).coefficient_time is TIME

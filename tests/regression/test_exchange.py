@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, renewed, settled
 from brv_hypo.regression.problem import Problem
@@ -18,12 +17,12 @@ from tests.ranking.pulse import fitted, problem
 
 def moved(given: Problem, fit: HypothesisFit, kind: str, shift: float) -> HypothesisFit:
     """The fit with the columns of its first knot at another time and of another course, the others held."""
-    first = min(column.course.start for column in fit.selected)
+    first = min(column.time_basis.start for column in fit.selected)
 
-    def at(column: Column) -> Column:
-        if column.course.start != first:
+    def at(column: Regressor) -> Regressor:
+        if column.time_basis.start != first:
             return column
-        return column.at(column.theta, TimeFunction(kind, first + shift))  # type: ignore[arg-type]
+        return column.at(column.theta, TimeBasis(kind, first + shift))  # type: ignore[arg-type]
 
     columns = (*given.baseline, *(at(column) for column in fit.selected))
     return settled(replace(given, refine=False), fit, columns, columns)
@@ -57,10 +56,10 @@ def test_two_ramps_that_meet_become_one_knot() -> None:
     best = fitted("inplane")
     first = best.selected[0]
     ramps = tuple(
-        first.at(first.theta, TimeFunction("ramp", first.course.start + late)) for late in (-5e-4, 5e-4)
+        first.at(first.theta, TimeBasis("ramp", first.time_basis.start + late)) for late in (-5e-4, 5e-4)
     )
     columns = (*problem().baseline, *best.selected[1:], *ramps)
     met = settled(replace(problem(), refine=False), best, columns, columns)
     found = plainer(problem(), met)
     assert found.information < met.information - 1.0
-    assert len({column.course.start for column in found.selected}) < len(met.selected)
+    assert len({column.time_basis.start for column in found.selected}) < len(met.selected)

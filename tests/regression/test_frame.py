@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.model.columns import Column
-from brv_hypo.model.static_bend import StaticBend
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.term import Regressor, TimeBasis
 from tests.ranking.pulse import problem
 
 
@@ -16,7 +15,7 @@ def test_the_design_of_the_vehicle_is_part_of_the_in_plane_moment() -> None:
     frame = given.frame.with_mechanisms([StaticBend(slope=-0.5)]).with_design((), np.zeros(0))
     values = np.linspace(-0.5, 0.5, len(given.baseline))
     straight = frame.with_in_plane_moment(given.baseline, values).finer[0]
-    column = Column("static_bend", "C_Nalpha3", (), TimeFunction("constant"), "1/rad^3")
+    column = Regressor("static_bend", "C_malpha3", (), TimeBasis("constant"), "1/rad^3")
     bent = frame.with_design((column,), np.array([2.0])).with_in_plane_moment(given.baseline, values).finer[0]
     expected = straight.in_plane_moment + 2.0 * straight.alpha**3
     np.testing.assert_allclose(bent.in_plane_moment, expected, rtol=1e-12)

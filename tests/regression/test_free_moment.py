@@ -39,7 +39,7 @@ def test_shapes_together_are_those_alone() -> None:
 def test_stiffness_is_a_shape_of_the_baseline() -> None:
     """A constant stiffness is a sum of the splines of that shape."""
     frame, columns = free_moment(problem(), ("stiffness",))
-    static = next(column for column in problem().baseline if column.term == "C_Nalpha")
+    static = next(column for column in problem().baseline if column.term == "C_malpha")
     wanted = problem().frame.moments((static,))[:, 0]
     moments = frame.moments(columns)
     values = np.linalg.lstsq(moments, wanted, rcond=None)[0]

@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.regression.linear import orthonormal
-from tests.last_digit import last_digit_off
+from tests.harness.last_digit import last_digit_off
 
 ROWS, LONG = 400, 12
 

@@ -9,17 +9,14 @@ import pytest
 
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.mechanisms.registry import parse_hypothesis
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.angles import crossflow_rate, with_crossflow
-from brv_hypo.motion.history import recorded
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.regression.moment_model import MomentModel
 from tests.chains import prepared
 
 DELAY = (("delay", 0.04),)
-TERMS = {"static": ("C_Nalpha", ()), "lag": ("lag fraction", DELAY), "sticking": ("eps", DELAY)}
+TERMS = {"static": ("C_malpha", ()), "lag": ("lag fraction", DELAY), "sticking": ("eps", DELAY)}
 
 
 def model_of(name: str) -> tuple[MomentModel, InertialRecord]:
@@ -28,7 +25,7 @@ def model_of(name: str) -> tuple[MomentModel, InertialRecord]:
     (made,) = problem.frame.reconstructions
     known = {**problem.frame.mechanisms, **{each.name: each for each in parse_hypothesis("lag+sticking")}}
     term, theta = TERMS[name]
-    column = Column(name, term, theta, TimeFunction("constant"), "1")
+    column = Regressor(name, term, theta, TimeBasis("constant"), "1")
     motion = recorded(made.motion)
     model = MomentModel(replace(made, motion=motion), known, (column,), np.ones(1), motion)
     return model, problem.records[0]

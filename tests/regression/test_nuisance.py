@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.flight.record import Flight
-from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.model.baseline import StaticBend
 from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.ranking import CompareConfig

@@ -74,7 +74,7 @@ UNITS = {
     "1": (("1", 1.0), ("percent", 0.01)),
 }
 TAKEN = ("knot", "start", "stop")
-NAMES = st.sampled_from(["tau", "x", "delay", "eps", "sticking", "none", "τ", "время", "a [b]", "C_N0", "theta"]) | (
+NAMES = st.sampled_from(["tau", "x", "delay", "eps", "sticking", "none", "τ", "время", "a [b]", "C_m0", "theta"]) | (
     st.text(CHARACTERS, min_size=1, max_size=6).filter(
         lambda text: text.isprintable() and text.strip() == text and text not in TAKEN and not set("./") & set(text)
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.wind import WindStart, transverse_axes
+from brv_hypo.motion.inertial import WindStart, transverse_axes
 from brv_hypo.regression.propagated_motion import (
     GRAVITY,
     MOTION,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.motion.perturbation import perturbed
-from brv_hypo.motion.wind import body_crossflow, wind_direction
+from brv_hypo.motion.inertial import body_crossflow, wind_direction
+from brv_hypo.motion.responses import perturbed
 from brv_hypo.regression.propagated_motion import linearisation_point
 from brv_hypo.regression.wander import walk_noise, walk_sines, wind_to_body
 from tests.chains import prepared, reconstructed
@@ -47,7 +47,7 @@ def test_what_is_tied_is_known_better():
     problem = prepared(knot_count=3)
     frame, columns = problem.frame, problem.baseline
     tied, loose = (each.whole_design(frame, columns) for each in (problem, problem.untied()))
-    place = [column.term for column in columns].index("C_Nalpha")
+    place = [column.term for column in columns].index("C_malpha")
 
     def sigma(design: np.ndarray) -> float:
         return float(np.sqrt(np.linalg.pinv(design.T @ design)[place, place]))

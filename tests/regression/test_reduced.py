@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.problem import Problem
@@ -22,7 +22,7 @@ def problem() -> Problem:
 
 
 @cache
-def offered(name: str) -> tuple[RateFrame, tuple[Column, ...]]:
+def offered(name: str) -> tuple[RateFrame, tuple[Regressor, ...]]:
     mechanism = find(name)
     frame = problem().frame.with_mechanisms([mechanism])
     return frame, offers(problem(), frame, [mechanism]).single[0]

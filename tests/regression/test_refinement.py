@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import TimeBasis
 from brv_hypo.regression import own_static_moment
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -27,10 +27,10 @@ from tests.ranking.pulse import fitted, problem
 
 def moved(fit: HypothesisFit, shift: float) -> HypothesisFit:
     """The fit with its first knot moved (s), and nothing fitted again."""
-    start = min(column.course.start for column in fit.selected)
+    start = min(column.time_basis.start for column in fit.selected)
     columns = tuple(
-        replace(column, course=TimeFunction(column.course.kind, start + shift, column.course.stop))
-        if column.course.start == start
+        replace(column, time_basis=TimeBasis(column.time_basis.kind, start + shift, column.time_basis.stop))
+        if column.time_basis.start == start
         else column
         for column in fit.columns
     )
@@ -58,9 +58,9 @@ def test_a_fit_that_is_searched_gains_nothing_by_another_scan() -> None:
 def test_a_knot_stays_within_the_record(place: float) -> None:
     """Beyond its ends nothing depends on where it is, and its error, with what goes along with it, is rounding."""
     best, told = fitted("bodyfixed"), problem()
-    start, stop = float(best.frame.course_time.min()), float(best.frame.course_time.max())
+    start, stop = float(best.frame.coefficient_time.min()), float(best.frame.coefficient_time.max())
     columns = tuple(
-        column.at(column.theta, TimeFunction(column.course.kind, start + place * (stop - start)))
+        column.at(column.theta, TimeBasis(column.time_basis.kind, start + place * (stop - start)))
         for column in best.selected
     )
     for knot in nonlinear_parameters(columns, 0, best.frame, told.knots):
@@ -95,7 +95,7 @@ def test_knots_that_come_to_one_place_while_c_mw_is_followed_are_one(monkeypatch
         if len(begun) != 2:
             return begun_at(told, fit, place)
         last, before = fit.columns[-1], fit.columns[-2]
-        columns = (*fit.columns[:-2], before.at(before.theta, last.course), last)
+        columns = (*fit.columns[:-2], before.at(before.theta, last.time_basis), last)
         return settled(told, fit, columns, columns, SETTLED)
 
     monkeypatch.setattr(own_static_moment, "_begun_at", meeting)

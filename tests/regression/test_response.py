@@ -8,16 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from brv_hypo.mechanisms.carried import carried_effects
 from brv_hypo.mechanisms.contract import RecordEffect
-from brv_hypo.motion.perturbation import perturbed
+from brv_hypo.mechanisms.registry import nuisance_effects
+from brv_hypo.motion.responses import perturbed
 from brv_hypo.regression.build import first_values, linearised
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.response import LinearisedFlight
 from tests.chains import prepared
-from tests.last_digit import flight_last_digit_off
+from tests.harness.last_digit import flight_last_digit_off
 
-EFFECTS = [effect for effect in carried_effects() if effect.name != "wind"]
+EFFECTS = [effect for effect in nuisance_effects() if effect.name != "wind"]
 
 
 @cache

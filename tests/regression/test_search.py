@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.constants import SEARCH_FINER_KNOTS
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import candidates
+from brv_hypo.model.term import candidates
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.search import episodes
 from tests.chains import prepared
@@ -21,9 +21,9 @@ def test_an_episode_begins_and_ends_beside_the_planted_knots() -> None:
     given = prepared("inplane", max_terms=4, exact_terms=2)
     spacing = float(np.diff(given.knots).min()) / SEARCH_FINER_KNOTS
     one, two = sorted(episodes(given, given.frame.with_mechanisms(INPLANE), INPLANE), key=len)
-    assert [column.term for column in one] == ["C_N0", "C_Nalpha"]
-    assert [column.term for column in two] == ["C_N0", "C_Nalpha"] * 2
-    assert sorted({column.course.start for column in two}) == pytest.approx([2.0, 4.0], abs=spacing)
+    assert [column.term for column in one] == ["C_m0", "C_malpha"]
+    assert [column.term for column in two] == ["C_m0", "C_malpha"] * 2
+    assert sorted({column.time_basis.start for column in two}) == pytest.approx([2.0, 4.0], abs=spacing)
 
 
 def test_the_episode_leaves_least_of_all_pairs_of_knots() -> None:
@@ -40,7 +40,7 @@ def test_the_episode_leaves_least_of_all_pairs_of_knots() -> None:
     places = np.arange(given.knots.size)
     finer = np.interp(np.linspace(0, places[-1], SEARCH_FINER_KNOTS * places[-1] + 1), places, given.knots)
     jumps = [
-        tuple(c for c in candidates(INPLANE[0], motion, np.array([knot]), [()]) if c.course.kind == "jump")
+        tuple(c for c in candidates(INPLANE[0], motion, np.array([knot]), [()]) if c.time_basis.kind == "jump")
         for knot in finer[:: SEARCH_FINER_KNOTS // 2]
     ]
     assert left(found) <= min(left((*one, *other)) for one, other in combinations(jumps, 2)) * (1.0 + 1e-9)

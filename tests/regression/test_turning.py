@@ -10,8 +10,7 @@ import pytest
 
 from brv_hypo.constants import OUTSIDE
 from brv_hypo.mechanisms import Parameter, Term, find
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
@@ -31,7 +30,7 @@ def flown_with(rate: float) -> Problem:
     """The problem as if this moment had acted on the same motion besides."""
     moment = TurningMoment(about=0.0, rates=(rate,), apart=1.0)
     frame = problem().frame.with_mechanisms([moment])
-    column = Column(moment.name, "turning y", ((RATE, rate),), TimeFunction("jump", START, STOP), "1")
+    column = Regressor(moment.name, "turning y", ((RATE, rate),), TimeBasis("jump", START, STOP), "1")
     added = SIZE * frame.columns([column])[:, 0]
     segments = tuple(
         replace(segment, observed=segment.observed + added[a:b])

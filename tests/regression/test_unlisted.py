@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.constants import OUTSIDE
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import candidates, theta_grid
+from brv_hypo.model.term import candidates, theta_grid
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.unlisted import UnlistedMoment, unlisted_moment
@@ -58,7 +58,7 @@ def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
     moment, motion = UnlistedMoment(shapes=SHAPES), problem().frame.motions[0]
     choices: dict[object, list[str]] = {}
     for column in candidates(moment, motion, problem().knots, theta_grid(moment)):
-        if column.course.kind == "constant":
+        if column.time_basis.kind == "constant":
             choices.setdefault(column.choice, []).append(column.term)
     assert sorted(map(len, choices.values())) == sorted(len(shape_of(name, motion)) for name in SHAPES)
     assert ["body-fixed cosine", "body-fixed sine"] in choices.values()

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import TimeBasis
 from brv_hypo.regression.weakform import WeakSegment, weak_segments
 from tests.flights import flown, nominal
 
@@ -32,14 +32,14 @@ SEGMENT = WeakSegment(TIME, np.zeros(401, complex), np.ones(401, complex), 0, sl
 )
 def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float, length: float) -> None:
     """The knot need not be a sample, nor lie inside the segment."""
-    course = TimeFunction("constant") if kind == "constant" else TimeFunction(kind, start, start + length)  # type: ignore[arg-type]
+    time_basis = TimeBasis("constant") if kind == "constant" else TimeBasis(kind, start, start + length)  # type: ignore[arg-type]
     integrals = SEGMENT.integrate(np.array([[moment(t)] for t in TIME]))
-    column = SEGMENT.columns(integrals, np.array([0]), [course])[:, 0]
+    column = SEGMENT.columns(integrals, np.array([0]), [time_basis])[:, 0]
     corners = [t for t in (start, start + length) if 2.0 < t < 6.0]
     for index in (57, 230, 400):
         inside = [t for t in corners if t < TIME[index]] or None
         parts = [
-            quad(lambda t, part=part: part(moment(t)) * course(np.array(t)), 2.0, TIME[index], points=inside)[
+            quad(lambda t, part=part: part(moment(t)) * time_basis(np.array(t)), 2.0, TIME[index], points=inside)[
                 0
             ]
             for part in (np.real, np.imag)

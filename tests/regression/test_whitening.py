@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray
-from brv_hypo.motion.noise import ColouredNoise
+from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.regression.frame import whiten
 from brv_hypo.regression.whitening import (
     effective_samples,

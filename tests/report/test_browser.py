@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 
 import brv_hypo
-from brv_hypo.docs.offline import manual_page
+from brv_hypo.docs.manual import manual_page
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.report.attitude import attitude_chart
-from brv_hypo.report.blocks import Document, Picture
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel, Span
-from brv_hypo.report.motion_charts import Setting, motion_chart
-from brv_hypo.report.pages import page
-from brv_hypo.report.provenance import Provenance
-from brv_hypo.report.study import study_document
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Picture, Span
+from brv_hypo.report.html import Provenance, page
+from brv_hypo.report.many_flights import study_document
+from brv_hypo.report.motion_charts import Setting, attitude_chart, motion_chart
 from brv_hypo.report.write import document_of
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.study import StudyConfig, summarise

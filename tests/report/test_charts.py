@@ -11,23 +11,31 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, TRACE_CHARTS, comparison_names
 from brv_hypo.docs import text
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.report.attitude import attitude_chart
-from brv_hypo.report.blocks import Document, Picture, Table, Texts
-from brv_hypo.report.chart import MOST_POINTS, Band, Bars, Chart, Line, Mark, Panel, Span, wrapped_degrees
-from brv_hypo.report.chart_names import RECONSTRUCTION, TRACE, comparison_names
-from brv_hypo.report.compare import comparison_document
-from brv_hypo.report.comparison_charts import comparison_charts
-from brv_hypo.report.drawing import draw_into, drawn
-from brv_hypo.report.figure import chart_figure
-from brv_hypo.report.motion_charts import Setting
-from brv_hypo.report.pages import page
-from brv_hypo.report.plotly_chart import plotly_chart
-from brv_hypo.report.provenance import Provenance
-from brv_hypo.report.reconstruction import reconstruction_charts
-from brv_hypo.report.record_charts import record_charts
-from brv_hypo.report.trace_charts import trace_charts
+from brv_hypo.report.comparison import comparison_charts, comparison_document
+from brv_hypo.report.document import (
+    MOST_POINTS,
+    Band,
+    Bars,
+    Chart,
+    Document,
+    Line,
+    Mark,
+    Panel,
+    Picture,
+    Span,
+    Table,
+    Texts,
+    wrapped_degrees,
+)
+from brv_hypo.report.figures import chart_figure
+from brv_hypo.report.html import Provenance, page, plotly_chart
+from brv_hypo.report.motion_charts import Setting, attitude_chart
+from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
+from brv_hypo.report.trace import trace_charts
+from brv_hypo.report.write import draw_into, drawn
 from brv_hypo.simulation import load_config, simulate_batch
 from tests.chains import compared_nominal, reconstructed, traced_trim
 from tests.flights import nominal
@@ -132,8 +140,8 @@ def test_charts_that_are_known_before_the_work_are_drawn(charts) -> None:
     """By their names a folder that holds them already is refused at once."""
     assert set(comparison_names(2)) <= set(charts)
     assert set(comparison_names(1)) <= {chart.name for chart in comparison_charts(compared_nominal())}
-    assert set(TRACE) <= {chart.name for chart in trace_charts(traced_trim())}
-    assert set(RECONSTRUCTION) == {chart.name for chart in reconstruction_charts(reconstructed())}
+    assert set(TRACE_CHARTS) <= {chart.name for chart in trace_charts(traced_trim())}
+    assert set(RECONSTRUCTION_CHARTS) == {chart.name for chart in reconstruction_charts(reconstructed())}
 
 
 def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
@@ -322,9 +330,9 @@ class TestDrawing:
 
     def test_without_matplotlib_it_says_how_to_install_it(self, plain, tmp_path, monkeypatch) -> None:
         from brv_hypo.errors import UsageError
-        from brv_hypo.report import drawing
+        from brv_hypo.report import write
 
-        monkeypatch.setattr(drawing, "find_spec", lambda name: None)
+        monkeypatch.setattr(write, "find_spec", lambda name: None)
         with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[figures\]'"):
             draw_into(tmp_path, [plain])
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.report.chart import Band, Line, Panel
-from brv_hypo.report.frames import cut_text, framed
-from brv_hypo.report.motion_charts import Setting, motion_chart
+from brv_hypo.report.document import Band, Line, Panel
+from brv_hypo.report.motion_charts import Setting, cut_text, framed, motion_chart
 
 TIME = np.linspace(0.0, 10.0, 1000)
 WAVE = np.sin(TIME)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from brv_hypo.ranking.result import RecordFaultSummary, RecordSummary
-from brv_hypo.report.blocks import Document, Picture, Table, Texts
-from brv_hypo.report.chart import Band, Bars, Chart, Line, Mark, Panel
-from brv_hypo.report.comparison_charts import comparison_charts
-from brv_hypo.report.figure import SMALLEST_DOT, chart_figure
+from brv_hypo.report.comparison import comparison_charts
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Picture, Table, Texts
+from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
+from brv_hypo.report.html import Provenance, page, plotly_chart, resource
 from brv_hypo.report.motion_charts import (
     Drawn,
     Setting,
@@ -21,11 +21,7 @@ from brv_hypo.report.motion_charts import (
     moment_chart,
     residual_chart,
 )
-from brv_hypo.report.pages import page, resource
-from brv_hypo.report.plotly_chart import plotly_chart
-from brv_hypo.report.provenance import Provenance
-from brv_hypo.report.trace import trace_document
-from brv_hypo.report.trace_charts import trace_charts
+from brv_hypo.report.trace import trace_charts, trace_document
 from tests.chains import compared_nominal, traced_trim
 
 TIME = np.linspace(0.0, 5.0, 200)
@@ -180,7 +176,7 @@ class TestTrace:
         document = trace_document(doubted)
         assert document.conclusion_title == "Record in doubt"
         assert document.conclusion.startswith("The record contradicts itself")
-        assert not document.settled
+        assert not document.decided
         warnings = next(block for block in document.blocks if isinstance(block, Texts) and block.warning)
         assert "turn q over" in warnings.texts[0]
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from brv_hypo.report.blocks import Document
-from brv_hypo.report.drawing import drawn
-from brv_hypo.report.pages import page
-from brv_hypo.report.provenance import Provenance
-from brv_hypo.report.study import MOST_MISTAKES, study_document
+from brv_hypo.report.document import Document
+from brv_hypo.report.html import Provenance, page
+from brv_hypo.report.many_flights import MOST_MISTAKES, study_document
 from brv_hypo.report.terminal import terminal_view
+from brv_hypo.report.write import drawn
 from brv_hypo.study import StudyConfig, summarise
 from tests.study.outcomes import outcome
 

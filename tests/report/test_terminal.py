@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from brv_hypo.report.blocks import Document, Table, Texts
-from brv_hypo.report.rows import RANKING_HEADINGS, ranking_rows, term_rows
+from brv_hypo.report.document import Document, Table, Texts
+from brv_hypo.report.tables import RANKING_HEADINGS, ranking_rows, term_rows
 from brv_hypo.report.terminal import Fitted, terminal_view
 from brv_hypo.report.trace import outcome_text
 from brv_hypo.residuals.result import Errors, Step

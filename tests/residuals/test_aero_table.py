@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope, read_aero_table
 from brv_hypo.residuals import Trace, predict, trace
 from brv_hypo.residuals.saved import SavedModel
@@ -90,7 +90,7 @@ def result() -> Trace:
     """A flight of constant slope, traced from a table that is 3 % too steep at one end and too shallow at the other."""
     flight = nominal().flight
     assert flight.mach is not None
-    slope = load_config("research_cone").aerodynamics.C_Nalpha
+    slope = load_config("research_cone").aerodynamics.C_malpha
     ends = (float(flight.mach.min()), float(flight.mach.max()))
     table = AeroTable(
         mach=ends, slope=((1.03 * slope,), (0.97 * slope,)), std_error=((0.05 * abs(slope),),) * 2
@@ -106,7 +106,7 @@ def test_the_table_is_corrected_and_nothing_is_missed(result: Trace) -> None:
     low, high = increments.values()
     assert high.value - low.value < 0.0  # the slope is negative: too shallow at the upper end
     assert all(term.std_error > 0.0 for term in increments.values())
-    assert "C_Nalpha" not in {term.name for term in result.model.terms}
+    assert "C_malpha" not in {term.name for term in result.model.terms}
 
 
 @pytest.mark.thorough

@@ -10,8 +10,8 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import BAND_SIGMAS
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.differentiation import derivatives
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
+from brv_hypo.motion.signals import derivatives
 from brv_hypo.residuals import predict
 from brv_hypo.residuals.attitude_noise import noise_share
 from brv_hypo.residuals.saved import SavedModel

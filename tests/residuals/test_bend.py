@@ -10,10 +10,10 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
-from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm
+from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.yaml_mechanism import Factor, YamlMechanism, YamlTerm
 from brv_hypo.model.aero_table import AeroTable
-from brv_hypo.model.static_bend import StaticBend
+from brv_hypo.model.baseline import StaticBend
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.baseline import (
     has_schedule,
@@ -25,10 +25,10 @@ from brv_hypo.residuals.baseline import (
 )
 from brv_hypo.residuals.linearisation import Model, see
 from brv_hypo.residuals.model_file import model_text, read_model
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.restore import restored
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, nominal
+from tests.studies.loop.planting import another_flight
 
 # 1/rad^3: a fifth of the static moment at the 4 degrees that the cone turns to, less than two sigma of the prior.
 BEND = -4.0
@@ -38,7 +38,7 @@ OTHERS = ("magnus", "stiffness_asymmetry", "inplane", "damping")
 
 def bent_cone(**beside: float) -> SimulationConfig:
     """The research cone with a bend, and a Magnus moment where one is given."""
-    planted = {"cubic_stiffness": {"C_Nalpha3": BEND}, **({"magnus": beside} if beside else {})}
+    planted = {"cubic_stiffness": {"C_malpha3": BEND}, **({"magnus": beside} if beside else {})}
     data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
     data["mechanisms"] = tuple(
         {"mechanism": name, "terms": terms, "kind": "constant"} for name, terms in planted.items()
@@ -58,7 +58,7 @@ def traced(*effects: str, magnus: bool = False) -> Trace:
 
 
 def bend_of(result: Trace) -> tuple[float, float]:
-    term = next(term for term in result.model.terms if term.name == "C_Nalpha3")
+    term = next(term for term in result.model.terms if term.name == "C_malpha3")
     return term.value, term.std_error
 
 
@@ -104,7 +104,7 @@ def test_the_saved_model_predicts_a_sister_by_its_bend(tmp_path_factory: pytest.
     model = read_model(path)
     sister = simulate(another_flight(bent_cone(), 4), seed=13).flight
     held = predict(sister, model)
-    assert "C_Nalpha3" in {term.name for term in held.frozen}
+    assert "C_malpha3" in {term.name for term in held.frozen}
     columns = tuple(c.model_copy(update={"value": 0.0}) if c.mechanism == StaticBend.name else c for c in model.columns)
     without = predict(sister, model.model_copy(update={"columns": columns}))
     assert held.error.frozen < 1.05 * held.error.own
@@ -151,7 +151,7 @@ def test_a_name_for_the_bend_is_known_by_its_moment(name: str, expected: bool) -
 
 @pytest.mark.parametrize(("power", "expected"), [(3, True), (2, False)])
 def test_a_file_may_name_it_too(power: int, expected: bool) -> None:
-    term = FiledTerm(name="a", axis="in_plane", factors=(Factor(of="alpha", power=power),))
+    term = YamlTerm(name="a", axis="in_plane", factors=(Factor(of="alpha", power=power),))
     motion = sample_motion(uniform_time())
-    assert is_bend(FiledMechanism(definition=(term,)), motion) is expected
+    assert is_bend(YamlMechanism(definition=(term,)), motion) is expected
     assert np.any(motion.alpha)

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from brv_hypo.constants import LOOK_ALIKE_NEAR, LOOP_SHARED
+from brv_hypo.constants import CONFOUNDED_NEAR, LOOP_SHARED
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.ranking import alternative
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
@@ -29,7 +28,7 @@ def candidate(
     gain: float,
     contribution: np.ndarray = ALONG,
     mechanisms: tuple[Any, ...] = (),
-    selected: tuple[Column, ...] = (),
+    selected: tuple[Regressor, ...] = (),
 ) -> Candidate:
     fit: Any = SimpleNamespace(mechanisms=mechanisms, selected=selected)
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
@@ -112,12 +111,12 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("particular", "ahead", "first"),
     [
-        (0.0, 0.9 * LOOK_ALIKE_NEAR, "discovered_1"),
-        (0.009, 0.9 * LOOK_ALIKE_NEAR, "discovered_1"),
-        (0.0, 1.1 * LOOK_ALIKE_NEAR, "inplane"),
-        (0.5, 0.9 * LOOK_ALIKE_NEAR, "inplane"),
-        (0.5, -0.9 * LOOK_ALIKE_NEAR, "inplane"),
-        (0.5, -1.1 * LOOK_ALIKE_NEAR, "discovered_1"),
+        (0.0, 0.9 * CONFOUNDED_NEAR, "discovered_1"),
+        (0.009, 0.9 * CONFOUNDED_NEAR, "discovered_1"),
+        (0.0, 1.1 * CONFOUNDED_NEAR, "inplane"),
+        (0.5, 0.9 * CONFOUNDED_NEAR, "inplane"),
+        (0.5, -0.9 * CONFOUNDED_NEAR, "inplane"),
+        (0.5, -1.1 * CONFOUNDED_NEAR, "discovered_1"),
     ],
 )
 def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
@@ -140,7 +139,7 @@ def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
 def test_what_several_flights_share_comes_before_jumps_in_time_of_each(
     share: float, flight: int | None, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    jump = Column("inplane", "C_Nalpha", (), TimeFunction("jump", 2.0), "1/rad", flight=flight)
+    jump = Regressor("inplane", "C_malpha", (), TimeBasis("jump", 2.0), "1/rad", flight=flight)
     named = candidate("inplane", 1000.0, selected=(jump,))
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", share * 1000.0))
     assert result.ranked[0].name == first

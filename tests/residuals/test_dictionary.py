@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms.conformance import sample_motion
-from brv_hypo.mechanisms.filed import Factor, FiledMechanism, FiledTerm, Turn, mechanism_of
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.mechanisms.yaml_mechanism import Factor, Turn, YamlMechanism, YamlTerm, mechanism_of
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.dictionary import entries
@@ -33,14 +32,14 @@ def test_steps_of_every_width_have_names_of_their_own() -> None:
     assert all(e.at is not None and e.at(e.position).terms == e.terms for e in steps)
 
 
-TURNING = FiledTerm(name="along", axis="body_y", turn=Turn(of="time", rate=3.0))
+TURNING = YamlTerm(name="along", axis="body_y", turn=Turn(of="time", rate=3.0))
 
 
-def with_moment(given: Problem, term: FiledTerm, course: TimeFunction, size: float) -> Problem:
+def with_moment(given: Problem, term: YamlTerm, time_basis: TimeBasis, size: float) -> Problem:
     """The problem with the rates that so large a moment makes added to those of its flight."""
-    mechanism = FiledMechanism(definition=(term,))
+    mechanism = YamlMechanism(definition=(term,))
     frame = given.frame.with_mechanisms([mechanism])
-    column = Column(mechanism.name, term.name, (), course, "1")
+    column = Regressor(mechanism.name, term.name, (), time_basis, "1")
     own = given.rows.of_moments(frame.columns([column]))[:, 0]
     planted = replace(given)
     vars(planted)["raw_response"] = given.raw_response + size / np.linalg.norm(own) * own
@@ -48,7 +47,7 @@ def with_moment(given: Problem, term: FiledTerm, course: TimeFunction, size: flo
 
 
 def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
-    given = with_moment(prepared(), TURNING, TimeFunction("jump", 2.0, 4.5), 600.0)
+    given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
     found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
     assert found is not None
     rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
@@ -59,7 +58,7 @@ def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_time
 
 
 def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
-    given = with_moment(prepared(), TURNING, TimeFunction("jump", 2.0, 4.5), 600.0)
+    given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
     found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
     assert found is not None
     fit, read = found.candidate.fit, mechanism_of(found.file)
@@ -72,7 +71,7 @@ def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
 
 
 def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
-    given = with_moment(prepared(), TURNING, TimeFunction("constant"), 600.0)
+    given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
     dictionary = dictionary_of(given)
     found = discover(given, fit_hypothesis(given, "none", ()), dictionary, "discovered_1", 1)
     assert found is not None
@@ -85,8 +84,8 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     given = prepared()
     motion = given.frame.motions[0]
     step = Factor(of="time", function="step", at=at, width=0.1)
-    term = FiledTerm(name="later", axis="in_plane", factors=(step, Factor(of="alpha")), units="1/rad")
-    given = with_moment(given, term, TimeFunction("constant"), 1500.0)
+    term = YamlTerm(name="later", axis="in_plane", factors=(step, Factor(of="alpha")), units="1/rad")
+    given = with_moment(given, term, TimeBasis("constant"), 1500.0)
     found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
     assert found is not None
     places = [factor.at for term in found.file.terms for factor in term.factors if factor.of == "mach"]
@@ -97,7 +96,7 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
 def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float, start: float, stop: float) -> None:
     """As constants throughout, entries of other rates and harmonics explain more."""
     term = TURNING.model_copy(update={"turn": Turn(of="time", rate=rate)})
-    given = with_moment(prepared(), term, TimeFunction("jump", start, stop), 600.0)
+    given = with_moment(prepared(), term, TimeBasis("jump", start, stop), 600.0)
     found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
     assert found is not None
     rates = [term.turn.rate for term in found.file.terms if term.turn is not None and term.turn.of == "time"]
@@ -109,13 +108,13 @@ def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float,
 @pytest.mark.parametrize(("slow", "late"), [(2.0, 2.6), (2.2, 2.4)])
 def test_a_turn_too_slow_over_a_part_of_its_time_is_left_for_the_right_one(slow: float, late: float) -> None:
     """The rate at these times, and the times at that rate, stay away from what was planted."""
-    given = with_moment(prepared(), TURNING, TimeFunction("jump", 1.2, 4.2), 300.0)
+    given = with_moment(prepared(), TURNING, TimeBasis("jump", 1.2, 4.2), 300.0)
     turn = next(each for each in entries(given.frame.motions) if each.terms[0].turn is not None)
     assert turn.at is not None
-    courses, model = (TimeFunction("jump", late), TimeFunction("jump", 4.2)), _left(given)
+    courses, model = (TimeBasis("jump", late), TimeBasis("jump", 4.2)), _left(given)
     near = _moved(given, turn.at(slow), *model, courses)
     assert abs(near.position - 3.0) > 0.3
     found = _climbed(given, _with_courses(given, "discovered_1", near, courses, 10), *model)
     assert found.entries[0].position == pytest.approx(3.0, abs=0.1)
-    times = sorted({column.course.start for column in found.fit.selected})
+    times = sorted({column.time_basis.start for column in found.fit.selected})
     assert times == pytest.approx([1.2, 4.2], abs=0.15)

@@ -8,20 +8,20 @@ from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.conformance.mechanism import MECHANISM_CHECKS
-from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
-from brv_hypo.mechanisms.filed import (
+from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS
+from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.yaml_mechanism import (
     Factor,
-    FiledMechanism,
-    FiledTerm,
     MechanismFile,
     Turn,
+    YamlMechanism,
+    YamlTerm,
     mechanism_of,
     mechanism_text,
     read_mechanism,
 )
-from brv_hypo.motion.frames import body_from_plane
-from brv_hypo.motion.history import recorded
+from brv_hypo.motion.kinematics import body_from_plane
+from brv_hypo.motion.motion import recorded
 
 FILE = MechanismFile(
     name="turning_moment",
@@ -29,9 +29,9 @@ FILE = MechanismFile(
     claims="a moment of constant size that turns in the body",
     source="a test",
     terms=(
-        FiledTerm(name="along", axis="body_y", turn=Turn(of="time", rate=5.0)),
-        FiledTerm(name="across", axis="body_z", turn=Turn(of="time", rate=5.0), value=2e-4),
-        FiledTerm(
+        YamlTerm(name="along", axis="body_y", turn=Turn(of="time", rate=5.0)),
+        YamlTerm(name="across", axis="body_z", turn=Turn(of="time", rate=5.0), value=2e-4),
+        YamlTerm(
             name="step", axis="in_plane", units="1/rad",
             factors=(Factor(of="alpha"), Factor(of="mach", function="step", at=21.9, width=0.1)),
         ),
@@ -48,14 +48,14 @@ def test_survives_its_file(tmp_path) -> None:
     path = tmp_path / "turning.yaml"
     path.write_text(mechanism_text(FILE), encoding="utf-8")
     for again in (find(str(path)), read_mechanism(path)):
-        assert isinstance(again, FiledMechanism)
+        assert isinstance(again, YamlMechanism)
         assert (again.name, again.title, again.definition) == (FILE.name, FILE.title, FILE.terms)
 
 
 @given(rate=st.floats(-20.0, 20.0), size=st.floats(0.1, 3.0))
 def test_a_turning_moment_turns_in_the_body(rate: float, size: float) -> None:
     motion = sample_motion(uniform_time(50))
-    term = FiledTerm(name="t", axis="body_y", turn=Turn(of="time", rate=rate)).column(motion)
+    term = YamlTerm(name="t", axis="body_y", turn=Turn(of="time", rate=rate)).column(motion)
     body = body_from_plane(size * term.in_plane, size * term.out_of_plane, motion.windward_meridian)
     np.testing.assert_allclose(body, size * np.exp(1j * rate * motion.time), atol=1e-9 * size)
 
@@ -82,7 +82,7 @@ def test_jumps_ramps_and_schedules(factor: Factor, expected: list[float]) -> Non
 @given(delay=st.floats(0.0, 0.2), size=st.floats(0.1, 3.0))
 def test_a_delayed_term_stands_where_it_stood_in_the_body(delay: float, size: float) -> None:
     motion = recorded(sample_motion(uniform_time(80)))
-    term = FiledTerm(name="t", axis="in_plane", delay=delay, factors=(Factor(of="alpha"),)).column(motion)
+    term = YamlTerm(name="t", axis="in_plane", delay=delay, factors=(Factor(of="alpha"),)).column(motion)
     before = motion.delayed(delay)
     body = body_from_plane(size * term.in_plane, size * term.out_of_plane, motion.windward_meridian)
     expected = body_from_plane(size * before.alpha, np.zeros_like(before.alpha), before.windward_meridian)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from brv_hypo.constants import LOOK_ALIKE_NEAR
+from brv_hypo.constants import CONFOUNDED_NEAR
 from brv_hypo.residuals import look_ahead
 from brv_hypo.residuals.candidates import Candidate, look_alikes
 from brv_hypo.residuals.choice import _ranked
@@ -51,7 +51,7 @@ def test_a_description_is_looked_beyond_where_its_rivals_are(monkeypatch: pytest
 
 
 @pytest.mark.parametrize(
-    ("ahead", "alike"), [(20.0 - 0.9 * LOOK_ALIKE_NEAR, True), (20.0 - 1.1 * LOOK_ALIKE_NEAR, False)]
+    ("ahead", "alike"), [(20.0 - 0.9 * CONFOUNDED_NEAR, True), (20.0 - 1.1 * CONFOUNDED_NEAR, False)]
 )
 def test_look_alikes_are_judged_with_what_goes_beside_them(ahead: float, alike: bool) -> None:
     leader: Candidate = replace(candidate("lag", 100.0), ahead=0.0)

@@ -9,13 +9,13 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.ranking.benchmark import finer
 from brv_hypo.residuals import Trace, TraceConfig, loop, trace
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from tests.chains import traced_trim
 from tests.flights import nominal
 from tests.shared_data import shared_file
+from tests.studies.comparison.benchmark import finer
 
 STOPS = {"white", "nothing significant", "nothing improves held-out error", "limit"}
 

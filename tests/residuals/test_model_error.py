@@ -12,9 +12,8 @@ from pydantic import ValidationError
 from brv_hypo.flight import load_flight, save_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, mechanism_of
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_of
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.baseline import start_model
@@ -124,17 +123,17 @@ def test_a_file_that_contradicts_itself_is_refused(content: dict[str, Any]) -> N
 
 
 def test_what_follows_the_records_time_does_not_last() -> None:
-    always = TimeFunction("constant")
+    always = TimeBasis("constant")
     terms = (
-        FiledTerm(name="late", axis="body_y", factors=(Factor(of="time", function="step", at=1.0),)),
-        FiledTerm(name="slow", axis="body_y", factors=(Factor(of="mach", function="step", at=9.0, width=1.0),)),
+        YamlTerm(name="late", axis="body_y", factors=(Factor(of="time", function="step", at=1.0),)),
+        YamlTerm(name="slow", axis="body_y", factors=(Factor(of="mach", function="step", at=9.0, width=1.0),)),
     )
     described = mechanism_of(MechanismFile(name="described", title="t", claims="c", source="a test", terms=terms))
     columns = (
-        Column("described", "late", (), always, "1"),
-        Column("described", "slow", (), always, "1"),
-        Column("trim", "C_m0", (), always, "1"),
-        Column("trim", "C_m0", (), TimeFunction("jump", 1.0), "1"),
+        Regressor("described", "late", (), always, "1"),
+        Regressor("described", "slow", (), always, "1"),
+        Regressor("trim", "C_m0", (), always, "1"),
+        Regressor("trim", "C_m0", (), TimeBasis("jump", 1.0), "1"),
     )
     found = lasting(columns, {"described": described, "trim": find("trim")})
     assert found.tolist() == [False, True, True, False]
@@ -144,7 +143,7 @@ def with_a_jump(result: Trace, found_on: str, elsewhere: float | None = None) ->
     """The model of a trace with a body-fixed moment from 2 s on."""
     definition = result.model.definition
     columns = tuple(
-        column.model_copy(update={"elsewhere": elsewhere if column.term == "C_N0" else None})
+        column.model_copy(update={"elsewhere": elsewhere if column.term == "C_m0" else None})
         for column in definition.columns
     )
     zeros = tuple(0.0 for _ in columns)
@@ -170,7 +169,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Flight:
 
 @pytest.fixture(scope="module")
 def elsewhere(record: Flight) -> Prediction:
-    """By a model of another flight, whose C_N0 is its own there."""
+    """By a model of another flight, whose C_m0 is its own there."""
     return predict(record, with_a_jump(traced_trim(), "another.h5", elsewhere=1.5e-4))
 
 
@@ -193,7 +192,7 @@ def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record
 
 
 def test_elsewhere_what_stays_has_its_own_coefficient(elsewhere: Prediction) -> None:
-    assert next(term.value for term in elsewhere.frozen if term.name == "C_N0") == 1.5e-4
+    assert next(term.value for term in elsewhere.frozen if term.name == "C_m0") == 1.5e-4
     known = {term.name: term.std_error for term in traced_trim().model.terms}
     for term in elsewhere.frozen:
         assert term.std_error == pytest.approx(np.sqrt(WIDER) * known[term.name], rel=1e-6)

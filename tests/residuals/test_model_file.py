@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
+from brv_hypo.cli.analyses import starting_model
 from brv_hypo.cli.session import Session
-from brv_hypo.cli.trace import starting_model
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms.filed import Factor, FiledTerm, MechanismFile, mechanism_text
+from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_text
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.model_file import model_text, read_model, read_structure
 from brv_hypo.residuals.restore import restored, saved
@@ -30,10 +30,18 @@ def declared() -> MechanismFile:
         Factor(of="mach", function="bump", at=float(place), width=float(places[1] - places[0])) for place in places
     )
     terms = tuple(
-        FiledTerm(name=f"hat {k}", axis="out_of_plane", units="1/rad", factors=(hat, Factor(of="alpha")))
+        YamlTerm(name=f"hat {k}", axis="out_of_plane", units="1/rad", factors=(hat, Factor(of="alpha")))
         for k, hat in enumerate(hats)
     )
     return MechanismFile(name="declared", title="t", claims="c", source="a test", terms=terms)
+
+
+@pytest.mark.parametrize(
+    ("earlier", "today"),
+    [("C_N0", "C_m0"), ("C_Nalpha drift 1", "C_malpha drift 1"), ("C_Nalpha_force", "C_Nalpha_force")],
+)
+def test_names_of_earlier_files_are_read(earlier: str, today: str) -> None:
+    assert SavedColumn(mechanism="static", term=earlier, units="1").term == today
 
 
 @pytest.fixture(scope="module")
@@ -95,13 +103,13 @@ def test_it_predicts_what_the_model_does(result: Trace, path: Path) -> None:
 @pytest.mark.thorough
 def test_an_edited_value_counts(path: Path, tmp_path: Path) -> None:
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    slope = next(column for column in content["columns"] if column["term"] == "C_Nalpha")
+    slope = next(column for column in content["columns"] if column["term"] == "C_malpha")
     slope["value"], slope["std_error"] = 1.5 * slope["value"], 0.25
     content.pop("covariance")
     edited = tmp_path / "edited.yaml"
     edited.write_text(yaml.safe_dump(content), encoding="utf-8")
     predicted = predict(trimmed().flight, edited)
-    term = next(term for term in predicted.frozen if term.name == "C_Nalpha")
+    term = next(term for term in predicted.frozen if term.name == "C_malpha")
     assert (term.value, term.std_error) == pytest.approx((slope["value"], 0.25))
     assert predicted.ratio > 10.0 * predict(trimmed().flight, path).ratio
 
@@ -125,7 +133,7 @@ def test_says_what_is_wrong(path: Path, tmp_path: Path, change, said: str) -> No
 
 
 def test_a_model_without_values_may_start_a_trace(tmp_path: Path) -> None:
-    model = SavedModel(columns=(SavedColumn(mechanism="static", term="C_N0", units="1"),))
+    model = SavedModel(columns=(SavedColumn(mechanism="static", term="C_m0", units="1"),))
     path = tmp_path / "structure.yaml"
     path.write_text(model_text(model), encoding="utf-8")
     assert read_structure(path) == model
@@ -140,7 +148,7 @@ def test_all_that_was_described_is_written() -> None:
             title=f"moment {number}",
             claims="c",
             source="s",
-            terms=(FiledTerm(name="a", axis="out_of_plane", factors=(Factor(of="alpha", power=number),)),),
+            terms=(YamlTerm(name="a", axis="out_of_plane", factors=(Factor(of="alpha", power=number),)),),
         )
         for number in (1, 2)
     )

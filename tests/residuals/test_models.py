@@ -10,14 +10,14 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.filed import FiledTerm, MechanismFile, Turn
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, Turn, YamlTerm
 from brv_hypo.residuals import Trace, TraceConfig, trace
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.restore import restored, saved
 from brv_hypo.residuals.saved import SavedColumn, SavedModel, SavedRecordError
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from tests.chains import ONE_EFFECT, TRIM, traced_trim, trimmed, trimmed_cone
 from tests.flights import nominal
+from tests.studies.loop.planting import another_flight
 
 QUICK = TraceConfig(effects=("trim", "gyro_scale", "accel_scale"), discover=False)
 SCALE = 0.01  # known to 1e-3
@@ -139,7 +139,7 @@ def test_a_trace_that_starts_from_a_model_finds_its_residual(
 
 
 def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
-    term = FiledTerm(name="a", axis="body_y", turn=Turn(of="time", rate=5.0))
+    term = YamlTerm(name="a", axis="body_y", turn=Turn(of="time", rate=5.0))
     file = MechanismFile(name="found", title="t", claims="c", source="s", terms=(term,))
     content = SavedModel(columns=(SavedColumn(mechanism="found", term="a", units="1"),), files=(file,))
     model = restored(content, (flight,))

@@ -9,23 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brv_hypo.cli.session import PREDICTION_CHARTS
 from brv_hypo.constants import CHANGE_CHANCE, HELD_OUT_SHORTEST
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.report.blocks import Table, Texts
-from brv_hypo.report.chart_names import PREDICTION
+from brv_hypo.report.document import Table, Texts
+from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
-from brv_hypo.report.pages import page
 from brv_hypo.report.prediction import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
-from brv_hypo.report.provenance import provenance
-from brv_hypo.report.rows import CONTRADICTED
+from brv_hypo.report.tables import CONTRADICTED
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, simulate
 from tests.chains import TRIM, traced_trim, trimmed_cone
 from tests.shared_data import shared_file
+from tests.studies.loop.planting import another_flight
 
 SISTERS_TRIM = (-TRIM[0], TRIM[1])
 # A change of the sister's slope of 1/rad, and when.
@@ -55,7 +54,7 @@ def held(traced: Trace, sister: Flight) -> Prediction:
 
 def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
-    assert "C_Nalpha" in {term.name for term in predicted.frozen}
+    assert "C_malpha" in {term.name for term in predicted.frozen}
     for term, planted in zip(predicted.refitted, SISTERS_TRIM, strict=True):
         assert term.std_error > 0.0
         assert abs(term.value - planted) < 0.1 * TRIM[0]
@@ -77,7 +76,7 @@ def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) 
 def changed(traced: Trace) -> Prediction:
     """A sister whose slope is another for a while."""
     data = another_flight(trimmed_cone(SISTERS_TRIM), 4).model_dump()
-    inplane = {"mechanism": "inplane", "terms": {"C_Nalpha": CHANGE}, "start": CHANGED_S[0], "stop": CHANGED_S[1]}
+    inplane = {"mechanism": "inplane", "terms": {"C_malpha": CHANGE}, "start": CHANGED_S[0], "stop": CHANGED_S[1]}
     config = SimulationConfig.model_validate({**data, "mechanisms": (*data["mechanisms"], inplane)})
     return predict(simulate(config, seed=5).flight, traced.model.definition, ("trim",))
 
@@ -85,7 +84,7 @@ def changed(traced: Trace) -> Prediction:
 def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) -> None:
     change = changed.local_change
     assert change is not None
-    assert change.term == "C_Nalpha"
+    assert change.term == "C_malpha"
     assert (change.start_s, change.stop_s) == pytest.approx(CHANGED_S, abs=0.05)
     assert change.value == pytest.approx(CHANGE, abs=4.0 * change.std_error)
     assert change.p_value < CHANGE_CHANCE
@@ -97,7 +96,7 @@ def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction
     document = prediction_document(changed)
     tables = [block for block in document.blocks if isinstance(block, Table)]
     rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
-    assert [row[0] for row in rows] == ["C_Nalpha"]
+    assert [row[0] for row in rows] == ["C_malpha"]
     assert Prediction.model_validate_json(changed.model_dump_json(by_alias=True)) == changed
 
 
@@ -186,7 +185,7 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
     for column in wrong["columns"]:
         column["value"] *= -2.0
     said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
-    assert "The frozen model does not hold here, and leaves" in said
+    assert "The frozen model does not hold here: its error is" in said
     assert "`--refit trim,instruments` lets this flight have its own" in said
     assert "--refit" not in predicted.reason
 
@@ -196,7 +195,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(
 ) -> None:
     """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
     assert held.error.frozen > 2.0 * predicted.error.frozen
-    assert "`--refit trim,instruments` lets this flight have its own, and leaves about" in held.reason
+    assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
 
 
 @pytest.mark.shared
@@ -228,7 +227,7 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
-    assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION)
+    assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION_CHARTS)
     assert [panel.title for panel in chart.panels] == [f"{title}{THOUSANDTHS.suffix}" for title in BODY]
     assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
 
@@ -238,7 +237,7 @@ def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flig
     turned = predict(replace(sister, q=-sister.q), traced.model.definition)
     assert [(fault.channel, fault.fault) for fault in turned.record.faults] == [("q", "sign")]
     document = prediction_document(turned)
-    assert (document.conclusion_title, document.settled) == ("Record in doubt", False)
-    assert document.conclusion == f"{CONTRADICTED.format(told='left')} {turned.reason}"
+    assert (document.conclusion_title, document.decided) == ("Record in doubt", False)
+    assert document.conclusion == f"{CONTRADICTED.format(reported='left')} {turned.reason}"
     (warning,) = (block for block in document.blocks if isinstance(block, Texts) and block.warning)
     assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from brv_hypo.constants import BENT
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.conformance.samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
 from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.motion.measurement import BENT
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import (
     has_schedule,
@@ -48,9 +48,9 @@ def test_a_known_course_is_the_sum_of_its_terms(low: float, ratio: float, size: 
     schedule = SlopeSchedule(low=low, high=low * ratio, size=size)
     terms = schedule.terms(MOTION, {})
     coefficients = np.random.default_rng(1).standard_normal(len(terms))
-    (course,) = schedule.course(coefficients.tolist()).terms(MOTION, {})
+    (known_schedule,) = schedule.known_schedule(coefficients.tolist()).terms(MOTION, {})
     total = sum(value * term.in_plane for value, term in zip(coefficients, terms, strict=True))
-    np.testing.assert_allclose(course.in_plane, total, atol=1e-12)
+    np.testing.assert_allclose(known_schedule.in_plane, total, atol=1e-12)
     place = np.log(np.clip(MOTION.mach, low, low * ratio) / low) / np.log(ratio)
     np.testing.assert_allclose(terms[2].in_plane, MOTION.alpha * np.cos(3.0 * np.pi * place), atol=1e-12)
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column, term_column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.regression.linear import covariance_of
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import start_model, starting_columns, tolerated, with_priors
@@ -20,8 +19,8 @@ from brv_hypo.residuals.problem import linearised_at, problem_of
 from brv_hypo.residuals.sizes import whole_fit
 from tests.chains import TRIM, traced_trim
 from tests.flights import nominal
-from tests.independent.effects import sized
 from tests.ranking.pulse import fitted, pulse
+from tests.studies.independent.effects import sized
 
 CONFIG = TraceConfig(maximum_likelihood=False, discover=False)
 
@@ -50,7 +49,7 @@ def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: State) 
     design = problem.whole_design(here.null.frame, here.null.columns)
     values = np.linalg.lstsq(design, problem.raw_response, rcond=None)[0]
     known = covariance_of(design, problem.raw_response - design @ values, problem.samples, 1.0)
-    jumps = [k for k, column in enumerate(here.null.columns) if column.course.kind == "jump"]
+    jumps = [k for k, column in enumerate(here.null.columns) if column.time_basis.kind == "jump"]
     assert jumps
     assert np.all(np.diag(covariance)[jumps] > 1.01 * np.diag(known)[jumps])
 
@@ -59,7 +58,7 @@ def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
     flight = nominal().flight
     model = start_model((flight,), [find("trim")])
     assert "trim" in [mechanism.name for mechanism in tolerated(model, flight)]
-    held = replace(model, columns=(Column("trim", "C_m0", (), TimeFunction("constant"), "1"),))
+    held = replace(model, columns=(Regressor("trim", "C_m0", (), TimeBasis("constant"), "1"),))
     assert "trim" not in [mechanism.name for mechanism in tolerated(held, flight)]
     result = traced_trim()
     found = {term.name: term for term in result.model.terms if term.mechanism == "trim"}
@@ -78,7 +77,7 @@ def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_bette
     config = CONFIG.model_copy(update={"baseline": "constant"})
     model = start_model(flights, [find("mach_stiffness")], "constant")
     seen = see(flights, model, config)
-    motion, always = seen.reconstructions[0].motion, TimeFunction("constant")
+    motion, always = seen.reconstructions[0].motion, TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
     model = with_priors(replace(model, columns=(*starting_columns(model, seen.frame), *powers)), seen)

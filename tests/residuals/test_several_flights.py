@@ -10,9 +10,9 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
-from brv_hypo.residuals.planting import another_flight
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from tests.studies.loop.planting import another_flight
 
 pytestmark = pytest.mark.thorough
 
@@ -50,7 +50,7 @@ def test_what_follows_the_motion_is_shared(result: Trace) -> None:
     terms = [term for term in result.model.terms if term.mechanism == "magnus"]
     assert len(terms) == 1
     assert abs(terms[0].value - MAGNUS) < 0.1 * abs(MAGNUS)
-    assert len([term for term in result.model.terms if term.name == "C_Nalpha"]) == 1
+    assert len([term for term in result.model.terms if term.name == "C_malpha"]) == 1
 
 
 @pytest.mark.parametrize("number", [0, 1])

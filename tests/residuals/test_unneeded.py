@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from brv_hypo.mechanisms import find
-from brv_hypo.model.columns import Column
-from brv_hypo.model.time_variation import TimeFunction
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import start_model, starting_columns
@@ -29,7 +28,7 @@ def model_of(*names: str) -> Model:
     frame = see(flights, model, CONFIG).frame
     terms = {name: find(name).terms(frame.motions[0], {}) for name in names}
     others = tuple(
-        Column(name, term.name, (), TimeFunction("constant"), term.units) for name in names for term in terms[name]
+        Regressor(name, term.name, (), TimeBasis("constant"), term.units) for name in names for term in terms[name]
     )
     columns = (*starting_columns(model, frame), *fitted("bodyfixed").selected, *others)
     return replace(model, columns=columns, added=("bodyfixed", *names))

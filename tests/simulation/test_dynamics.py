@@ -7,11 +7,10 @@ import pytest
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.simulation import SimulationConfig, load_config
-from brv_hypo.simulation.dynamics import ATTITUDE, EARTH_RADIUS, RATES, VELOCITY
 from brv_hypo.simulation.integration import Trajectory
 from brv_hypo.simulation.rotation import matrix, to_frame, transform
 from brv_hypo.simulation.simulator import flown
-from brv_hypo.simulation.system import system
+from brv_hypo.simulation.vehicle import ATTITUDE, EARTH_RADIUS, RATES, VELOCITY, system
 
 BODY = {"mass": 100.0, "ixx": 6.0, "iyy": 60.0, "reference_length": 0.6, "reference_area": 0.28}
 
@@ -83,7 +82,7 @@ def test_undamped_linear_epicyclic_frequencies(roll_rate: float) -> None:
         "roll_rate": roll_rate,
         "coning_rate": 3.0,
     }
-    config = body(density=0.02, step=0.0025, duration=4.0, aerodynamics={"C_Nalpha": -0.1}, start=start)
+    config = body(density=0.02, step=0.0025, duration=4.0, aerodynamics={"C_malpha": -0.1}, start=start)
     stiffness = 0.5 * 0.02 * 7000.0**2 * BODY["reference_area"] * BODY["reference_length"] * 0.1 / BODY["iyy"]
     half = 0.5 * BODY["ixx"] / BODY["iyy"] * roll_rate
     expected = sorted([half + np.hypot(half, np.sqrt(stiffness)), half - np.hypot(half, np.sqrt(stiffness))])
@@ -151,10 +150,10 @@ PLANTS = {
     ),
     "lag from the start": ({"mechanism": "lag", "theta": {"delay": 0.03}, "terms": {"lag fraction": 0.5}},),
     "jump off the grid": (
-        {"mechanism": "inplane", "terms": {"C_N0": 3e-4, "C_Nalpha": 0.02}, "start": 0.7117},
+        {"mechanism": "inplane", "terms": {"C_m0": 3e-4, "C_malpha": 0.02}, "start": 0.7117},
     ),
     "jump that sticks": (
-        {"mechanism": "inplane", "terms": {"C_N0": 3e-4}, "start": 0.7117},
+        {"mechanism": "inplane", "terms": {"C_m0": 3e-4}, "start": 0.7117},
         {"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.3}},
     ),
 }

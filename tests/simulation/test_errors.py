@@ -10,11 +10,11 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight, load_truth
-from brv_hypo.flight.instruments import of_grade
+from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.mechanisms import RecordEffect, installed, record_effects
 from brv_hypo.motion import reconstruct
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate, simulate_batch
-from brv_hypo.simulation.errors import drawn, start_of, with_errors
+from brv_hypo.simulation.instruments import drawn, start_of, with_errors
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
 
 SHORT = {"duration": 0.5, "sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}

@@ -10,10 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.errors import UsageError
 from brv_hypo.simulation import load_config, simulate
-from brv_hypo.simulation.dynamics import ATTITUDE
 from brv_hypo.simulation.rotation import matrix, to_body, to_frame
 from brv_hypo.simulation.simulator import flown
-from brv_hypo.simulation.system import system
+from brv_hypo.simulation.vehicle import ATTITUDE, system
 
 CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | {"duration": 0.5}
 

@@ -10,12 +10,11 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import Mechanism, find, mechanisms
-from brv_hypo.model.time_variation import TimeFunction
-from brv_hypo.motion.history import recorded
-from brv_hypo.motion.motion import Motion
+from brv_hypo.model.term import TimeBasis
+from brv_hypo.motion.motion import Motion, recorded
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.simulation.simulator import flown
-from brv_hypo.simulation.system import system
+from brv_hypo.simulation.vehicle import system
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
 
 CONE = load_config("research_cone").model_copy(update={"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S})
@@ -28,7 +27,7 @@ PLANTED: dict[str, dict[str, Any]] = {
     },
     "inplane": {
         "mechanism": "inplane",
-        "terms": {"C_N0": 1e-4, "C_Nalpha": 0.01},
+        "terms": {"C_m0": 1e-4, "C_malpha": 0.01},
         "kind": "ramp",
         "start": 0.3,
     },
@@ -96,14 +95,14 @@ def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     motion = true_motion(config)
     entry = config.mechanisms[0]
     mechanism = find(entry.mechanism, entry.options)
-    course = TimeFunction(
+    time_basis = TimeBasis(
         entry.kind,
         -np.inf if entry.start is None else entry.start,
         np.inf if entry.stop is None else entry.stop,
     )(motion.time)
     terms = {term.name: term for term in mechanism.terms(motion, entry.theta)}
-    in_plane = sum(value * course * terms[key].in_plane for key, value in entry.terms.items())
-    out_of_plane = sum(value * course * terms[key].out_of_plane for key, value in entry.terms.items())
+    in_plane = sum(value * time_basis * terms[key].in_plane for key, value in entry.terms.items())
+    out_of_plane = sum(value * time_basis * terms[key].out_of_plane for key, value in entry.terms.items())
     size = np.sqrt(np.mean(truth.planted_in_plane**2 + truth.planted_out_of_plane**2))
     assert size > 1e-5
     # One sample beside an edge may lie on its other side by rounding.
@@ -130,7 +129,7 @@ def test_any_installed_effect_can_be_planted(mechanism: Mechanism) -> None:
 def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:
     """C_mw of Eq. 5.1 holds the planted in-plane flow: the sticking moment grows with it."""
     alone = simulate(planting("sticking", duration=0.2), seed=1).truth
-    stronger = dict(PLANTED["inplane"], kind="jump", start=None, terms={"C_Nalpha": -0.0883})
+    stronger = dict(PLANTED["inplane"], kind="jump", start=None, terms={"C_malpha": -0.0883})
     config = load_config(
         {
             **planting("sticking", duration=0.2).model_dump(exclude={"plantable"}),
@@ -152,7 +151,7 @@ def test_moments_add_up_over_several_mechanisms() -> None:
 
 @pytest.mark.slow
 def test_stiffness_may_step_with_mach() -> None:
-    """C_Nalpha changes by the step where Mach passes it; nothing out of plane."""
+    """C_malpha changes by the step where Mach passes it; nothing out of plane."""
     aerodynamics = CONE.aerodynamics.model_dump() | {
         "C_mq": 0.0,
         "slope_variations": [

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.simulation import load_config
-from brv_hypo.simulation.atmosphere import standard_air
+from brv_hypo.simulation.air import standard_air
 from brv_hypo.simulation.rotation import from_pitch_roll, matrix, rate
-from brv_hypo.simulation.system import initial_state, system
+from brv_hypo.simulation.vehicle import initial_state, system
 
 angles = st.floats(-3.0, 3.0)
 CONE = load_config("research_cone").model_dump(exclude={"plantable"})

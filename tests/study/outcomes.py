@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from brv_hypo.study.draws import Draw
-from brv_hypo.study.outcome import Estimate, Outcome
+from brv_hypo.study.trial import Estimate, Outcome
 
 
 def outcome(

@@ -9,9 +9,9 @@ import time
 import pytest
 
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.study import read_study, run_study, workers
+from brv_hypo.study import read_study, run, run_study
+from brv_hypo.study.run import on_cluster, on_this_machine
 from brv_hypo.study.store import FLIGHTS
-from brv_hypo.study.workers import on_cluster, on_this_machine
 from tests.study.test_run import SMALL, VEHICLE
 
 
@@ -69,13 +69,13 @@ def test_a_fault_in_a_call_reaches_the_caller(cluster):
 
 @pytest.mark.thorough
 def test_an_address_where_nothing_answers_is_refused(monkeypatch):
-    monkeypatch.setattr(workers, "CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr(run, "CONNECT_SECONDS", 0.5)
     with pytest.raises(UsageError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:1'"):
         on_cluster("tcp://127.0.0.1:1")
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr(workers, "find_spec", lambda name: None)
+    monkeypatch.setattr(run, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"brv-hypo\[cluster\]"):
         on_cluster("tcp://127.0.0.1:1")
 

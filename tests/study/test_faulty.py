@@ -7,11 +7,11 @@ import pytest
 
 from brv_hypo.study import StudyConfig, run, run_study, summarise
 from brv_hypo.study.config import DrawsConfig, FaultDraws
-from brv_hypo.study.draws import draws, spoilt
-from brv_hypo.study.planted_faults import planted_faults
-from brv_hypo.study.record_faults import records
+from brv_hypo.study.draws import corrupted, draws
+from brv_hypo.study.faults import planted_faults
 from brv_hypo.study.trial import fly
 from tests.flights import nominal
+from tests.studies.record_faults import records
 from tests.study.outcomes import outcome
 
 STUDY = StudyConfig(vehicles=("research_cone",), planted=("none", "lag"), flights=100)
@@ -38,7 +38,7 @@ def test_an_unknown_kind_of_fault_is_refused_with_the_nearest():
 def test_a_fault_changes_its_channels_and_no_others(fault):
     record = nominal().record
     (draw, *_) = draws(with_faults(share=1.0, kinds=(fault.name,)))
-    found = spoilt(record, draw)
+    found = corrupted(record, draw)
     if fault.channels == ("time",):
         assert found.time.size < record.time.size or np.any(found.time != record.time)
         return

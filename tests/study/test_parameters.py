@@ -8,8 +8,7 @@ import pytest
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.effect import effect_size
-from brv_hypo.study.parameters import estimates
+from brv_hypo.study.trial import effect_size, estimates
 from tests.flights import flown, nominal
 
 

@@ -8,12 +8,18 @@ import pytest
 from brv_hypo.constants import TEMPERATURE
 from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.study import StudyConfig, summarise
-from brv_hypo.study.calibration import best_temperature, calibration, log_loss
-from brv_hypo.study.confusion import confusion, false_alarms
-from brv_hypo.study.coverage import coverages
-from brv_hypo.study.detection import detection_limits, logistic
-from brv_hypo.study.outcome import Estimate
-from brv_hypo.study.shares import share
+from brv_hypo.study.statistics import (
+    best_temperature,
+    calibration,
+    confusion,
+    coverages,
+    detection_limits,
+    false_alarms,
+    log_loss,
+    logistic,
+    share,
+)
+from brv_hypo.study.trial import Estimate
 from tests.study.outcomes import outcome
 
 

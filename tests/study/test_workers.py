@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
-from brv_hypo.study.workers import on_this_machine
-from tests.kill.victim import orphans_of
+from brv_hypo.study.run import on_this_machine
+from tests.harness.kill.victim import orphans_of
 
 # Workers take seconds to begin: a parent that dies before has given them nothing to do.
 KILLED_EARLY = """
 import os, signal, sys, threading, time
 sys.path[:0] = {paths!r}
-from brv_hypo.study.workers import on_this_machine
+from brv_hypo.study.run import on_this_machine
 
 threading.Timer({after}, os.kill, (os.getpid(), signal.SIGKILL)).start()
 list(on_this_machine(2)(time.sleep, [0.5] * 100))

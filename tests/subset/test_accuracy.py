@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.subset import SubsetResult, best_subsets
-from brv_hypo.subset.problems import polynomial_problem
 from tests.shared_data import shared_file
+from tests.studies.subset.problems import polynomial_problem
 
 NIST = ("Norris", "Pontius", "NoInt1", "NoInt2", "Filip", "Longley", *(f"Wampler{i}" for i in range(1, 6)))
 # Filip: x^10 rounded to double moves the solution itself (condition 1.8e15); with the columns handed over in

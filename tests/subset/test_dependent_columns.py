@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_columns, best_subsets, frame, tree_numpy
+from brv_hypo.subset import best_columns, best_subsets, frame, tree
 from brv_hypo.subset.frame import Frame
-from brv_hypo.subset.pieces import Leaf, OpenSubtree, make_leaf
+from brv_hypo.subset.tree import Leaf, OpenSubtree, make_leaf
 from tests.subset.brute_force import enumerate_subsets
 
 RNG = np.random.default_rng(11)
@@ -110,7 +110,7 @@ def test_a_leaf_is_made_once(monkeypatch: pytest.MonkeyPatch, kernel: str) -> No
         made.append((part.included, part.undecided))
         return make_leaf(own, part, room)
 
-    monkeypatch.setattr(tree_numpy, "make_leaf", counted)
+    monkeypatch.setattr(tree, "make_leaf", counted)
     best_subsets(*sums(6), 5, forced=(), kernel=kernel)
     assert len(made) == len(set(made)) > 3
 

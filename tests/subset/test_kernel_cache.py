@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.subset import best_columns, search
-from brv_hypo.subset.kernel_cache import kernel_on_disk
-from brv_hypo.subset.problems import spline_problem
-from brv_hypo.subset.search import COMPILING_NODES, LOADING_NODES, Effort
+from brv_hypo.subset.search import COMPILING_NODES, LOADING_NODES, Effort, kernel_on_disk
+from tests.studies.subset.problems import spline_problem
 
 HERE = f"py{sys.version_info.major}{sys.version_info.minor}"
 

@@ -10,7 +10,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.subset import at_most_one, best_subsets, stepwise, together
-from brv_hypo.subset.problems import correlated_problem, spline_problem
+from tests.studies.subset.problems import correlated_problem, spline_problem
 
 
 @pytest.fixture(scope="module")

@@ -62,8 +62,8 @@ def test_press_cut_short_says_how_far_it_may_be_off() -> None:
 def test_near_ties_are_all_there(window: float, kernel: str) -> None:
     X, y = _problem(1)
     table = enumerate_subsets(X, y, (0,), range(1, 9), 5)
-    result = best_subsets(X, y, 5, near_tie_window=window, kernel=kernel)
-    for ties in result.near_ties:
+    result = best_subsets(X, y, 5, near_optimal_window=window, kernel=kernel)
+    for ties in result.near_optimal:
         rows = table[ties.size]
         expected = {columns for rss, columns in rows if rss <= rows[0][0] * (1.0 + window)}
         assert ties.complete
@@ -73,5 +73,5 @@ def test_near_ties_are_all_there(window: float, kernel: str) -> None:
 
 def test_near_ties_beyond_the_limit_are_declared_incomplete() -> None:
     X, y = _problem(1)
-    ties = best_subsets(X, y, 3, near_tie_window=5.0, enumeration_limit=3).near_ties
+    ties = best_subsets(X, y, 3, near_optimal_window=5.0, enumeration_limit=3).near_optimal
     assert [(t.complete, len(t.columns)) for t in ties] == [(False, 3)] * 3

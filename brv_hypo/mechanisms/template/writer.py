@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 
 from brv_hypo.errors import UsageError
-from brv_hypo.files.whole import whole_folder
+from brv_hypo.io.atomic import whole_folder
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 

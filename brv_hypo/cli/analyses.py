@@ -1,0 +1,271 @@
+"""`brv-hypo compare`, `trace` and `predict`: competing mechanisms ranked, the residual traced to its effects, a
+model of other flights on this one.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.session import PREDICTION_CHARTS, TRACE_CHARTS, Session, comparison_names, in_session
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.io.atomic import write_whole
+from brv_hypo.io.mappings import YAML_ENDINGS, read_json
+from brv_hypo.io.text import one_line
+
+if TYPE_CHECKING:
+    from brv_hypo.ranking import CompareConfig, Comparison
+    from brv_hypo.residuals.saved import SavedModel
+
+
+# ---- `brv-hypo compare`: competing mechanisms on one flight or several, ranked, with a verdict ----
+
+
+Mechanisms = Annotated[
+    str | None,
+    typer.Option(
+        "--mechanisms",
+        metavar="NAME,NAME",
+        autocompletion=options.hypotheses,
+        help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; all installed if left out.",
+    ),
+]
+
+
+@in_session("json", "report", "figures", "force", "plugin")
+def compare(
+    session: Session,
+    flights: options.FlightFiles,
+    mechanisms: Mechanisms = None,
+    config: options.Config = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    instruments: options.Instruments = None,
+    accept_record: options.AcceptRecord = False,
+    seed: options.Seed = None,
+) -> None:
+    """Fit competing mechanisms, rank them and give a verdict."""
+    session.claim(charts=comparison_names(len(flights)))
+    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.ranking import CompareConfig
+    from brv_hypo.ranking import compare as rank
+    from brv_hypo.settings import read_settings
+
+    accepted = {"accept_record": True} if accept_record else {}
+    settings = read_settings(CompareConfig, config, **chosen(mechanisms), **accepted)
+    records = [load_for_analysis(path, start, stop, instruments) for path in flights]
+    with session.progress("comparing") as progress:
+        comparison = rank(records, settings, progress=progress)
+    report_comparison(session, comparison, settings)
+
+
+def report_comparison(session: Session, comparison: Comparison, settings: CompareConfig) -> None:
+    """To the terminal, and to JSON, HTML and picture files where they were asked for."""
+    from brv_hypo.report.comparison import comparison_document
+
+    document = comparison_document(comparison)
+    session.present(document)
+    session.write_json(comparison)
+    if session.quiet or session.json_only:
+        for warning in comparison.warnings:
+            if "is left out" in warning:
+                session.warn(warning)
+    session.write_report(document, settings, [flight.path for flight in comparison.flights])
+    if comparison.verdict.outcome == "record fault":
+        raise typer.Exit(UnanswerableError.exit_code)
+
+
+def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
+    """The setting that `--mechanisms` makes: its names; nothing where it was left out. Raises UsageError for none."""
+    if mechanisms is None:
+        return {}
+    names = tuple(name.strip() for name in mechanisms.split(",") if name.strip())
+    if not names:
+        raise UsageError(
+            f"--mechanisms names none ({mechanisms!r}). Give names, as in lag,sticking+bodyfixed, or leave the option "
+            "out to compare all that are installed."
+        )
+    return {"mechanisms": names}
+
+
+# ---- `brv-hypo trace`: what a model leaves over, traced to the effect that it lacks ----
+
+
+Model = Annotated[
+    Path | None,
+    typer.Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
+]
+MechanismFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
+    ),
+]
+
+
+ModelFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
+    ),
+]
+Aero = Annotated[
+    Path | None,
+    typer.Option(
+        "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
+    ),
+]
+
+
+@in_session("json", "report", "figures", "force", "plugin")
+def trace(
+    session: Session,
+    flights: options.FlightFiles,
+    model: Model = None,
+    aero: Aero = None,
+    mechanism_file: MechanismFile = None,
+    model_file: ModelFile = None,
+    config: options.Config = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    instruments: options.Instruments = None,
+    seed: options.Seed = None,
+) -> None:
+    """Trace what a model leaves over to its effects, one by one.
+
+    Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
+    """
+    session.claim(mechanism_file, model_file, charts=TRACE_CHARTS)
+    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.model.aero_table import read_aero_table
+    from brv_hypo.report.trace import trace_document
+    from brv_hypo.residuals import TraceConfig
+    from brv_hypo.residuals import trace as traced
+    from brv_hypo.residuals.model_file import model_text
+    from brv_hypo.settings import read_settings
+
+    chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
+    if aero is not None:
+        chosen["aero"] = read_aero_table(aero)
+    settings = read_settings(TraceConfig, config, **chosen)
+    records = [load_for_analysis(path, start, stop, instruments) for path in flights]
+    with session.progress("tracing") as progress:
+        result = traced(records, settings, progress=progress)
+    document = trace_document(result)
+    session.present(document)
+    session.write_json(result)
+    if model_file is not None:
+        write_whole(model_file, model_text(result.model.definition))
+        session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
+    if mechanism_file is not None:
+        _write_mechanism(session, mechanism_file, result.discovered)
+    session.write_report(document, settings, [record.path for record in records])
+
+
+def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:
+    """The discovered mechanism, where there is one."""
+    from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
+
+    if discovered is None:
+        session.warn(f"nothing was discovered, so {file} is not written")
+        return
+    write_whole(file, mechanism_text(discovered))
+    session.show(f"Wrote {file}: `brv-hypo compare FLIGHT.h5 --mechanisms {file}` compares it.")
+
+
+def starting_model(path: Path, session: Session) -> str | SavedModel:
+    """The model in a file of `trace --write-model`, or that a comparison or a trace, written with `--json`, ended with.
+
+    Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
+    Raises UsageError where the file is neither.
+    """
+    from brv_hypo.residuals.model_file import is_model, read_structure
+
+    if path.suffix in YAML_ENDINGS:
+        return read_structure(path)
+    content = read_json(path, "what `compare --json` or `trace --json` wrote")
+    if is_model(content):
+        return read_structure(path)
+    try:
+        if content["schema"] == "brv-hypo/compare/1":
+            return _of_comparison(content, session)
+        if content["schema"] == "brv-hypo/trace/1":
+            return _of_trace(content["model"], session)
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        raise UsageError(
+            f"{path} is not a model ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
+            "`trace --json` wrote."
+        ) from None
+    raise UsageError(
+        f"{path} holds {one_line(repr(content['schema']))}, expected the JSON of a comparison or of a trace."
+    )
+
+
+def _of_comparison(content: dict[str, Any], session: Session) -> str:
+    """The winner or, where there is none, the leader; what its likelihood says of the instruments is found anew."""
+    name = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
+    ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == name), {})
+    _say_found_anew(session, [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())])
+    return name
+
+
+def _of_trace(model: dict[str, Any], session: Session) -> str | SavedModel:
+    """The model itself, where the file holds its definition; else its mechanisms, fitted anew."""
+    from brv_hypo.residuals.saved import SavedModel
+
+    if "definition" in model:
+        return SavedModel.model_validate(model["definition"])
+    terms = model["terms"]
+    _say_found_anew(session, [term["mechanism"] for term in terms if term["channel"] == "record"])
+    moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
+    return "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
+
+
+def _say_found_anew(session: Session, errors: list[str]) -> None:
+    if errors:
+        session.warn(f"errors of the record are found anew: {', '.join(sorted(set(errors)))}")
+
+
+# ---- `brv-hypo predict`: what a model found on other flights says of this one ----
+
+
+@in_session("json", "report", "figures", "force", "plugin")
+def predict(
+    session: Session,
+    flight: options.FlightFile,
+    model: Annotated[
+        Path,
+        typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote."),
+    ],
+    refit: Annotated[
+        str,
+        typer.Option(
+            "--refit",
+            metavar="NAME,...",
+            help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
+            "instruments stands for all of these.",
+        ),
+    ] = "",
+    config: options.Config = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    instruments: options.Instruments = None,
+) -> None:
+    """Predict a flight with a model whose coefficients are frozen."""
+    session.claim(charts=PREDICTION_CHARTS)
+    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.report.prediction import prediction_document
+    from brv_hypo.residuals import TraceConfig
+    from brv_hypo.residuals import predict as predicted
+    from brv_hypo.settings import read_settings
+
+    settings = read_settings(TraceConfig, config)
+    names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
+    result = predicted(load_for_analysis(flight, start, stop, instruments), model, names, settings)
+    document = prediction_document(result)
+    session.present(document)
+    session.write_json(result)
+    session.write_report(document, settings, [flight, model])

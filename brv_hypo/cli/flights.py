@@ -1,0 +1,232 @@
+"""Flight records on the command line: `inspect`, `import`, `reconstruct`, and `simulate` and `demo`, whose
+mechanism is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
+from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, Session, comparison_names, in_session
+from brv_hypo.errors import UsageError
+
+if TYPE_CHECKING:
+    from brv_hypo.simulation import SimulatedFlight
+
+
+# ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
+
+
+@in_session("json", "force")
+def inspect(
+    session: Session,
+    flight: options.FlightFile,
+    start: options.Start = None,
+    stop: options.Stop = None,
+) -> None:
+    """Show what a record holds, its faults, and what is usable."""
+    session.claim()
+    from brv_hypo.flight import inspect_flight, load_flight
+    from brv_hypo.motion import try_record
+    from brv_hypo.report.listings import inspection_data, inspection_line, inspection_view
+
+    windowed = start is not None or stop is not None
+    loaded = load_flight(flight, start=start, stop=stop)
+    inspection = inspect_flight(loaded if windowed else flight)
+    trial = try_record(loaded)[1]
+    session.tell(inspection_view(inspection, trial, verbose=session.verbose), conclusion=inspection_line(inspection))
+    session.write_json(inspection_data(inspection, trial))
+
+
+@in_session("force")
+def import_(
+    session: Session,
+    data: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DATA", help="Foreign record: csv, parquet or mat. With --guess, other recorders' files after it."
+        ),
+    ],
+    mapping: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map."),
+    ] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Write a commented map, from names and physics, instead.")
+    ] = False,
+) -> None:
+    """Bring a foreign record in by a map; --guess writes one."""
+    if guess == (mapping is not None):
+        raise UsageError(
+            "import needs either --map MAP.yaml, which says what the columns are, or --guess, which writes such a map."
+        )
+    if guess:
+        _write_guess(session, data, output or Path(f"{data[0].stem}.map.yaml"))
+    elif len(data) > 1:
+        raise UsageError(
+            f"import --map brings in one file, got {len(data)}: the map names the others under recorders and vehicle. "
+            "Only --guess takes several."
+        )
+    elif mapping is None or output is None:
+        raise UsageError("import --map needs the record to write: -o flight.h5.")
+    else:
+        _bring_in(session, data[0], mapping, output)
+
+
+def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
+    session.claim(output)
+    from brv_hypo.importing.guess import guess_map
+    from brv_hypo.io.atomic import write_whole
+    from brv_hypo.report.style import bullets
+
+    found = guess_map(*data)
+    write_whole(output, found.text, overwrite=session.force)
+    session.show(bullets(found.unsure, "Missing or unsure", "yellow"))
+    session.show(
+        f"Wrote {output}. Read it, fill in the vehicle, then:\n"
+        f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
+    )
+
+
+def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None:
+    session.claim(output)
+    from brv_hypo.flight import save_flight
+    from brv_hypo.importing import bring_in
+    from brv_hypo.report.listings import phase_texts
+    from brv_hypo.report.style import bullets
+
+    found = bring_in(data, mapping)
+    flight = found.flight
+    save_flight(flight, output, raw=found.raw, overwrite=session.force)
+    session.show(bullets(flight.notes, "Notes"))
+    session.show(bullets(phase_texts(found.phases), "Phases (a map's window names one)"))
+    session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
+
+
+# ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
+
+
+class Method(StrEnum):
+    """The report's methods 3, 1 and 2, and Appendix A's."""
+
+    JOINT = "joint"
+    VELOCITY = "velocity"
+    RATES = "rates"
+    POLAR = "polar"
+
+
+@in_session("json", "report", "figures", "force")
+def reconstruct(
+    session: Session,
+    flight: options.FlightFile,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
+    ] = None,
+    method: Annotated[
+        Method | None, typer.Option("--method", help="How to find the wind; joint if left out.")
+    ] = None,
+    config: options.Config = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    instruments: options.Instruments = None,
+) -> None:
+    """Find wind-relative motion and moments, with uncertainty."""
+    session.claim(output, charts=RECONSTRUCTION_CHARTS)
+    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.model.reconstruction import reconstruct as reconstructed
+    from brv_hypo.motion import ReconstructionConfig, write_motion
+    from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
+    from brv_hypo.settings import read_settings
+
+    chosen = {} if method is None else {"method": method.value}
+    settings = read_settings(ReconstructionConfig, config, **chosen)
+    result = reconstructed(load_for_analysis(flight, start, stop, instruments), settings)
+    if output is not None:
+        write_motion(result, output, overwrite=session.force)
+    document = reconstruction_document(result)
+    session.present(document)
+    session.write_json(reconstruction_data(result))
+    session.write_report(document, settings, [result.flight.path])
+
+
+# ---- `brv-hypo simulate` and `brv-hypo demo`: flights whose mechanism is known ----
+
+
+DEMO = "demo"
+DEFAULT_SEED = 1
+
+Plant = Annotated[
+    str | None,
+    typer.Option(
+        "--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."
+    ),
+]
+
+
+@in_session("json", "force", "plugin")
+def simulate(
+    session: Session,
+    config: Annotated[
+        str,
+        typer.Argument(
+            metavar="CONFIG.yaml",
+            autocompletion=options.configurations,
+            help="Configuration, or the name of one that comes along.",
+        ),
+    ],
+    output: options.Output,
+    plant: Plant = None,
+    seed: options.Seed = None,
+) -> None:
+    """Fly a vehicle with planted mechanisms and instrument errors."""
+    session.claim(output)
+    from brv_hypo.report.listings import simulation_data, simulation_text
+
+    flown = fly(session, config, seed, () if plant is None else tuple(plant.split(",")))
+    flown.save(output, overwrite=session.force)
+    session.show(simulation_text(flown), f"Wrote {output}.")
+    session.write_json(simulation_data(flown, output))
+
+
+@in_session("json", "report", "figures", "force", "plugin")
+def demo(
+    session: Session,
+    mechanisms: Mechanisms = None,
+    config: options.Config = None,
+    seed: options.Seed = None,
+) -> None:
+    """Simulate a flight with planted flow sticking, then compare."""
+    session.claim(charts=comparison_names(1))
+    from brv_hypo.ranking import CompareConfig, compare
+    from brv_hypo.report.listings import simulation_text
+    from brv_hypo.settings import read_settings
+
+    settings = read_settings(CompareConfig, config, **chosen(mechanisms))
+    flown = fly(session, DEMO, seed, ())
+    session.show(simulation_text(flown), "")
+    with session.progress("comparing") as progress:
+        comparison = compare([flown.flight], settings, progress=progress)
+    report_comparison(session, comparison, settings)
+
+
+def fly(session: Session, config: str, seed: int | None, plant: tuple[str, ...]) -> SimulatedFlight:
+    """Simulate one flight, with a progress bar."""
+    from brv_hypo.simulation import simulate as simulated
+
+    with session.progress("simulating") as progress:
+        return simulated(
+            config,
+            seed=DEFAULT_SEED if seed is None else seed,
+            plant=plant,
+            progress=lambda fraction: progress("simulating", fraction),
+        )

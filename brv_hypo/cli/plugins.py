@@ -1,0 +1,283 @@
+"""What is installed, files to start from, and the manual: `brv-hypo mechanisms`, `config` and `docs`."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from brv_hypo.cli import options
+from brv_hypo.cli.session import Session, in_session
+from brv_hypo.cli.signals import guarded
+from brv_hypo.io.atomic import write_whole
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+
+# ---- `brv-hypo mechanisms`: what is installed; a new plugin; does a plugin keep the contract ----
+
+
+mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
+
+
+@mechanisms_app.callback()
+@guarded
+@in_session("json", "force", "plugin")
+def listing(session: Session, context: typer.Context) -> None:
+    """List what is installed; write or check a plugin."""
+    if context.invoked_subcommand is not None:
+        return
+    session.claim()
+    from brv_hypo.mechanisms import installed
+    from brv_hypo.report.listings import listing_data, listing_table
+
+    found = installed()
+    session.tell(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
+    session.write_json(listing_data(found))
+
+
+@mechanisms_app.command("new")
+@guarded
+@in_session()
+def new_plugin(
+    session: Session,
+    name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    effect: Annotated[
+        bool, typer.Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
+    ] = False,
+    directory: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+    ] = Path(),
+) -> None:
+    """Write a ready plugin package with its tests, to start from."""
+    from brv_hypo.mechanisms.template import write_plugin
+
+    written = write_plugin(name, directory, effect=effect)
+    part = "components and perturb" if effect else "the terms"
+    session.show(
+        f"Wrote {written}. Next:\n"
+        f"  pip install -e '{written}[test]'\n"
+        f"  brv-hypo mechanisms check {name}\n"
+        f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
+    )
+
+
+@mechanisms_app.command("check")
+@guarded
+@in_session("json", "force", "plugin")
+def check(
+    session: Session,
+    name: Annotated[
+        str, typer.Argument(autocompletion=options.installed, help="Name of an installed mechanism or effect.")
+    ],
+) -> None:
+    """Run the conformance kit on an installed mechanism or effect."""
+    session.claim()
+    from brv_hypo.mechanisms import find_installed
+    from brv_hypo.mechanisms.conformance import conformance
+    from brv_hypo.report.listings import conformance_data, conformance_table
+
+    outcomes = conformance(find_installed(name))
+    failed = [outcome.check for outcome in outcomes if not outcome.passed]
+    passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
+    session.tell(conformance_table(name, outcomes), conclusion=passed)
+    session.write_json(conformance_data(name, outcomes))
+    if failed:
+        session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
+        raise typer.Exit(1)
+    session.show(passed)
+
+
+# ---- `brv-hypo config`: commented files of settings to start from, and JSON schemas for editors ----
+
+
+config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+
+VEHICLE, STUDY, MAP = "research_cone", "study_planted", "launch12"
+"""What new simulations, studies and maps start from: files that come along, comments included."""
+
+
+class Kind(StrEnum):
+    """The commands that take settings."""
+
+    COMPARE = "compare"
+    TRACE = "trace"
+    RECONSTRUCT = "reconstruct"
+    SIMULATE = "simulate"
+    STUDY = "study"
+    IMPORT = "import"
+
+
+class Schema(StrEnum):
+    """What has a JSON schema: settings by command, and the results that --json writes."""
+
+    COMPARE = "compare"
+    TRACE = "trace"
+    RECONSTRUCT = "reconstruct"
+    SIMULATE = "simulate"
+    STUDY = "study"
+    IMPORT = "import"
+    COMPARE_RESULT = "compare-result"
+    TRACE_RESULT = "trace-result"
+    PREDICT_RESULT = "predict-result"
+
+
+@config_app.callback()
+def config() -> None:
+    """Write a commented file of settings, or print a JSON schema."""
+
+
+@config_app.command("new")
+@guarded
+@in_session("force")
+def new_settings(
+    session: Session,
+    kind: Annotated[Kind, typer.Argument(help="The command that reads the file.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
+    ] = None,
+) -> None:
+    """Write a commented file of settings, to change and use."""
+    path = Path(f"{kind.value}.yaml") if output is None else output
+    session.claim(path)
+    write_whole(path, _text(kind), overwrite=session.force)
+    use = {
+        "simulate": f"brv-hypo simulate {path} -o flight.h5",
+        "study": f"brv-hypo study {path} -o results",
+        "import": f"brv-hypo import log.csv --map {path} -o flight.h5",
+    }
+    session.show(f"Wrote {path}. Use it with:\n  {use.get(kind, f'brv-hypo {kind.value} flight.h5 --config {path}')}")
+
+
+@config_app.command("schema")
+@guarded
+@in_session()
+def schema(
+    session: Session,
+    kind: Annotated[Schema, typer.Argument(help="Settings of a command, or a result.")],
+) -> None:
+    """Print the JSON schema of settings or of a result."""
+    typer.echo(json.dumps(_model(kind.value).model_json_schema(by_alias=True), indent=2))
+
+
+def _text(kind: Kind) -> str:
+    """The file's content; of simulations and studies one that comes along, which needs more than defaults."""
+    from brv_hypo.settings import commented
+    from brv_hypo.simulation import config_path
+
+    if kind is Kind.SIMULATE:
+        return config_path(VEHICLE).read_text(encoding="utf-8")
+    if kind is Kind.STUDY:
+        return config_path(STUDY, "studies").read_text(encoding="utf-8")
+    if kind is Kind.IMPORT:
+        return config_path(MAP, "maps").read_text(encoding="utf-8")
+    return commented(_model(kind.value), f"Settings of `brv-hypo {kind.value}`")
+
+
+def _model(kind: str) -> type[BaseModel]:
+    from brv_hypo.importing.record_map import RecordMap
+    from brv_hypo.motion import ReconstructionConfig
+    from brv_hypo.ranking import CompareConfig, Comparison
+    from brv_hypo.residuals import Prediction, Trace, TraceConfig
+    from brv_hypo.simulation.config import SimulationConfig
+    from brv_hypo.study.config import StudyConfig
+
+    models: dict[str, type[BaseModel]] = {
+        "compare": CompareConfig,
+        "trace": TraceConfig,
+        "reconstruct": ReconstructionConfig,
+        "simulate": SimulationConfig,
+        "study": StudyConfig,
+        "import": RecordMap,
+        "compare-result": Comparison,
+        "trace-result": Trace,
+        "predict-result": Prediction,
+    }
+    return models[kind]
+
+
+# ---- `brv-hypo docs`: the manual, in the terminal or as an offline page ----
+
+
+NAME = "brv-hypo-manual.html"
+
+
+@in_session("force")
+def docs(
+    session: Session,
+    topic: Annotated[
+        str | None, typer.Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
+    ] = None,
+    notebooks: Annotated[
+        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the two notebooks that come along.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--open", help="Open the manual as a page in the browser.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="Write the manual as an offline page.")
+    ] = None,
+) -> None:
+    """Read the manual; without a topic, the list of topics."""
+    session.claim(output)
+    from brv_hypo.docs import text
+
+    if notebooks is not None:
+        _write_notebooks(session, notebooks)
+        return
+    if topic is not None:
+        text(topic)  # an unknown topic is refused whatever is to be done with it
+    if show or output is not None:
+        _as_page(session, topic, output, show)
+        return
+    from brv_hypo.docs.manual import ManualText
+
+    page = _topics() if topic is None else text(topic)
+    session.tell(ManualText(page), conclusion=page)
+
+
+def _topics() -> str:
+    from brv_hypo.docs import topics
+
+    lines = [f"- `{name}`: {title}" for name, title in topics().items()]
+    return "\n".join(
+        [
+            "# The manual",
+            "",
+            "`brv-hypo docs TOPIC` shows one of",
+            "",
+            *lines,
+            "",
+            "`brv-hypo docs --open` opens all of it as a page.",
+        ]
+    )
+
+
+def _write_notebooks(session: Session, folder: Path) -> None:
+    from brv_hypo.docs import notebooks
+    from brv_hypo.io.atomic import check_target, make_folder, write_whole
+
+    targets = {folder / name: content for name, content in notebooks().items()}
+    for path in targets:
+        check_target(path, overwrite=session.force)
+    make_folder(folder)
+    for path, content in targets.items():
+        write_whole(path, content, overwrite=session.force)
+    session.show(f"Wrote {', '.join(map(str, targets))}.")
+
+
+def _as_page(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
+    """Write the manual, among the temporary files where no other was named, and open it if it is to be shown."""
+    import tempfile
+    import webbrowser
+
+    from brv_hypo.docs.manual import manual_page
+    from brv_hypo.io.atomic import write_whole
+
+    path = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / NAME if output is None else output
+    write_whole(path, manual_page(), overwrite=True)
+    session.show(f"Wrote {path}.")
+    if show and not webbrowser.open(f"{path.resolve().as_uri()}{'' if topic is None else f'#{topic}'}"):
+        session.warn(f"no browser was found: open {path} yourself")

@@ -1,0 +1,92 @@
+"""The manual in a terminal, by rich, and as one HTML file that opens offline, with search.
+
+Both show code under the name of the file that it belongs in; in the terminal nothing of a table is cut.
+`ManualText` and `manual_page` are the entrances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import ClassVar
+
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.token import Token
+from markdown_it.utils import EnvType, OptionsDict
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.markdown import CodeBlock, Markdown, TableElement
+from rich.table import Table
+from rich.text import Text
+
+from brv_hypo.docs import file_of, text, topics
+from brv_hypo.version import version
+
+
+class _WholeTable(TableElement):
+    """A word that is longer than its column goes on in the next line."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for table in super().__rich_console__(console, options):
+            if isinstance(table, Table):
+                for column in table.columns:
+                    column.overflow = "fold"
+            yield table
+
+
+class _NamedCode(CodeBlock):
+    """Code under the name of the file that it belongs in."""
+
+    file = ""
+
+    @classmethod
+    def create(cls, markdown: Markdown, token: Token) -> _NamedCode:
+        block = super().create(markdown, token)
+        assert isinstance(block, cls)
+        block.file = file_of(token.info)
+        return block
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        if self.file:
+            yield Text(f"{self.file}:", "bold")
+        yield from super().__rich_console__(console, options)
+
+
+class ManualText(Markdown):
+    """A page of the manual."""
+
+    elements: ClassVar = {**Markdown.elements, "table_open": _WholeTable, "fence": _NamedCode}
+
+
+# ---- The whole manual as one HTML file that opens offline, with search ----
+
+
+def manual_page() -> str:
+    """Every topic in reading order, a list of them at the side, and a field that searches all of them."""
+    from brv_hypo.report.html import resource  # NumPy with it, which the terminal does without
+
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    markdown.add_render_rule("fence", _named_fence)
+    known = topics()
+    links = "".join(f'<li><a href="#{name}">{escape(title)}</a></li>' for name, title in known.items())
+    articles = "\n".join(f'<article id="{name}">{markdown.render(text(name))}</article>' for name in known)
+    style, own, script = (resource(name).decode() for name in ("page.css", "manual.css", "manual.js"))
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>brv-hypo {escape(version())}: the manual</title>\n<style>{style}{own}</style>\n</head>\n<body>\n"
+        '<nav><label for="search">Search</label><input id="search" type="search" autocomplete="off">'
+        f'<p id="found" class="quiet" role="status"></p><ul>{links}</ul></nav>\n'
+        f'<div class="manual">\n{articles}\n'
+        f'<footer class="quiet">brv-hypo {escape(version())}</footer>\n</div>\n'
+        f"<script>{script}</script>\n</body>\n</html>\n"
+    )
+
+
+def _named_fence(
+    renderer: RendererHTML, tokens: Sequence[Token], index: int, options: OptionsDict, env: EnvType
+) -> str:
+    """Code under the name of the file that it belongs in."""
+    file = file_of(tokens[index].info)
+    heading = f'<p class="file">{escape(file)}</p>\n' if file else ""
+    return heading + renderer.fence(tokens, index, options, env)

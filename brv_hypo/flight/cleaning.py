@@ -1,0 +1,465 @@
+"""Faults of single channels: stuck, clipped, dead, bursts of spikes, isolated spikes. Entrance: `mask_faults`.
+
+Stuck or clipped: a channel that is quantised, slow, or sampled and held repeats its values by nature. A run of
+constants counts only where the channel hardly ever repeats itself, or where it ends in a jump that no other step
+of the channel comes near; a flat top only where the extreme value is held far more often than the values beside it.
+Burst: 3 to 60 samples between two edges (a third difference beyond 8 robust standard deviations and 3 times any
+other around, as large as the departure to a factor of two), which the quintic through 8 samples on either side
+passes at more than 8 standard deviations of the channel's noise.
+Spike: one or two samples more than 8 robust standard deviations off the cubic through two samples on either side,
+and more than twice the largest second difference around: a sinusoid of any frequency reaches
+(2 sin(w h / 2))^2 / 6 < 2/3 of that, a step or a kink 1. Or 2.5 times the largest fourth difference: a kink
+reaches 1, a step 0.6, a sinusoid near the sampling rate 2.02 (tests/flight/test_spikes.py). A channel with more
+than 2 % of spikes is left as it is: they are its noise.
+What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a decisive fault is reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.flight.clock import JUMP_FLANK, bridge, joint_jumps, places_with_gaps, runs, stamped_steps
+from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
+from brv_hypo.flight.record import (
+    CHANNELS,
+    INERTIAL_CHANNELS,
+    OPTIONAL_CHANNELS,
+    Flight,
+    RecordFault,
+)
+from brv_hypo.io.text import counted
+from brv_hypo.thresholds import (
+    BURST_EDGE_OCTAVES,
+    BURST_LARGEST_FRACTION,
+    BURST_LONGEST,
+    BURST_MOST_EDGES,
+    BURST_SHORTEST,
+    BURST_SIGMAS,
+    BURST_TIMES_AROUND,
+    DEAD_CHANGE,
+    DEAD_NOISE,
+    DEAD_PUSH,
+    FLAT_RUN,
+    FLAT_SAMPLES,
+    FLAT_TIMES,
+    MOST_CLIPPED,
+    MOST_STUCK,
+    SPIKE_LARGEST_FRACTION,
+    SPIKE_LONGEST,
+    SPIKE_SIGMAS,
+    SPIKE_TIMES_CURVATURE,
+    SPIKE_TIMES_FOURTH,
+    STUCK_CHANCE,
+    STUCK_FEWEST_SAMPLES,
+    STUCK_LEAST_SHARE,
+    STUCK_RELEASE,
+    STUCK_REPEATS_SELDOM,
+)
+
+STUCK_BLOCKS = 20  # of a channel, in which it is counted how often values repeat
+STUCK_QUIET = 0.25  # quantile of the blocks in which a channel repeats itself least
+STUCK_LIVELY = 0.9  # quantile of those in which it does most
+STUCK_COMMON_STEP = 0.99
+FLAT_LEVELS = 3  # levels that are next to it
+SPIKE_NEIGHBOURS = 4  # samples on either side
+SPIKE_PASSES = 4  # as spikes hide each other
+BURST_FLANK = 8  # samples on either side, through which a polynomial goes
+BURST_ORDER = 5  # its degree
+
+
+# ---- Channels that stand still where they cannot: runs of constants, flat tops, dead channels ----
+
+
+def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
+    """The runs [start, stop) of `values` (n,), NaN where missing, over which the channel is stuck."""
+    equal = np.concatenate([np.diff(values) == 0.0, [False]])
+    if values.size < STUCK_FEWEST_SAMPLES or not np.any(equal):
+        return ()
+    shares = _shares(equal)
+    quiet, lively = float(np.quantile(shares, STUCK_QUIET)), float(np.quantile(shares, STUCK_LIVELY))
+    repeats = quiet > STUCK_REPEATS_SELDOM
+    share = max(lively if repeats else quiet, STUCK_LEAST_SHARE)
+    if share > 1.0 - 1.0 / STUCK_FEWEST_SAMPLES:
+        return ()
+    shortest = np.log(STUCK_CHANCE / values.size) / np.log(share)
+    stretches = runs(equal)
+    lengths = np.array([stop - start for start, stop in stretches])
+    found = [(start, stop + 1) for start, stop in stretches if stop - start >= shortest]
+    if not repeats:
+        found = [run for run in found if _expected(lengths, run[1] - run[0] - 1, share, values.size) < STUCK_CHANCE]
+    else:
+        steps = np.abs(np.diff(values))
+        common = float(np.quantile(steps[steps > 0.0], STUCK_COMMON_STEP)) if np.any(steps > 0.0) else np.inf
+        found = [run for run in found if _release(values, run) > STUCK_RELEASE * common]
+    return tuple(run for run in found if run[0] > 0 or values[0] != 0.0)
+
+
+def flat_tops(values: FloatArray) -> BoolArray:
+    """Which samples of `values` (n,) lie at a limit of the instrument, at either end of its range."""
+    found = np.zeros(values.size, dtype=np.bool_)
+    known = values[np.isfinite(values)]
+    if known.size < STUCK_FEWEST_SAMPLES:
+        return found
+    equal = np.diff(values) == 0.0
+    repeats = float(np.quantile(_shares(equal), STUCK_QUIET)) > STUCK_REPEATS_SELDOM
+    levels, counts = np.unique(known, return_counts=True)
+    near = slice(1, 1 + FLAT_LEVELS)
+    for level, own, others in ((levels[-1], counts[-1], counts[::-1][near]), (levels[0], counts[0], counts[near])):
+        at = values == level
+        lengths = [stop - start for start, stop in runs(at)]
+        # A single stretch at one value is a channel that is stuck, at whatever height.
+        if own < FLAT_SAMPLES or len(lengths) < 2 or not others.size:
+            continue
+        often, flat = own > FLAT_TIMES * int(np.max(others)), max(lengths) >= FLAT_RUN
+        if (often and flat) if repeats else (often or max(lengths) > FLAT_RUN):
+            found |= at
+    return found
+
+
+def is_constant(values: FloatArray) -> bool:
+    """Whether a channel (n,) has one value throughout."""
+    known = values[np.isfinite(values)]
+    return bool(known.size and known.min() == known.max())
+
+
+def _shares(equal: BoolArray) -> FloatArray:
+    """Share of repeated samples in each of some blocks."""
+    return np.array([float(np.mean(block)) for block in np.array_split(equal, STUCK_BLOCKS)])
+
+
+def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
+    """Runs of `length` repetitions that `size` samples hold by nature, from the channel's other runs up to that length.
+
+    Where a wave turns, a quantised channel goes on repeating itself far more often than it begins to.
+    """
+    others = lengths[lengths <= length]
+    repeated = int(others.sum()) - length
+    begins = max(share, repeated / size)
+    goes_on = max(begins, (repeated - (others.size - 1) + begins) / (repeated + 1))
+    return float(size * begins * goes_on ** (length - 1))
+
+
+def _release(values: FloatArray, run: tuple[int, int]) -> float:
+    """How far the channel jumps where the run ends; 0 where the record ends with it."""
+    if run[1] >= values.size or not np.isfinite(values[run[1]]):
+        return 0.0
+    return float(abs(values[run[1]] - values[run[1] - 1]))
+
+
+# ---- Spikes longer than two samples: a channel leaves its course and comes back to it ----
+
+
+EDGE_OF_STEP = 1.5
+"""Third difference, as taken here, of a step of one."""
+
+
+def find_bursts(values: FloatArray) -> BoolArray:
+    """Which samples of `values` (n,), NaN where missing, belong to bursts; none if too many would."""
+    found = np.zeros(values.size, dtype=np.bool_)
+    if values.size < 4 * BURST_FLANK:
+        return found
+    third = _third_difference(values)
+    finite = third[np.isfinite(third)]
+    scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
+    edges = _edges(third, scale)
+    if scale == 0.0 or edges.size > BURST_MOST_EDGES:
+        return found
+    sigma = sigma_of_differences([values])
+    for place, start in enumerate(edges):
+        for stop in edges[place + 1 :][::-1]:
+            if not BURST_SHORTEST <= stop - start <= BURST_LONGEST or np.any(found[start:stop]):
+                continue
+            if _is_burst(values, third, int(start), int(stop), sigma):
+                found[start:stop] = True
+                break
+    return found if np.count_nonzero(found) <= BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
+
+
+def _third_difference(values: FloatArray) -> FloatArray:
+    """At each sample, the jump from the one before less that of its neighbours; NaN at the ends."""
+    jumps = np.diff(values, prepend=np.nan)
+    around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
+    around[:2] = around[-1:] = np.nan
+    return np.asarray(jumps - around)
+
+
+def _edges(third: FloatArray, scale: float) -> IntArray:
+    """Where the third difference stands out, at the peaks of it."""
+    size = np.nan_to_num(np.abs(third))
+    peak = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
+    return np.flatnonzero(peak & (size > BURST_SIGMAS * scale)).astype(np.int64)
+
+
+def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigma: float) -> bool:
+    if start < BURST_FLANK + 2 or stop + BURST_FLANK + 2 > values.size:
+        return False
+    around = np.abs(np.concatenate([third[start - BURST_FLANK : start - 1], third[stop + 2 : stop + BURST_FLANK]]))
+    edge = min(abs(third[start]), abs(third[stop]))
+    # Most pairs of edges end here, before the fit, which costs a hundred times as much.
+    if not edge > BURST_TIMES_AROUND * float(np.max(np.nan_to_num(around))):
+        return False
+    if not np.all(np.isfinite(values[start - BURST_FLANK : stop + BURST_FLANK])):
+        return False
+    before, after = np.arange(start - BURST_FLANK, start), np.arange(stop, stop + BURST_FLANK)
+    flanks = np.concatenate([before, after])
+    middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + BURST_FLANK
+    quintic = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], BURST_ORDER)
+    inside = np.arange(start, stop)
+    departure = values[inside] - quintic((inside - middle) / reach)
+    ends, steps = departure[[0, -1]], np.array([third[start], -third[stop]]) / EDGE_OF_STEP
+    return bool(
+        min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > BURST_SIGMAS * sigma
+        and np.all(steps * ends > 0.0)
+        and np.all(np.abs(np.log2(steps / ends)) < BURST_EDGE_OCTAVES)
+    )
+
+
+# ---- Isolated spikes: found by a rule that clean data, however fast the motion, cannot meet ----
+
+
+def find_spikes(values: FloatArray) -> BoolArray:
+    """Which samples of `values` (n,), NaN where missing, are isolated spikes; none if too many would be."""
+    found = np.zeros(values.size, dtype=np.bool_)
+    index = np.arange(values.size, dtype=np.float64)
+    cleaned = values.copy()
+    for _ in range(SPIKE_PASSES):
+        fresh = _one_pass(cleaned)
+        if not np.any(fresh):
+            break
+        found |= fresh
+        cleaned[fresh] = np.nan
+        cleaned = np.where(found, bridge(index, cleaned, SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
+    return found if np.count_nonzero(found) <= SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
+
+
+def despiked(flight: Flight) -> Flight:
+    """The flight with isolated spikes replaced by a cubic spline, and notes with channels and counts."""
+    cleaned: dict[str, Any] = {}
+    notes = []
+    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
+        values = getattr(flight, name)
+        if values is None:
+            continue
+        spikes = find_spikes(values)
+        if np.any(spikes):
+            cleaned[name] = without_spikes(flight.time, values, spikes)
+            notes.append(spike_note(name, spikes, flight.time))
+    return replace(flight, notes=(*flight.notes, *notes), **cleaned) if cleaned else flight
+
+
+def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> FloatArray:
+    """`values` (n,) at `time` (n,) with `spikes` (n,) replaced by a cubic spline through the others."""
+    return bridge(time, np.where(spikes, np.nan, values), SPIKE_LONGEST) if np.any(spikes) else values
+
+
+def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
+    """What to say of spikes that were replaced in a channel."""
+    at = np.flatnonzero(spikes)
+    return f"{name}: {counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
+
+
+def _one_pass(values: FloatArray) -> BoolArray:
+    """The spikes that stand out now, longest-standing first where candidates overlap."""
+    spikes = np.zeros(values.size, dtype=np.bool_)
+    for length in range(1, SPIKE_LONGEST + 1):
+        for start in _candidates(values, length):
+            if not np.any(spikes[max(0, start - 2) : start + length + 2]):
+                spikes[start : start + length] = True
+    return spikes
+
+
+def _candidates(values: FloatArray, length: int) -> IntArray:
+    """Starts of runs of `length` that meet the rule, the largest first."""
+    reach = SPIKE_NEIGHBOURS
+    padded = np.concatenate((np.full(reach, np.nan), values, np.full(reach, np.nan)))
+    if values.size < length + 4:
+        return np.zeros(0, dtype=np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, length + 2 * reach)
+    flanks = windows[:, [reach - 2, reach - 1, reach + length, reach + length + 1]]
+    cubic = flanks @ _cubic_weights(length).T
+    departure = windows[:, reach : reach + length] - cubic
+    one_sided = np.all(departure > 0.0, axis=1) | np.all(departure < 0.0, axis=1)
+    outlying = np.where(one_sided, np.abs(departure).min(axis=1), 0.0)
+    suspect = np.flatnonzero(outlying > SPIKE_SIGMAS * _scale(departure[:, 0], values))
+    replaced = windows[suspect].copy()
+    replaced[:, reach : reach + length] = cubic[suspect]
+    curvature = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=2, axis=1))), axis=1, initial=0.0)
+    fourth = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=4, axis=1)), nan=np.inf), axis=1, initial=0.0)
+    chosen = suspect[outlying[suspect] > np.minimum(SPIKE_TIMES_CURVATURE * curvature, SPIKE_TIMES_FOURTH * fourth)]
+    return np.asarray(chosen[np.argsort(-outlying[chosen], kind="stable")], dtype=np.int64)
+
+
+def _scale(departure: FloatArray, values: FloatArray) -> float:
+    """Robust sigma of the departures, not below half a quantum: a channel at rest may still tick."""
+    finite = departure[np.isfinite(departure)]
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0.0]
+    if finite.size == 0 or steps.size == 0:
+        return float(np.inf)
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(finite))), 0.5 * float(steps.min()))
+
+
+@cache
+def _cubic_weights(length: int) -> FloatArray:
+    """Lagrange weights (length, 4): two samples on either side of a run to the samples of the run."""
+    nodes = np.array([-2.0, -1.0, length, length + 1.0])
+    inside = np.arange(length, dtype=np.float64)
+    return np.vander(inside, 4) @ np.linalg.inv(np.vander(nodes, 4))
+
+
+# ---- What a trial of the record finds, and the faults of single channels that it masks ----
+
+
+STOP_AT_ZERO = ("velocity", "dynamic_pressure")
+TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
+MOST_NAMED = 5
+
+Channels = dict[str, FloatArray]
+
+
+def mask_faults(
+    time: FloatArray, channels: Mapping[str, FloatArray]
+) -> tuple[FloatArray, Channels, tuple[RecordFault, ...]]:
+    """`time` (n,) s with clock steps taken out, `channels` (n,) with NaN where they are at fault, and the faults.
+
+    Only what an analysis needs is tried: rates, specific forces, speed and dynamic pressure.
+    """
+    tried = {name: values for name, values in channels.items() if name in TRIED}
+    steady, faults = _without_steps(time, tried)
+    places = places_with_gaps(steady, JUMP_FLANK)
+    masked = dict(channels)
+    dead = _dead(steady, tried)
+    for name, values in tried.items():
+        if name in dead:
+            faults.append(dead[name])
+            continue
+        masked[name], found = _mask_channel(name, steady, values, places)
+        faults += found
+    faults += _jumps(steady, masked, places)
+    return steady, masked, tuple(faults)
+
+
+def _without_steps(
+    time: FloatArray, channels: Mapping[str, FloatArray]
+) -> tuple[FloatArray, list[RecordFault]]:
+    steady, faults = time.copy(), []
+    for at, excess in stamped_steps(time, channels):
+        steady[at:] -= excess
+        action = f"the samples run on: later stamps moved by {-excess:.4g} s"
+        faults.append(RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, False))
+    return (steady, faults) if faults else (time, faults)
+
+
+def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArray) -> list[RecordFault]:
+    """Places where gyros and accelerometers jump together; isolated spikes, which are replaced later, do not count.
+
+    Across a gap that the stamps show, the motion was continuous.
+    """
+    channels_without_spikes = {
+        name: _spread(np.where(find_spikes(channels[name]), np.nan, channels[name]), places)
+        for name in INERTIAL_CHANNELS
+        if name in channels
+    }
+    action = (
+        "rates and forces jump together, as no motion does: the clock stepped, or samples were lost or repeated, "
+        "without a trace in the stamps. Give a window that leaves this out (--start, --stop)"
+    )
+    return [
+        RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, True)
+        for at in np.searchsorted(places, joint_jumps(channels_without_spikes))
+    ]
+
+
+def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, RecordFault]:
+    """Channels that never change where others show that they must."""
+    constant = [name for name, values in channels.items() if is_constant(values)]
+    noisy = [
+        name
+        for name in INERTIAL_CHANNELS
+        if name in channels
+        and name not in constant
+        and sigma_of_differences([channels[name]]) > DEAD_NOISE * np.nanmax(np.abs(channels[name]))
+    ]
+    found = {}
+    for name in constant:
+        if (name in INERTIAL_CHANNELS and noisy) or (name in STOP_AT_ZERO and _speed_changes(name, time, channels)):
+            value = float(channels[name][np.isfinite(channels[name])][0])
+            action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
+            found[name] = RecordFault(name, "dead", float(time[0]), float(time[-1]), action, True)
+    return found
+
+
+def _speed_changes(gauge: str, time: FloatArray, channels: Mapping[str, FloatArray]) -> bool:
+    """Whether speed, or what is sensed along the axis, says that a constant gauge must have changed."""
+    speed = channels["velocity"]
+    if gauge != "velocity":
+        return float(np.nanmax(speed) - np.nanmin(speed)) > DEAD_CHANGE * float(np.nanmax(speed))
+    gained = abs(float(np.nanmean(channels["ax"]))) * float(time[-1] - time[0])
+    return gained > DEAD_PUSH * DEAD_CHANGE * float(np.nanmax(speed))
+
+
+def _spread(values: FloatArray, places: IntArray) -> FloatArray:
+    """Values (n,) at their places, NaN where samples are missing."""
+    out = np.full(int(places[-1]) + 1, np.nan)
+    out[places] = values
+    return out
+
+
+def _mask_channel(
+    name: str, time: FloatArray, values: FloatArray, places: IntArray
+) -> tuple[FloatArray, list[RecordFault]]:
+    """`values` with NaN where the channel is clipped, stuck or in a burst of spikes, and the faults."""
+    clipped = flat_tops(values)
+    if name in STOP_AT_ZERO:
+        clipped &= values > 0.0
+    stuck = np.zeros_like(clipped)
+    for start, stop in constant_runs(values):
+        stuck[start:stop] = not (name in STOP_AT_ZERO and values[start] == 0.0)
+    stuck &= ~clipped
+    rest = np.where(clipped | stuck, np.nan, values)
+    kinds = (
+        ("clipped", clipped, MOST_CLIPPED, "lies at a limit of its range"),
+        ("stuck", stuck, MOST_STUCK, "is stuck"),
+        ("spikes", find_bursts(_spread(rest, places))[places], 1.0, "leaves its course and comes back"),
+    )
+    masked, faults = values, []
+    for kind, found, most, words in kinds:
+        if not np.any(found):
+            continue
+        share = float(np.mean(found))
+        if share > most:
+            action = (
+                f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "
+                "which it does not (--start, --stop)"
+            )
+            faults.append(fault_over(name, kind, time, found, action, decisive=True))
+        else:
+            masked = np.where(found, np.nan, masked)
+            faults += _masked(name, kind, time, found)
+    return masked, faults
+
+
+def _masked(name: str, kind: str, time: FloatArray, found: BoolArray) -> list[RecordFault]:
+    """A fault for each stretch; one for all where they are many."""
+    stretches = runs(found)
+    if len(stretches) > MOST_NAMED:
+        action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
+        return [fault_over(name, kind, time, found, action)]
+    return [
+        RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
+        for a, b in stretches
+    ]
+
+
+def fault_over(
+    name: str, kind: str, time: FloatArray, found: BoolArray, action: str, *, decisive: bool = False
+) -> RecordFault:
+    """One fault from the first to the last of the samples (n,) that are `found`."""
+    at = np.flatnonzero(found)
+    return RecordFault(name, kind, float(time[at[0]]), float(time[at[-1]]), action, decisive)

@@ -1,0 +1,313 @@
+"""What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect`; phases of a rocket's flight.
+
+On the pad the axial accelerometer reads gravity; while the motor burns it reads much more; coasting, drag makes it
+read less than nothing; a parachute jerks (`find_phases`). Thrust and a changing mass are in no model of the
+moments: of a rocket's flight only the coast can be compared. A record of an entry has no phase but, at its end,
+the parachute.
+The white noise of a channel is trusted where its spectrum is level over the upper half of the band.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.flight.cleaning import find_spikes, without_spikes
+from brv_hypo.flight.clock import joined, runs, strongest_frequency
+from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
+from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.record import (
+    CHANNEL_DIMENSIONS,
+    CHANNELS,
+    INERTIAL_CHANNELS,
+    OPTIONAL_CHANNELS,
+    Flight,
+    Record,
+    Vehicle,
+)
+from brv_hypo.flight.units import SI
+
+PHASE_SMOOTHED = 0.1  # s: a median over this takes vibration and spikes out
+PHASE_SHORTEST = 0.3  # s of a phase
+PHASE_AT_REST = 0.15  # gravities by which a reading along the axis may be off gravity at rest
+PHASE_RESTING = 0.9  # share of the samples before ignition that have to read so for a pad
+PHASE_THRUST = 1.5  # gravities sensed, beyond what any instrument's bias makes of gravity
+PHASE_BURNT_OUT = 0.0  # m/s^2 along the axis: drag alone is left
+# A parachute pulls with so many times what was sensed in the seconds before it, and with so many gravities.
+PARACHUTE_TIMES = 5.0
+PARACHUTE_BEFORE = 2.0  # s
+PARACHUTE_LEAST = 2.0  # gravities
+# What `inspect` says of the noise: trusted where the upper half of the spectrum is level within the first factor, and
+# at the estimate within the second; warnings below so many samples a cycle.
+INSPECTED_LEVEL = 1.5
+INSPECTED_AGREES = 1.25
+INSPECTED_FEWEST_SAMPLES = 50  # of a periodogram
+INSPECTED_PER_CYCLE = 10.0  # samples
+
+
+PhaseName = Literal["pad", "burn", "coast", "parachute"]
+
+GRAVITY = 9.80665  # m/s^2
+AT_REST = PHASE_AT_REST * GRAVITY  # m/s^2 about gravity along the axis
+THRUST = PHASE_THRUST * GRAVITY  # m/s^2 sensed
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase, from `start_s` to `stop_s` of the record's time."""
+
+    name: PhaseName
+    start_s: float
+    stop_s: float
+
+
+def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray) -> tuple[Phase, ...]:
+    """The phases, in order of time, of uniform `time` (n,) s and specific forces (n,) m/s^2, NaN where missing.
+
+    Empty where the record holds neither thrust nor a parachute: it is one phase, and needs no window.
+    """
+    from scipy.ndimage import median_filter
+
+    step = float(time[-1] - time[0]) / max(time.size - 1, 1)
+    width = max(1, 2 * round(0.5 * PHASE_SMOOTHED / step) + 1)
+    axial = median_filter(joined(ax), width, mode="nearest")
+    force = median_filter(np.sqrt(sum(joined(each) ** 2 for each in (ax, ay, az))), width, mode="nearest")
+    least = max(2, round(PHASE_SHORTEST / step))
+    ignition, burnout = _burn(axial, least)
+    jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
+    edges: dict[PhaseName, tuple[int, int]] = {
+        "pad": (0, ignition if _rests(axial[:ignition]) else 0),
+        "burn": (ignition, burnout),
+        "coast": (burnout, jerk),
+        "parachute": (jerk, time.size),
+    }
+    if burnout == 0 and jerk == time.size:
+        return ()
+    return tuple(
+        Phase(name, float(time[a]), float(time[b - 1])) for name, (a, b) in edges.items() if b - a >= least
+    )
+
+
+def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
+    """Where the first thrust that lasts begins and ends; (0, 0) where there is none."""
+    thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)
+    if thrust is None:
+        return 0, 0
+    before = np.flatnonzero(np.abs(axial[: thrust[0]] - GRAVITY) < AT_REST)
+    ignition = int(before[-1]) + 1 if before.size else thrust[0]
+    dragged = [run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
+    return ignition, dragged[0][0] if dragged else axial.size
+
+
+def _rests(axial: FloatArray) -> bool:
+    near: BoolArray = np.abs(axial - GRAVITY) < AT_REST
+    return bool(near.size and np.mean(near) > PHASE_RESTING)
+
+
+def _jerk(force: FloatArray, begin: int, before: int) -> int:
+    """The first sample at which the force leaves what it was, as at a parachute's opening; the end without one."""
+    for at in np.flatnonzero(force > PARACHUTE_LEAST * GRAVITY):
+        if at < begin + before:
+            continue
+        usual = float(np.median(force[at - before : at - before // 4]))
+        if force[at] > PARACHUTE_TIMES * usual:
+            return int(at)
+    return force.size
+
+
+# ---- What a record holds and how good it is: `inspect_flight`, for `brv-hypo inspect` ----
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White-noise standard deviation `sigma`, in the units of the values.
+
+    `trusted` is False where motion, coloured or quantised noise, or too few samples spoil the estimate, which
+    is then no more than a guide.
+    """
+
+    sigma: float
+    trusted: bool
+
+
+@dataclass(frozen=True)
+class ChannelQuality:
+    """One channel: `units` as recorded; range and `noise` in SI; `missing` and `longest_gap` in samples."""
+
+    name: str
+    units: str
+    si_units: str
+    derived: bool
+    missing: int
+    longest_gap: int
+    spikes: int
+    minimum: float
+    maximum: float
+    noise: Noise
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A record at a glance. Times in s, rates in Hz, dynamic pressure in Pa.
+
+    `segments` are the stretches that can be analysed. `transverse_frequency` is the dominant frequency of q
+    and r over the longest of them (0 where they do not vary). `phases` are those of a
+    rocket's flight. `notes` say what reading changed or derived; `warnings` what limits the use of the record.
+    """
+
+    path: str
+    title: str
+    source: str
+    planet: str
+    samples: int
+    start: float
+    stop: float
+    sample_rate: float
+    channels: tuple[ChannelQuality, ...]
+    absent: tuple[str, ...]
+    segments: tuple[tuple[float, float], ...]
+    dynamic_pressure_range: tuple[float, float]
+    transverse_frequency: float
+    samples_per_cycle: float
+    vehicle: Vehicle
+    phases: tuple[Phase, ...]
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def inspect_flight(
+    flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None
+) -> Inspection:
+    """Inspect a format 1 file, as recorded, or a flight in memory; from `start` to `stop` in s.
+
+    Raises FlightRecordError where the record cannot be used at all, UsageError for a window without samples.
+    """
+    record = unassemble(flight) if isinstance(flight, Flight) else read_record(flight)
+    whole = flight if isinstance(flight, Flight) else assemble(record)
+    return _inspection(_part(record, start, stop), windowed(whole, start, stop))
+
+
+def _part(record: Record, start: float | None, stop: float | None) -> Record:
+    """The samples of a record from `start` to `stop`."""
+    first = np.searchsorted(record.time, -np.inf if start is None else start, side="left")
+    last = np.searchsorted(record.time, np.inf if stop is None else stop, side="right")
+    channels = {name: values[first:last] for name, values in record.channels.items()}
+    return record.model_copy(update={"time": record.time[first:last], "channels": channels})
+
+
+def _inspection(record: Record, ready: Flight) -> Inspection:
+    """What was recorded, beside what is `ready` to be analysed."""
+    frequency = strongest_frequency(ready.q, ready.r, ready.step, ready.segments)
+    channels = tuple(_channels(record, ready))
+    phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
+    per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
+    pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
+    return Inspection(
+        path=record.path,
+        title=record.title,
+        source=record.source,
+        planet=record.planet,
+        samples=int(record.time.size),
+        start=float(record.time[0]),
+        stop=float(record.time[-1]),
+        sample_rate=ready.sample_rate,
+        channels=channels,
+        absent=tuple(name for name in OPTIONAL_CHANNELS if getattr(ready, name) is None),
+        segments=tuple((float(ready.time[a]), float(ready.time[b - 1])) for a, b in ready.segments),
+        dynamic_pressure_range=(float(pressure.min()), float(pressure.max())),
+        transverse_frequency=frequency,
+        samples_per_cycle=per_cycle,
+        vehicle=ready.vehicle,
+        phases=phases,
+        notes=ready.notes,
+        warnings=(*_warnings(channels, per_cycle), *_of_phases(phases)),
+    )
+
+
+def white_noise(values: FloatArray) -> Noise:
+    """White-noise sigma of `values` (n,), NaN where missing, from their differences of high order.
+
+    It is trusted where the periodogram of the longest run is level (within 1.5) over the upper half of the
+    band, and at that sigma (within 1.25). Spikes spoil the periodogram: take them out first.
+    """
+    sigma = sigma_of_differences([values])
+    if np.isnan(sigma):
+        return Noise(sigma, trusted=False)
+    start, stop = max(runs(np.isfinite(values)), key=lambda run: run[1] - run[0])
+    levels = _upper_band(values[start:stop])
+    level = float(np.median(levels))
+    agrees = 0.0 < sigma <= INSPECTED_AGREES * level and level <= INSPECTED_AGREES * sigma
+    return Noise(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
+
+
+def _upper_band(values: FloatArray) -> FloatArray:
+    """White-noise sigma (4,) that each quarter of the upper half of the band would have; Hann window."""
+    if values.size < INSPECTED_FEWEST_SAMPLES:
+        return np.zeros(4)
+    window = np.hanning(values.size)
+    power = np.abs(np.fft.rfft((values - np.mean(values)) * window)) ** 2 / np.sum(window**2)
+    quarters = np.array_split(power[power.size // 2 : -1], 4)
+    return np.sqrt([float(np.mean(quarter)) for quarter in quarters])
+
+
+def _channels(record: Record, ready: Flight) -> list[ChannelQuality]:
+    """Recorded channels as they were recorded, derived ones as they were derived."""
+    found = []
+    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
+        if name in record.channels:
+            units = record.recorded_units.get(name, SI[CHANNEL_DIMENSIONS[name]])
+            found.append(_channel(name, record.time, record.channels[name], units, derived=False))
+        elif (values := getattr(ready, name)) is not None:
+            found.append(_channel(name, ready.time, values, SI[CHANNEL_DIMENSIONS[name]], derived=True))
+    return found
+
+
+def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:
+    missing = np.isnan(values)
+    known = values[~missing]
+    spikes = find_spikes(values)
+    return ChannelQuality(
+        name=name,
+        units=units,
+        si_units=SI[CHANNEL_DIMENSIONS[name]],
+        derived=derived,
+        missing=int(np.count_nonzero(missing)),
+        longest_gap=max((stop - start for start, stop in runs(missing)), default=0),
+        spikes=int(np.count_nonzero(spikes)),
+        minimum=float(known.min()) if known.size else float("nan"),
+        maximum=float(known.max()) if known.size else float("nan"),
+        noise=white_noise(without_spikes(time, values, spikes)),
+    )
+
+
+def _warnings(channels: tuple[ChannelQuality, ...], per_cycle: float) -> list[str]:
+    warnings = []
+    if per_cycle < INSPECTED_PER_CYCLE:
+        warnings.append(
+            f"only {per_cycle:.1f} samples a cycle of the transverse motion: rates can hardly be "
+            "differentiated, and delays shorter than a sample cannot be determined"
+        )
+    doubtful = [one.name for one in channels if one.name in INERTIAL_CHANNELS and not one.noise.trusted]
+    if doubtful:
+        warnings.append(
+            f"the noise of {', '.join(doubtful)} is not white, or is hidden by motion or rounding: its sigma "
+            "is no more than a guide"
+        )
+    return warnings
+
+
+def _of_phases(phases: tuple[Phase, ...]) -> list[str]:
+    """What of the record no model of the moments covers, and the window that leaves it out."""
+    coast = next((phase for phase in phases if phase.name == "coast"), None)
+    beside = [phase for phase in phases if phase.name != "coast"]
+    if not beside:
+        return []
+    intervals = ", ".join(f"{phase.name} {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in beside)
+    window = "" if coast is None else f": analyse the coast, --start {coast.start_s:.2f} --stop {coast.stop_s:.2f}"
+    return [
+        f"the record holds {intervals}, where thrust, rest or a parachute act, which no mechanism describes{window}"
+    ]

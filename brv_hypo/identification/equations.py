@@ -1,0 +1,582 @@
+"""Equations of motion and measurement equations of Section 4.4, as the likelihood takes them.
+
+With k = Ix / I, Q = q_inf S d / I, Phi the integral of the measured roll rate and transverse pairs y + i z times
+exp(i Phi) ("de-rolled"), the states omega = q + i r and zeta = v + i w follow
+
+    omega' = i (k p + (1 - k) e) omega + Q (C_m + i C_n) exp(i Phi)
+    zeta'  = i u omega + i e zeta - (q_inf S / m) C_N (alpha / sin alpha) zeta / V + g - w'
+
+with p measured, e its error, w the wind. De-rolled states turn as slowly as the nose does, whatever the roll
+rate. Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air are time histories
+(record_errors.py): k, Q, q_inf, S / m are the true ones; zeta is V times the true direction, V as measured.
+
+`MomentModel` evaluates the regressors at a motion, `Shapes` has them as angular accelerations, and
+`VehicleModel` has the functions that `likelihood.fit` takes, with the derivatives that are known in closed form.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Generic, Literal, TypeVar
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
+from brv_hypo.identification.parameters import Structure, averaged, kink, of_flight, on_grid, placed
+from brv_hypo.identification.record_errors import (
+    ACCELEROMETERS,
+    CROSSFLOW,
+    FORCE_SCALE_ERROR,
+    GYROS,
+    MOMENT_SCALE_ERROR,
+    MOMENTS,
+    PRESSURE_ERROR,
+    RATIO_ERROR,
+    READ,
+    ROLL_RATE_ERROR,
+    SPEED_ERROR,
+    alpha_over_sine,
+    lever_force,
+)
+from brv_hypo.likelihood import Delayed
+from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.model.common_time import OwnTime
+from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
+from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, windward_meridian
+from brv_hypo.motion.motion import Motion
+
+# ---- States and inputs at some instants, and what the coefficients multiply there ----
+
+
+_REMEMBERED = 6
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Point:
+    """States and inputs at some instants (n,), as complex pairs; `time` s."""
+
+    time: FloatArray
+    omega: ComplexArray
+    zeta: ComplexArray
+    u: FloatArray
+
+    def input(self, name: str) -> FloatArray:
+        """One input (n,)."""
+        return np.asarray(self.u[ROW[name]])
+
+    @cached_property
+    def to_body(self) -> ComplexArray:
+        """exp(-i Phi): turns de-rolled pairs into body axes."""
+        return np.asarray(np.exp(-1j * self.input("roll")))
+
+
+def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
+    """States (4, n) and inputs as pairs."""
+    return Point(time, x[0] + 1j * x[1], x[2] + 1j * x[3], u)
+
+
+class Memory(Generic[T]):
+    """The last few results by key: most parameters leave the columns as they are, and a moved state only one
+    motion.
+    """
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
+
+    def __call__(self, key: tuple[object, ...], compute: Callable[[], T]) -> T:
+        """The result for `key`, computed where it is not known."""
+        if key not in self._known:
+            self._known[key] = compute()
+            if len(self._known) > _REMEMBERED:
+                self._known.popitem(last=False)
+        return self._known[key]
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n)
+    rad/s^2.
+    """
+
+    columns: tuple[Regressor, ...]
+    acceleration: ComplexArray
+    in_plane: ComplexArray
+    motion: Motion
+    past: tuple[Motion, ...]
+    here: Point
+    own: OwnTime | None = None
+
+    @cached_property
+    def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
+        """The accelerations times their courses (columns, n), as `kink` has them where a knot lies between nodes; the
+        columns with a knot, and what the angular rate lacks there per unit of each (columns with a knot, n), rad/s.
+        """
+        time, half, u = self.here.time, self.here.input("half"), self.here.u
+        on_grid_too, knotted = self.acceleration.copy(), [j for j, c in enumerate(self.columns) if has_knot(c)]
+        lacking = np.empty((len(knotted), time.size), dtype=complex)
+        for k, j in enumerate(knotted):
+            row, shape = SLOPES + 4 * k, self.acceleration[j]
+            here = placed(self.columns[j].time_basis, time, half, self.own)
+            first, second = kink(*here)
+            slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
+            on_grid_too[j] = on_grid(*here) * shape - first * slope + second * curvature
+            lacking[k] = first * shape - 2.0 * second * slope
+        return on_grid_too, knotted, lacking
+
+    def averaged(self, block: float) -> ComplexArray:
+        """The accelerations (columns, n) times what a block of so many seconds sees of their courses."""
+        if block not in self._averaged:
+            out = self.acceleration.copy()
+            for own, column in zip(out, self.columns, strict=True):
+                if has_knot(column):
+                    time_basis, time, _ = placed(column.time_basis, self.here.time, self.here.input("half"), self.own)
+                    own *= averaged(time_basis, time, block)
+            self._averaged[block] = out
+        return self._averaged[block]
+
+    @cached_property
+    def _averaged(self) -> dict[float, ComplexArray]:
+        return {}
+
+
+# ---- The regression's columns at the estimated motion: moment coefficients per unit of each coefficient ----
+
+
+Values = Mapping[str, float]
+RateUse = Literal["unused", "affine", "other"]
+Known = dict[tuple[str, Theta], dict[str, Term]]
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Past:
+    """The past of a motion at the delays that are parameters."""
+
+    motions: Mapping[float, Motion]
+
+    def __call__(self, delay: float) -> Motion:
+        """The motion `delay` s earlier; raises UnknownDelayError for a delay that is no parameter."""
+        near = min(self.motions, key=lambda known: abs(known - delay), default=None)
+        if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
+            raise UnknownDelayError(delay, sorted(self.motions))
+        return self.motions[near]
+
+
+class UnknownDelayError(ValueError):
+    """A mechanism asked for a delay that is none of its parameters."""
+
+    def __init__(self, delay: float, known: list[float]) -> None:
+        super().__init__(
+            f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are {known}. "
+            "The likelihood differentiates delays that are parameters with is_delay set: declare it as one"
+        )
+
+
+@dataclass(frozen=True)
+class MomentModel:
+    """What the columns of a structure are at any motion; `rates`: how they change with those of alpha and meridian."""
+
+    structure: Structure
+    mechanisms: Mapping[str, Mechanism]
+    rates: RateUse = "other"
+    _known: Memory[tuple[Motion, Known]] = field(default_factory=Memory, compare=False, repr=False)
+
+    @cached_property
+    def shape_parameters(self) -> tuple[str, ...]:
+        """The coefficients and nonlinear parameters that change the columns themselves.
+
+        C_mw of Eq. 5.1 changes those of mechanisms with parameters of their own, as in the regression.
+        """
+        used = {column.mechanism for column in self.structure.columns}
+        nonlinear_parameters = tuple(parameter.name for parameter in self.structure.nonlinear_parameters)
+        if not any(self.mechanisms[name].parameters() for name in used):
+            return nonlinear_parameters
+        return (*nonlinear_parameters, *(name for name, _ in self._wind_fixed(self.structure.columns)))
+
+    def planes(
+        self, now: Motion, past: Mapping[float, Motion], theta: Values, half: FloatArray, own: OwnTime | None = None
+    ) -> tuple[tuple[Regressor, ...], ComplexArray]:
+        """The columns, moved, and (C_N' + i C_Z') per unit of each without its course, (columns, n)."""
+        columns = self.structure.at(theta)
+        earlier = {
+            delay: self._with_in_plane_moment(motion, theta, columns, half, own) for delay, motion in past.items()
+        }
+        motion = self._with_in_plane_moment(now, theta, columns, half, own)
+        if earlier:
+            motion = replace(motion, history=Past(earlier))
+        terms = self._terms(columns, motion, dict(self._wind_fixed_terms(now)))
+        return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
+
+    def _wind_fixed(self, columns: Sequence[Regressor]) -> list[tuple[str, Regressor]]:
+        named = zip(self.structure.names, columns, strict=True)
+        return [(name, column) for name, column in named if self.mechanisms[column.mechanism].wind_fixed]
+
+    def _with_in_plane_moment(
+        self,
+        motion: Motion,
+        theta: Values,
+        columns: Sequence[Regressor],
+        half: FloatArray,
+        own: OwnTime | None,
+    ) -> Motion:
+        """C_mw of Eq. 5.1 from the wind-fixed columns."""
+        fixed = self._wind_fixed(columns)
+        terms = self._terms([column for _, column in fixed], motion, self._wind_fixed_terms(motion))
+        moment = np.zeros_like(motion.alpha)
+        for (name, column), term in zip(fixed, terms, strict=True):
+            here = placed(column.time_basis, motion.time, half, own)
+            weight = 1.0 if column.time_basis.kind == "constant" else on_grid(*here)
+            moment = moment + theta[name] * weight * term.in_plane
+        return replace(motion, in_plane_moment=moment)
+
+    def _wind_fixed_terms(self, motion: Motion) -> Known:
+        """Terms of wind-fixed columns that were evaluated on this motion already."""
+        return self._known((id(motion),), lambda: (motion, {}))[1]
+
+    def _terms(self, columns: Sequence[Regressor], motion: Motion, known: Known) -> list[Term]:
+        """The term of each column; a mechanism is evaluated once for each of its thetas."""
+        for column in columns:
+            key = (column.mechanism, column.theta)
+            if key not in known:
+                terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
+                known[key] = {term.name: term for term in terms}
+        return [known[column.mechanism, column.theta][column.term] for column in columns]
+
+
+def use_of_rates(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> RateUse:
+    """How the columns change with the rates of alpha and of the meridian, tried on a recorded motion."""
+    rng, found = np.random.default_rng(0), set()
+    changes = {name: rng.standard_normal(motion.time.size) for name in ("alpha_rate", "windward_meridian_rate")}
+    motions = [
+        replace(motion, **{name: getattr(motion, name) + times * change for name, change in changes.items()})
+        for times in (0.0, 1.0, 2.0)
+    ]
+    for mechanism, theta in {(column.mechanism, column.theta) for column in columns}:
+        each = (mechanisms[mechanism].terms(m, dict(theta)) for m in motions)
+        now, once, twice = (np.array([(term.in_plane, term.out_of_plane) for term in terms]) for terms in each)
+        if not np.array_equal(now, once):
+            bent = np.max(np.abs(twice - 2.0 * once + now), initial=0.0)
+            # A mechanism with parameters may multiply what C_mw has of the rates by what it has itself.
+            straight = bent <= _ROUNDING * np.max(np.abs(once - now)) and not mechanisms[mechanism].parameters()
+            found.add("affine" if straight else "other")
+    return "other" if "other" in found else "affine" if found else "unused"
+
+
+# ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
+
+
+GRAVITY = ("gravity x", "gravity y", "gravity z")
+"""m/s^2 in body axes of the first sample."""
+FORCE_BEND = "C_Nalpha3_force"
+"""1/rad^3: what the normal-force slope gains with the square of alpha."""
+RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
+"""Errors that change the rates of alpha and of the meridian at a given state."""
+Part = ComplexArray | complex
+"""What a complex pair gains, (n,) or the same everywhere."""
+
+
+@dataclass(frozen=True)
+class VehicleModel:
+    """The functions that `likelihood.fit` takes; `contexts` by the input "segment".
+
+    `span` (start, stop) s scales the drift of the normal-force slope, of `force_names` coefficients.
+    """
+
+    moments: MomentModel
+    contexts: Sequence[Context]
+    force_names: tuple[str, ...]
+    span: tuple[float, float]
+    _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
+    _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
+
+    def on(self, contexts: Sequence[Context]) -> VehicleModel:
+        """The model on segments that were laid out anew; nothing of the old ones is remembered."""
+        return VehicleModel(self.moments, contexts, self.force_names, self.span)
+
+    def dynamics(
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
+    ) -> FloatArray:
+        """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
+        here, context = point(x, u, t), self._context(u)
+        accelerations, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        weights = self._coefficients(theta)
+        acceleration, lacking = weights @ accelerations, weights[knotted] @ missing
+        scale = self._moment_share(context, theta)
+        acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
+        moving = replace(here, omega=here.omega + lacking)
+        return _rows(
+            self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta)
+        )
+
+    def outputs(
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
+    ) -> FloatArray:
+        """q, r (rad/s), a_y, a_z (m/s^2) as the instruments read them, (4, n)."""
+        here, context = point(x, u, t), self._context(u)
+        omega = here.omega * here.to_body
+        force = self._force(here, context, theta) * here.to_body
+        arm = context.vehicle.accelerometer_position
+        if any(arm):
+            shapes = self.shapes(here, theta, delayed or {})
+            acceleration = self._coefficients(theta) @ shapes.averaged(context.block)
+            scaled = acceleration * self._moment_share(context, theta)
+            omega_rate = self._omega_rate(here, context, theta, scaled)
+            body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
+            p = here.input("p") - self._roll_rate_error(context, theta)
+            force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
+        return _rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
+
+    def dynamics_slopes(
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
+    ) -> dict[str, FloatArray]:
+        """Derivatives (4, n) of the dynamics by the parameters and courses that they are affine in, by name: those of
+        coefficients, forces, gravity and errors that add, but for what changes the columns themselves.
+        """
+        here, context = point(x, u, t), self._context(u)
+        names = self.moments.structure.names
+        accelerations, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        share, slower = self._moment_share(context, theta), 1.0 + _error(SPEED_ERROR, context, theta)
+        lacking = np.zeros_like(accelerations)
+        lacking[knotted] = 1j * _forward(here) * missing
+        pushed = self._force_scale(here, context, theta) * self._force_shapes(here, context)
+        turned = zip(
+            (*names, *_own(MOMENTS, context)),
+            (*share * accelerations, *_both(np.conj(here.to_body))),
+            strict=True,
+        )
+        gained = zip(
+            (*names, *self.forces, *_own((*GRAVITY, *CROSSFLOW), context)),
+            (*share * lacking, *slower * pushed, *slower * _gravity_axes(here), *_both(slower)),
+            strict=True,
+        )
+        return self._slopes(dict(turned), dict(gained), _own(READ, context), here)
+
+    def outputs_slopes(
+        self,
+        x: FloatArray,
+        u: FloatArray,
+        theta: Values,
+        t: FloatArray,
+        delayed: Mapping[str, Delayed] | None = None,
+    ) -> dict[str, FloatArray]:
+        """The same of the outputs."""
+        here, context = point(x, u, t), self._context(u)
+        names, arm = self.moments.structure.names, context.vehicle.accelerometer_position
+        turned = np.zeros((len(names), t.size), dtype=complex)
+        if any(arm):
+            averaged = self.shapes(here, theta, delayed or {}).averaged(context.block)
+            turned = _swung(arm, averaged * (self._moment_share(context, theta) * here.to_body))
+        pushed = self._force_scale(here, context, theta) * here.to_body * self._force_shapes(here, context)
+        gained = zip(
+            (*names, *self.forces, *_own((*MOMENTS, *ACCELEROMETERS), context)),
+            (*turned, *pushed, *_swung(arm, _both(1.0)), *_both(1.0)),
+            strict=True,
+        )
+        read = zip(_own(GYROS, context), _both(1.0), strict=True)
+        return self._slopes(dict(read), dict(gained), _own((*GRAVITY, *CROSSFLOW, SPEED_ERROR), context), here)
+
+    def _slopes(
+        self, first: Mapping[str, Part], second: Mapping[str, Part], none: Sequence[str], here: Point
+    ) -> dict[str, FloatArray]:
+        """Rows (4, n) of what two pairs gain by each name, `none` by some; without those that change the columns."""
+        shape_changing = {*self.moments.shape_parameters, *self.rate_parameters(self._context(here.u).flight)}
+        return {
+            name: _rows(*(np.broadcast_to(pair.get(name, 0.0), here.time.size) for pair in (first, second)))
+            for name in {**first, **second, **dict.fromkeys(none)}
+            if name not in shape_changing
+        }
+
+    def rate_parameters(self, flight: int) -> tuple[str, ...]:
+        """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
+        feel these.
+        """
+        if self.moments.rates == "unused":
+            return ()
+        return (*self.forces, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
+
+    def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
+        """The columns at some instants."""
+        context = self._context(here.u)
+        now = self._motion(here, context, theta)
+        past = {}
+        for name in self.moments.structure.delays:
+            before = point(delayed[name].x, delayed[name].u, here.time - theta[name])
+            past[theta[name]] = self._motion(before, context, theta)
+        key = (id(now), *map(id, past.values()), *(theta[name] for name in self.moments.shape_parameters))
+        return self._shapes(key, lambda: self._evaluated(here, context, now, past, theta))
+
+    def _evaluated(
+        self, here: Point, context: Context, now: Motion, past: Mapping[float, Motion], theta: Values
+    ) -> Shapes:
+        columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
+        scale = here.input("pressure") * context.vehicle.moment_scale
+        turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
+        return Shapes(columns, planes * turn, planes, now, tuple(past.values()), here, context.own)
+
+    def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
+        """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
+
+        What noise leaves in the inputs does too little to the rates for a mechanism to depend on it.
+        """
+        rates = (np.asarray(theta.get(name, 0.0)).tobytes() for name in self.rate_parameters(context.flight))
+        key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, *rates)
+        return self._motions(key, lambda: self._moving(at, context, theta))
+
+    def _coefficients(self, theta: Values) -> FloatArray:
+        return np.array([theta[name] for name in self.moments.structure.names])
+
+    def _context(self, u: FloatArray) -> Context:
+        return self.contexts[round(float(u[ROW["segment"], 0]))]
+
+    def _omega_rate(
+        self, here: Point, context: Context, theta: Values, acceleration: ComplexArray
+    ) -> ComplexArray:
+        k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
+        p = here.input("p")
+        error = self._roll_rate_error(context, theta)
+        tolerated = _pair(MOMENTS, context, theta) * np.conj(here.to_body)
+        return np.asarray(1j * (k * p + (1.0 - k) * error) * here.omega + acceleration + tolerated)
+
+    def _zeta_rate(self, here: Point, context: Context, theta: Values) -> ComplexArray:
+        error = self._roll_rate_error(context, theta)
+        gravity = np.array([theta[name] for name in _own(GRAVITY, context)]) @ _gravity_axes(here)
+        gained = gravity + here.input("air_y") + 1j * here.input("air_z") + _pair(CROSSFLOW, context, theta)
+        gained = gained + self._force(here, context, theta)
+        slower = 1.0 + _error(SPEED_ERROR, context, theta)
+        return np.asarray(1j * _forward(here) * here.omega + 1j * error * here.zeta + slower * gained)
+
+    def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
+        """Specific force across the body in de-rolled axes (n,), m/s^2."""
+        slope = np.array([theta[name] for name in self.forces]) @ self._force_shapes(at, context)
+        return np.asarray(self._force_scale(at, context, theta) * slope)
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Names of all that the normal-force slope is linear in."""
+        return (*self.force_names, FORCE_BEND)
+
+    def _force_shapes(self, at: Point, context: Context) -> FloatArray:
+        """What each of `forces` adds to the slope per unit (forces, n)."""
+        drift = legvander(self.scaled(context.coefficient_time(at.time)), len(self.force_names) - 1)
+        return np.stack([*drift.T, angle_of_attack(at.zeta / at.input("speed")) ** 2])
+
+    def _force_scale(self, at: Point, context: Context, theta: Values) -> ComplexArray:
+        """Specific force per unit of the slope (n,), m/s^2."""
+        xi = at.zeta / at.input("speed")
+        vehicle = context.vehicle
+        scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
+        scale = scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta))
+        return np.asarray(-scale * alpha_over_sine(xi) * xi)
+
+    def scaled(self, time: FloatArray) -> FloatArray:
+        """Times of the time bases, from -1 to 1 over the span."""
+        return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
+
+    def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:
+        """Measured less true roll rate (n,), rad/s."""
+        return _error(ROLL_RATE, context, theta) + _error(ROLL_RATE_ERROR, context, theta)
+
+    def _pressure_share(self, context: Context, theta: Values) -> FloatArray | float:
+        """True dynamic pressure over the measured one (n,)."""
+        return 1.0 - _error(PRESSURE, context, theta) - _error(PRESSURE_ERROR, context, theta)
+
+    def _moment_share(self, context: Context, theta: Values) -> FloatArray | float:
+        """True angular acceleration per unit coefficient over the declared one (n,)."""
+        return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
+
+    def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
+        theta = {**theta, **_without_noise(context.flight)}
+        speed, p, turn = at.input("speed"), at.input("p"), at.to_body
+        xi, omega = at.zeta / speed * turn, at.omega * turn
+        slowing = at.zeta * at.input("speed_rate") / speed
+        rate = (self._zeta_rate(at, context, theta) - slowing) / speed * turn - 1j * p * xi
+        alpha_rate, meridian_rate = angle_rates(xi, rate)
+        meridian = windward_meridian(xi)
+        turns = np.round((at.input("meridian") - meridian) / (2.0 * np.pi))
+        before = np.minimum(at.time - context.start, 0.0) * context.meridian_rate
+        return Motion(
+            time=at.time,
+            alpha=angle_of_attack(xi),
+            alpha_rate=alpha_rate,
+            windward_meridian=meridian + 2.0 * np.pi * turns + before,
+            windward_meridian_rate=meridian_rate,
+            p=p,
+            q=omega.real,
+            r=omega.imag,
+            velocity=speed,
+            dynamic_pressure=at.input("pressure"),
+            mach=at.input("mach"),
+            reynolds=at.input("reynolds"),
+            in_plane_moment=np.zeros_like(speed),
+            reference_length=context.vehicle.reference_length,
+        )
+
+
+def _forward(at: Point) -> FloatArray:
+    """Speed along the body's axis (n,), m/s."""
+    return np.asarray(np.sqrt(np.maximum(at.input("speed") ** 2 - np.abs(at.zeta) ** 2, 0.0)))
+
+
+def _gravity_axes(at: Point) -> ComplexArray:
+    """What gravity along each axis of the first sample adds across the body in de-rolled axes, (3, n)."""
+    first = ROW["gravity_xy"]
+    return np.asarray(at.u[first : first + 3] + 1j * at.u[first + 3 : first + 6])
+
+
+def _both(part: ComplexArray | FloatArray | float) -> ComplexArray:
+    """What a pair gains by its first and by its second member, by so much each."""
+    return np.array([part, 1j * part])
+
+
+def _swung(arm: tuple[float, float, float], omega_rate: ComplexArray) -> ComplexArray:
+    """What accelerometers on this arm read of an angular acceleration alone, m/s^2."""
+    none = np.zeros(1)
+    return lever_force(arm, none.astype(complex), omega_rate, none, none)
+
+
+def _own(names: Sequence[str], context: Context) -> list[str]:
+    """Names of a flight's own parameters or courses."""
+    return [of_flight(name, context.flight) for name in names]
+
+
+def _without_noise(flight: int) -> dict[str, float]:
+    """Inputs without what noise leaves in them, and without errors that do too little to the rates to matter."""
+    quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+    return {of_flight(name, flight): 0.0 for name in quiet}
+
+
+def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
+    """A course of the flight's errors (n,); 0 where it has none of that name."""
+    return theta.get(of_flight(name, context.flight), 0.0)
+
+
+def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:
+    """Two courses as one complex pair."""
+    return np.asarray(_error(names[0], context, theta) + 1j * _error(names[1], context, theta))
+
+
+def _rows(first: ComplexArray, second: ComplexArray) -> FloatArray:
+    return np.stack([first.real, first.imag, second.real, second.imag])

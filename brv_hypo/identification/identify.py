@@ -1,0 +1,305 @@
+"""`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4
+and 4.4).
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.identification.equations import GRAVITY, UnknownDelayError
+from brv_hypo.identification.nodes import NodeRecord
+from brv_hypo.identification.parameters import of_flight, unique
+from brv_hypo.identification.problem import IdentificationConfig, Problem, build_problem
+from brv_hypo.identification.record_errors import READ, Tolerated
+from brv_hypo.identification.result import Estimate, Identification
+from brv_hypo.likelihood import FitResult
+from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.search import Progress
+from brv_hypo.model.term import Regressor
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.nuisance import beyond_tolerance
+from brv_hypo.regression.regressed import Regressed
+
+# Change of any estimate, in standard errors and to first order, by other corrections of the block means, from which the
+# fit is repeated; rounds of that.
+IDENTIFIED_STALE = 0.1
+IDENTIFIED_ROUNDS = 6
+IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots
+# Misfit of the start from which knots wait until the rest is near: a knot in an oscillating moment has several minima;
+# steps with the knots held then: the first takes up what is linear, errors of the record above all.
+IDENTIFIED_POOR_START = 2.0
+IDENTIFIED_FIRST_STEPS = 2
+IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before the fit is repeated
+IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
+
+
+_HELD = "fixed at the last value, which the data do not determine, and without a standard error: {}"
+
+
+def identify(
+    frame: RateFrame,
+    columns: Sequence[Regressor],
+    values: FloatArray,
+    options: IdentificationConfig | None = None,
+    *,
+    regressed: Regressed | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Identification:
+    """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
+
+    The states of Section 4.4 are estimated along, so that errors of the reconstruction do not enter; so are
+    the errors of instruments, vehicle and air (Appendix B), within the tolerances of the record. Flights of the
+    frame share the coefficients; each has its own initial states, gravity direction and errors.
+
+    Args:
+        frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
+        columns: the model's columns. values: their regression coefficients (columns,).
+        options: see `IdentificationConfig`.
+        regressed: what the regression says beside its coefficients; None where the records are as measured.
+        progress: called after each iteration of the likelihood.
+
+    Returns:
+        The refined model; a failure is its status, with the regression's values left in place.
+    """
+    begun = clock.perf_counter()
+    options = options or IdentificationConfig()
+    try:
+        problem = build_problem(frame, columns, values, options, regressed)
+        problem, found, iterations = _search(problem, progress)
+    except (UnanswerableError, UsageError, UnknownDelayError) as error:
+        return _failed(frame, columns, values, str(error), clock.perf_counter() - begun)
+    return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
+
+
+def _search(
+    problem: Problem, progress: Callable[[Progress], None] | None
+) -> tuple[Problem, FitResult, int]:
+    """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
+    iterations = 0
+    if _misfit(problem) > IDENTIFIED_POOR_START:
+        first = problem.solve(
+            fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, errors=False, progress=progress
+        )
+        iterations += first.iterations
+        problem = _refreshed(problem, first)
+    found = problem.solve(progress=progress)
+    iterations += found.iterations
+    if problem.config.begin_anew and not found.converged and not _near(found):
+        found = problem.solve(near_start=False, progress=progress)
+        iterations += found.iterations
+    held = _loose_knots(problem, found)
+    if held:
+        problem = _refreshed(problem, found)
+        found = problem.solve(fixed=held, progress=progress)
+        iterations += found.iterations
+    for _ in range(IDENTIFIED_ROUNDS):
+        if not found.converged:
+            break
+        refreshed = _refreshed(problem, found)
+        if not _stale(problem, refreshed, found):
+            problem = refreshed
+            break
+        problem = refreshed
+        found = problem.solve(fixed=held, progress=progress)
+        iterations += found.iterations
+    if held:
+        found = replace(found, message=f"{found.message}; {_HELD.format(', '.join(held))}")
+    return problem.warm(found), found, iterations
+
+
+def _near(found: FitResult) -> bool:
+    """Whether a search that stalled did so within a fraction of the standard errors of its end."""
+    return found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
+
+
+def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
+    """Knots that kept a search from its end: those that the data do not determine, else all of them."""
+    if found.status != "stalled":
+        return ()
+    block = min(record.context.block for record in problem.records)
+    knots = problem.structure.knots
+    return tuple(name for name in knots if not found.std_error[name] < block) or knots
+
+
+def _misfit(problem: Problem) -> float:
+    """Root mean square of the angular rate that the start leaves over, in terms of the gyros' noise."""
+    left = [
+        np.mean(np.abs(record.measured[0] - record.expected[0]) ** 2)
+        / (2.0 * problem.frame.reconstructions[record.context.flight].gyro_sigma ** 2)
+        for record in problem.records
+    ]
+    return float(np.sqrt(max(left)))
+
+
+def _refreshed(problem: Problem, found: FitResult) -> Problem:
+    """The problem started from a solution, the block means corrected by it."""
+    columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
+    frame = problem.frame.with_in_plane_moment(columns, values)
+    return problem.warm(found).refreshed(found, frame, columns, values)
+
+
+def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
+    """Whether nodes, or the corrections of the block means, have changed by more than a trifle."""
+    if new.block != old.block:
+        return True
+    block = min(record.context.block for record in old.records)
+    error = found.std_error  # fixed ones have none
+    moved = any(
+        abs(found.theta[m.name] - old.theta[m.name])
+        > max(IDENTIFIED_KNOTS_MOVED * block, IDENTIFIED_KNOTS_LOOSE * error.get(m.name, 0.0))
+        for m in old.structure.nonlinear_parameters
+        if m.kind != "theta"
+    )
+    corrected = [
+        _without_errors(after, found) - _without_errors(before, found)
+        for before, after in zip(old.records, new.records, strict=True)
+    ]
+    changes = found.change_by(corrected)
+    return moved or any(abs(changes[name]) > IDENTIFIED_STALE * each for name, each in error.items() if each > 0.0)
+
+
+def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
+    """What the nodes measure less what errors of the instruments add by their histories, (4, nodes)."""
+    read = [of_flight(name, record.context.flight) for name in READ]
+    time = record.segment.t
+    errors = {
+        varying.name: varying.at(time, found.theta)
+        for varying in record.segment.time_varying
+        if varying.name in read
+    }
+    return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
+
+
+def _summary(problem: Problem, found: FitResult) -> Identification:
+    structure, theta = problem.structure, found.theta
+    white = all(test.white for test in found.whiteness)
+
+    def estimate(
+        name: str, units: str, shown: str | None = None, size: float = 1.0, applied: float = 0.0
+    ) -> Estimate:
+        plain, coloured = (size * e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
+        reported = plain if white else max(plain, coloured)
+        return Estimate(shown or name, size * (theta[name] + applied), reported, plain, coloured, units)
+
+    def tolerated(value: Tolerated, flight: int) -> Estimate:
+        name, shown = of_flight(value.name, flight), _shown(problem, value.name, flight)
+        return estimate(name, value.units, shown, value.size, problem.applied[name])
+
+    innovations = tuple(
+        record.innovations(record.segment.y - v)
+        for record, v in zip(problem.records, found.innovations, strict=True)
+    )
+    columns, values = structure.at(theta), structure.values(theta)
+    terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))
+    return Identification(
+        status=found.status,
+        message="; ".join([found.message, *_beyond_tolerance(problem, theta)]),
+        columns=columns,
+        values=values,
+        covariance=_covariance(found, terms),
+        terms=terms,
+        nonlinear=tuple(
+            estimate(parameter.name, parameter.units, label, 1.0 / parameter.scale)
+            for parameter, label in zip(
+                structure.nonlinear_parameters,
+                unique([parameter.label for parameter in structure.nonlinear_parameters]),
+                strict=True,
+            )
+        ),
+        forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
+        instruments=tuple(tolerated(value, flight) for value, flight in problem.tolerated),
+        environment=tuple(
+            estimate(of_flight(name, flight), "m/s^2", _shown(problem, name, flight))
+            for flight in problem.flights
+            for name in GRAVITY
+        ),
+        log_likelihood=_log_likelihood(innovations, problem.config.noise),
+        iterations=found.iterations,
+        cost_history=tuple(entry.cost for entry in found.history),
+        identifiability=found.identifiability,
+        innovations=innovations,
+        times=tuple(record.time for record in problem.records),
+        whiteness=found.whiteness,
+        prior_misfit=_prior_misfit(problem, theta),
+        block=problem.block,
+        seconds=0.0,
+        frame=problem.frame.with_in_plane_moment(columns, values),
+        problem=problem,
+        fit=found,
+    )
+
+
+def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]:
+    """Values whose estimates lie farther off than their tolerances let expect."""
+    found = []
+    for value, flight in problem.tolerated:
+        name = of_flight(value.name, flight)
+        sigmas = theta[name] + problem.applied[name]
+        found.append(
+            beyond_tolerance(_shown(problem, value.name, flight), sigmas * value.size, value.size, value.units)
+        )
+    return [text for text in found if text is not None]
+
+
+def _shown(problem: Problem, name: str, flight: int) -> str:
+    """The name of a flight's parameter as a reader knows it."""
+    return name if len(problem.flights) == 1 else of_flight(name, flight)
+
+
+def _prior_misfit(problem: Problem, theta: Mapping[str, float]) -> float:
+    return sum(((theta[name] - mean) / sigma) ** 2 for name, (mean, sigma) in problem.priors.items())
+
+
+def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
+    """Covariance of the coefficients at the reported standard errors."""
+    index = [found.names.index(term.name) for term in terms]
+    covariance = found.covariance[np.ix_(index, index)]
+    stretch = np.array([term.std_error / term.std_error_white for term in terms])
+    return np.asarray(covariance * np.outer(stretch, stretch))
+
+
+def _log_likelihood(innovations: Sequence[FloatArray], shape: str) -> float:
+    """Minus the NLLF of Eq. 3.10 (E8), with B of Eq. 3.11, over every sample."""
+    together = np.concatenate(innovations, axis=1)
+    valid = np.isfinite(together)
+    floor = np.full(4, 1e-300)
+    kind = "full" if shape == "full" else "diagonal"
+    covariance = estimate_covariance(together, valid, kind, np.eye(4), floor)  # type: ignore[arg-type]
+    return -negative_log_likelihood(together, valid, covariance)
+
+
+def _failed(
+    frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, message: str, seconds: float
+) -> Identification:
+    count = len(columns)
+    return Identification(
+        "failed",
+        message,
+        tuple(columns),
+        np.asarray(values),
+        np.full((count, count), np.nan),
+        (),
+        (),
+        (),
+        (),
+        (),
+        float("nan"),
+        0,
+        (),
+        None,
+        (),
+        (),
+        (),
+        float("nan"),
+        0,
+        seconds,
+        frame,
+        None,
+        None,
+    )

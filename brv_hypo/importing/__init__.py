@@ -1,0 +1,12 @@
+"""Foreign records: a csv, parquet or mat file becomes a `Flight` through a map of its columns.
+
+tables.py       columns of csv, parquet and mat files, by name
+record_map.py   MAP.yaml, and the flight that is made by it: `bring_in`, `import_record`
+rocket_log.py   what a raw rocket log needs: two clocks, biases from the pad, speed of a climb, a lower rate
+guess.py        `guess_map`: a commented map, proposed from names and physics
+guess_rules.py  what names and numbers say of a column
+"""
+
+from brv_hypo.importing.record_map import Imported, bring_in, import_record
+
+__all__ = ["Imported", "bring_in", "import_record"]

@@ -1,0 +1,499 @@
+"""MAP.yaml: what a foreign record's columns are, what is done with them, and the flight that is made of them.
+
+A value is `scale * column + offset`, in `units`, and NaN where the column holds `missing`:
+
+    title: Entry of 1975
+    planet: earth
+    channels:
+      time: {column: t, units: s}
+      p: {column: gyro_x, units: deg/s, scale: -1.0, missing: -999}
+      altitude: {recorder: altimeter, column: baro, units: ft}
+    recorders:                     # other files, each with a clock of its own
+      altimeter:
+        file: altimeter.csv
+        time: {column: met, units: s}
+        align: {column: accel, units: g, to: ax}   # the clock's offset, from what both recorders sensed
+    vehicle:
+      mass: {value: 832, units: kg}
+      ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
+    instruments: {grade: industrial}
+    pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
+    derive: {velocity: ascent}     # from ax and altitude, on a steep climb
+    window: coast                  # a phase that is found, or [start, stop] in s
+    rate: auto                     # Hz, or auto: what the motion needs
+
+Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
+or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
+all recorders on one clock; biases from the pad removed; speed derived; phases found and the window cut, with the
+vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.format import RawTable, assemble
+from brv_hypo.flight.inspection import Phase, PhaseName, find_phases
+from brv_hypo.flight.record import (
+    CHANNEL_DIMENSIONS,
+    VEHICLE_DIMENSIONS,
+    Flight,
+    Record,
+    RecordFault,
+    VehicleRecord,
+    check_shape,
+    check_time,
+    complaints,
+    validated,
+)
+from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
+from brv_hypo.flight.units import Dimension, to_si
+from brv_hypo.importing.rocket_log import ascent, clock_offset, decimated, needed_rate, take_out_biases
+from brv_hypo.importing.tables import Columns, found_file, nearest, read_columns
+from brv_hypo.io.text import naming, one_line
+
+ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
+STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
+DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
+
+
+# ---- MAP.yaml: what a foreign record's columns are, and what is to be done with them. Read by `read_map` ----
+
+
+def _in_order(span: tuple[float, float]) -> tuple[float, float]:
+    if not span[0] < span[1]:
+        raise ValueError("a start before its stop")
+    return span
+
+
+Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class ColumnMap(_Entry):
+    """Where a channel comes from: the main table, or that of a `recorder`."""
+
+    column: str
+    units: str
+    scale: float = 1.0
+    offset: float = 0.0
+    missing: float | None = None
+    recorder: str | None = None
+
+
+class Alignment(_Entry):
+    """What a second recorder sensed of channel `to`; a constant difference between the two does not matter."""
+
+    column: str
+    units: str
+    to: str = "ax"
+
+
+class Recorder(_Entry):
+    """Another file, and the clock that it has."""
+
+    file: str
+    time: ColumnMap
+    align: Alignment | None = None
+
+
+class VehicleValue(_Entry):
+    """A property of the vehicle, with its units."""
+
+    value: float | tuple[float, float, float]
+    units: str
+
+
+class VehicleColumn(_Entry):
+    """A property of the vehicle from a table over time: its mean over what is kept of the record."""
+
+    file: str
+    column: str
+    units: str
+    time: ColumnMap
+
+
+def _kind_of(entry: Any) -> str:
+    """Which of the two an entry of `vehicle` is, so that one complaint is made of it and not both."""
+    named = entry if isinstance(entry, dict) else getattr(entry, "__dict__", {})
+    return "column" if "file" in named or "column" in named else "value"
+
+
+VehicleEntry = Annotated[
+    Annotated[VehicleValue, Tag("value")] | Annotated[VehicleColumn, Tag("column")], Discriminator(_kind_of)
+]
+
+
+class Derived(_Entry):
+    """Channels that no instrument gave. `ascent`: speed from the axial accelerometer and the altitude."""
+
+    velocity: Literal["ascent"]
+
+
+class RecordMap(_Entry):
+    """MAP.yaml."""
+
+    channels: dict[str, ColumnMap]
+    vehicle: dict[str, VehicleEntry]
+    recorders: dict[str, Recorder] = {}
+    instruments: dict[str, Any] = {}
+    pad: Span | None = None
+    derive: Derived | None = None
+    window: PhaseName | Span | None = None
+    rate: Literal["auto"] | Annotated[float, Field(gt=0.0)] | None = None
+    planet: str = "earth"
+    title: str = ""
+    source: str = ""
+    delimiter: str = Field(default=",", min_length=1, max_length=1)
+
+
+def read_map(path: str | Path) -> RecordMap:
+    """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
+    from brv_hypo.io.mappings import read_yaml
+
+    file = Path(path)
+    content = read_yaml(file, "a map with the keys channels and vehicle")
+    _check_filled_in(content, file)
+    try:
+        mapping = RecordMap.model_validate(content)
+    except ValidationError as error:
+        raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
+    _check_names(mapping.channels, CHANNEL_DIMENSIONS, "channels", file)
+    _check_names(mapping.vehicle, VEHICLE_DIMENSIONS, "vehicle", file)
+    if "time" not in mapping.channels:
+        raise UsageError(f"the map {file} has no channels/time. Map the column that holds the sample times.")
+    for name, entry in mapping.channels.items():
+        if entry.recorder is not None and entry.recorder not in mapping.recorders:
+            raise UsageError(
+                f"the map {file}: channels/{name} comes from the recorder '{entry.recorder}', which recorders does "
+                f"not describe{nearest(entry.recorder, mapping.recorders)}. Give its file and its time."
+            )
+    return mapping
+
+
+def _check_filled_in(content: dict[str, Any], file: Path) -> None:
+    """A guessed map has null for what no table gives."""
+    vehicle = content.get("vehicle")
+    entries = vehicle.items() if isinstance(vehicle, dict) else ()
+    empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
+    if empty:
+        raise UsageError(
+            f"the map {file} has no value yet for vehicle/{', vehicle/'.join(empty)}: fill in what is null. The shape "
+            "of the moments needs the ratio of the inertias alone; their size needs all of them."
+        )
+
+
+def _check_names(names: Iterable[str], known: Iterable[str], group: str, file: Path) -> None:
+    for name in names:
+        if name not in set(known):
+            raise UsageError(
+                f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
+                f"It has {', '.join(known)}."
+            )
+
+
+# ---- The vehicle of a foreign record, from its map or a table over time, and how well all of it is known ----
+
+
+@dataclass(frozen=True)
+class ForeignVehicle:
+    """The properties; half the relative range of the inertias over the window (0: constant); notes in words."""
+
+    record: VehicleRecord
+    inertia: float
+    notes: tuple[str, ...]
+
+
+def vehicle_of(mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float]) -> ForeignVehicle:
+    """The map's vehicle; a property that a table gives is its mean over `window` s.
+
+    Raises UsageError where a table holds nothing in the window, FlightRecordError for what no vehicle has.
+    """
+    values: dict[str, Any] = {}
+    changes, notes = 0.0, []
+    for name, entry in mapping.vehicle.items():
+        if isinstance(entry, VehicleColumn):
+            values[name], change = _from_table(name, entry, mapping.delimiter, folders, window)
+            changes = max(changes, 0.0 if name == "mass" else change)
+            change_note = (
+                f", which changes by ±{100.0 * change:.2g} % in the window"
+                if change > STEADY_PROPERTY
+                else ""
+            )
+            notes.append(f"vehicle/{name} {values[name]:.5g} from {entry.file}{change_note}")
+        else:
+            label = f"vehicle/{name}"
+            values[name] = to_si(
+                np.asarray(entry.value), entry.units, VEHICLE_DIMENSIONS[name], label
+            ).tolist()
+    return ForeignVehicle(validated(VehicleRecord, values, group="vehicle"), changes, tuple(notes))
+
+
+def instruments_of(
+    mapping: RecordMap,
+    from_pad: Mapping[str, Any],
+    inertia: float,
+    channels: Mapping[str, FloatArray],
+    speed_sigma: FloatArray | None,
+) -> Instruments:
+    """Tolerances: of the map's grade, then what pad, table and derived speed show, then what the map states.
+
+    `inertia` is relative, of `ForeignVehicle`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
+    """
+    grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
+    shown: dict[str, Any] = dict(from_pad)
+    if inertia > STEADY_PROPERTY:
+        shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
+    pressure = _pressure_tolerance(channels, speed_sigma)
+    if pressure > grade.dynamic_pressure_scale[0]:
+        shown |= {"dynamic_pressure_scale": pressure}
+    stated = {key: value for key, value in mapping.instruments.items() if key != "grade"}
+    return tolerances_of(stated, with_stated(grade, shown), "the map's instruments")
+
+
+def _pressure_tolerance(channels: Mapping[str, FloatArray], speed_sigma: FloatArray | None) -> float:
+    """Relative 1-sigma of a dynamic pressure that is made of speed and a standard atmosphere; 0 of a measured one."""
+    if "dynamic_pressure" in channels:
+        return 0.0
+    density = 0.0 if "density" in channels else DENSITY_OF_THE_DAY
+    if speed_sigma is None:
+        return density
+    return float(np.hypot(density, 2.0 * np.nanmedian(speed_sigma / channels["velocity"])))
+
+
+def _from_table(
+    name: str, entry: VehicleColumn, delimiter: str, folders: tuple[Path, ...], window: tuple[float, float]
+) -> tuple[float, float]:
+    """Mean of a property over the window, SI, and half its relative range."""
+    path = found_file(entry.file, folders)
+    columns = read_columns(path, (entry.time.column, entry.column), delimiter)
+    stamps = entry.time.scale * columns[entry.time.column] + entry.time.offset
+    time = to_si(stamps, entry.time.units, "time", f"vehicle/{name}/time")
+    values = to_si(columns[entry.column], entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
+    known = np.isfinite(time) & np.isfinite(values)
+    time, values = time[known], values[known]
+    inside = values[(time >= window[0]) & (time <= window[1])]
+    if not inside.size:
+        raise UsageError(
+            f"vehicle/{name}: {path} has no value of {entry.column} from {window[0]:.3g} to {window[1]:.3g} s. "
+            "Likely cause: another zero of time. Remedy: correct the offset of its time, or give a value."
+        )
+    mean = float(np.mean(inside))
+    return mean, 0.5 * float(np.ptp(inside)) / abs(mean) if mean else 0.0
+
+
+Channels = dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A foreign record: the flight, what it was made from, and the phases that it holds."""
+
+    flight: Flight
+    raw: tuple[RawTable, ...]
+    phases: tuple[Phase, ...]
+
+
+@dataclass(frozen=True)
+class _Read:
+    """Everything in SI on one clock, before anything is cut."""
+
+    time: FloatArray
+    channels: Channels
+    notes: tuple[str, ...]
+    tolerances: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    speed_sigma: FloatArray | None = None
+
+
+def import_record(data: str | Path, map_path: str | Path) -> Flight:
+    """The flight in a csv, parquet or mat file, read through the map at `map_path`; errors as of `bring_in`."""
+    return bring_in(data, map_path).flight
+
+
+def bring_in(data: str | Path, map_path: str | Path) -> Imported:
+    """The record in a csv, parquet or mat file, read through the map at `map_path`.
+
+    Raises UsageError (the map is unreadable, wrong, or names what the data do not have; a missing extra) and
+    FlightRecordError (the data are unreadable or make no valid record).
+    """
+    source, mapping = Path(data), read_map(map_path)
+    folders = (Path(map_path).parent, source.parent)
+    tables: dict[str | None, Columns] = {None: _table(source, mapping, None)}
+    for name, recorder in mapping.recorders.items():
+        tables[name] = _table(found_file(recorder.file, folders), mapping, name)
+    with naming(source):
+        read = _derived(_rested(_on_one_clock(tables, mapping), mapping), mapping)
+        record, faults, phases = _cut(read, mapping, source, folders)
+    flight = assemble(record)
+    raw = tuple(_raw(name, columns, mapping) for name, columns in tables.items())
+    return Imported(replace(flight, faults=(*faults, *flight.faults)), raw, phases)
+
+
+def _entries(mapping: RecordMap, name: str | None) -> list[ColumnMap | Alignment]:
+    """What the map takes from one recorder; None is the main table."""
+    entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
+    if name is not None:
+        recorder = mapping.recorders[name]
+        entries += [recorder.time, *([recorder.align] if recorder.align else [])]
+    return entries
+
+
+def _table(path: Path, mapping: RecordMap, name: str | None) -> Columns:
+    """The columns of one recorder that the map names."""
+    wanted = dict.fromkeys(entry.column for entry in _entries(mapping, name))
+    return read_columns(path, tuple(wanted), mapping.delimiter)
+
+
+def _raw(name: str | None, columns: Columns, mapping: RecordMap) -> RawTable:
+    """A table as it was read, with what the map says of its units."""
+    return RawTable(name or "main", columns, {entry.column: entry.units for entry in _entries(mapping, name)})
+
+
+def _on_one_clock(tables: Mapping[str | None, Columns], mapping: RecordMap) -> _Read:
+    """All channels on the stamps of the main table; NaN where another recorder has none."""
+    channels = {
+        name: _channel(tables[None][entry.column], entry, CHANNEL_DIMENSIONS[name], name)
+        for name, entry in mapping.channels.items()
+        if entry.recorder is None
+    }
+    time = channels.pop("time")
+    notes: list[str] = []
+    for name, recorder in mapping.recorders.items():
+        columns = tables[name]
+        clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
+        if recorder.align is not None:
+            moved, note = _aligned(name, recorder.align, columns, clock, time, channels)
+            clock, notes = clock + moved, [*notes, note]
+        for channel, entry in mapping.channels.items():
+            if entry.recorder == name:
+                values = _channel(columns[entry.column], entry, CHANNEL_DIMENSIONS[channel], channel)
+                channels[channel] = _interpolated(time, clock, values)
+    check_time(time)
+    for name, values in channels.items():
+        check_shape(name, values, time.shape)
+    return _Read(time, channels, tuple(notes))
+
+
+def _aligned(
+    name: str, align: Alignment, columns: Columns, clock: FloatArray, time: FloatArray, channels: Channels
+) -> tuple[float, str]:
+    """What is to be added to a second recorder's clock, s, and a note on it."""
+    if align.to not in channels:
+        raise UsageError(
+            f"recorders/{name}/align/to: '{align.to}' is no channel of the main table, which has {', '.join(channels)}."
+        )
+    other = to_si(columns[align.column], align.units, CHANNEL_DIMENSIONS[align.to], f"recorders/{name}/align")
+    moved, likeness = clock_offset(time, channels[align.to], clock, other)
+    return moved, (
+        f"clock of {one_line(name)}: {moved:+.4g} s to that of the main table, by its {one_line(align.column)} against "
+        f"{align.to} (correlation {likeness:.3f})"
+    )
+
+
+def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: str) -> FloatArray:
+    """The mapped column in SI."""
+    known = column if entry.missing is None else np.where(column == entry.missing, np.nan, column)
+    return to_si(entry.scale * known + entry.offset, entry.units, dimension, name)
+
+
+def _interpolated(time: FloatArray, clock: FloatArray, values: FloatArray) -> FloatArray:
+    """`values` at `time`, along straight lines; NaN before and after them."""
+    known = np.isfinite(values) & np.isfinite(clock)
+    return np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
+
+
+def _rested(read: _Read, mapping: RecordMap) -> _Read:
+    """Less the biases that the pad shows."""
+    if mapping.pad is None:
+        return read
+    found = take_out_biases(read.time, read.channels, mapping.pad)
+    notes = (*read.notes, *found.notes)
+    return replace(read, channels=found.channels, tolerances=found.tolerances, notes=notes)
+
+
+def _derived(read: _Read, mapping: RecordMap) -> _Read:
+    """With a speed, where the map asks for one; unknown where it is as good as rest."""
+    if mapping.derive is None:
+        return read
+    missing = [name for name in ("ax", "altitude") if name not in read.channels]
+    if missing:
+        raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
+    found = ascent(read.time, read.channels["ax"], read.channels["altitude"])
+    moving = found.velocity > ASCENT_KNOWN_SPEED * found.sigma
+    speed = np.where(moving, found.velocity, np.nan)
+    channels = {**read.channels, "velocity": speed, "altitude": found.altitude}
+    return replace(read, channels=channels, speed_sigma=found.sigma, notes=(*read.notes, found.note))
+
+
+def _cut(
+    read: _Read, mapping: RecordMap, source: Path, folders: tuple[Path, ...]
+) -> tuple[Record, tuple[RecordFault, ...], tuple[Phase, ...]]:
+    """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
+    phases = _phases(read)
+    window = _window(mapping, phases, read.time)
+    inside = (read.time >= window[0]) & (read.time <= window[1])
+    kept = {name: values[inside] for name, values in read.channels.items()}
+    sigma = None if read.speed_sigma is None else read.speed_sigma[inside]
+    vehicle = vehicle_of(mapping, folders, window)
+    record = validated(
+        Record,
+        {
+            "time": read.time[inside],
+            "channels": kept,
+            "vehicle": vehicle.record,
+            "instruments": instruments_of(mapping, read.tolerances, vehicle.inertia, kept, sigma),
+            "planet": mapping.planet.strip().lower(),
+            "title": one_line(mapping.title),
+            "source": one_line(mapping.source or source.name),
+            "path": str(source),
+            "recorded_units": {name: entry.units for name, entry in mapping.channels.items()},
+            "notes": (*read.notes, *vehicle.notes, *_window_note(mapping, window)),
+        },
+    )
+    rate = needed_rate(record.time, record.channels) if mapping.rate == "auto" else mapping.rate
+    if rate is None:
+        return record, (), phases
+    thinned = decimated(record, rate)
+    return thinned.record, thinned.faults, phases
+
+
+def _phases(read: _Read) -> tuple[Phase, ...]:
+    known = read.channels
+    if not {"ax", "ay", "az"} <= set(known):
+        return ()
+    return find_phases(read.time, known["ax"], known["ay"], known["az"])
+
+
+def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:
+    if mapping.window is None:
+        return -np.inf, np.inf
+    if not isinstance(mapping.window, str):
+        return mapping.window
+    phase = next((phase for phase in phases if phase.name == mapping.window), None)
+    if phase is None:
+        found = (
+            ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
+        )
+        raise UsageError(
+            f"the map's window is '{mapping.window}', a phase that the record from {time[0]:.3f} to {time[-1]:.3f} s "
+            f"does not show (it shows {found}). Give times instead: window: [start, stop]."
+        )
+    return phase.start_s, phase.stop_s
+
+
+def _window_note(mapping: RecordMap, window: tuple[float, float]) -> tuple[str, ...]:
+    if mapping.window is None:
+        return ()
+    name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
+    return (f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s",)

@@ -1,0 +1,68 @@
+"""Text that is fit to print, and the one wording of a refusal.
+
+Text of foreign origin must not write on a terminal as we do: control codes and marks that reverse the order of
+what follows are left out (`printable`, `one_line`). A refused dataset is always reported in the same four parts:
+what was found, what was expected, the likely cause, the remedy (`refusal`); `naming` puts the file in front.
+"""
+
+from __future__ import annotations
+
+import difflib
+import unicodedata
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from brv_hypo.errors import FlightRecordError
+
+LONGEST_LINE = 300  # characters kept of a title or of another text that belongs on one line
+
+_KEPT = "\n\t"
+# Marks that reverse the order of what follows, and separators that begin a new line.
+_REORDERING = frozenset(
+    "\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+)
+
+
+def printable(text: str) -> str:
+    """The text without control codes, marks that reorder it, and code points that no encoding has."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(c for c in text if c in _KEPT or not _is_control(c))
+
+
+def one_line(text: str) -> str:
+    """The text on one line: printable, without line breaks, and not endless."""
+    line = printable(text).replace("\n", " ").replace("\t", " ")
+    return line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + "..."
+
+
+def counted(count: int, thing: str) -> str:
+    """So many of a thing: "1 sample", "2 samples"."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6) -> str:
+    """A question after the known name that an unknown one is most like, or `otherwise`, for a refusal."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
+    return f"is '{near[0]}' meant?" if near else otherwise
+
+
+def _is_control(character: str) -> bool:
+    return unicodedata.category(character) in ("Cc", "Cs") or character in _REORDERING
+
+
+def refusal(dataset: str, found: str, expected: str, cause: str, remedy: str) -> FlightRecordError:
+    """The error to raise for `dataset`; the caller that knows the file puts its path in front."""
+    return FlightRecordError(
+        f"dataset '{dataset}': found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}."
+    )
+
+
+@contextmanager
+def naming(path: str | Path) -> Iterator[None]:
+    """Put the file in front of whatever is refused inside."""
+    try:
+        yield
+    except FlightRecordError as error:
+        raise FlightRecordError(f"{path or 'flight'}: {error}") from error

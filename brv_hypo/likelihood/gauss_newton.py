@@ -1,0 +1,504 @@
+"""One Gauss-Newton step in parameters and states, and how far to go along it.
+
+The states of each segment are eliminated first (`condensing`), which leaves a small bounded least-squares problem in
+theta with its priors; the states then follow. The line search weighs the objective against the violation of the
+dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to
+each other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`,
+`Extrapolation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood.collocation import (
+    Linearisation,
+    Model,
+    evaluate_segment,
+    linearise_segment,
+    parts_of,
+)
+from brv_hypo.likelihood.condensing import Recomputed, eliminate
+from brv_hypo.likelihood.kkt import BlockRows, Eliminated, Quadratic, upper_triangle
+from brv_hypo.likelihood.noise import whitening
+from brv_hypo.likelihood.parameters import Parameters
+from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.student import Tails
+
+# ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
+
+
+_RANK_TOLERANCE = 1e-10
+"""Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
+_ROUNDING = 1e-7
+"""A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
+_STIFF = 1e6
+"""Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
+"""
+_MANY = 32768
+"""Samples, of all segments, from which eliminated states with process noise are not kept."""
+_ANCHOR = 10.0
+"""Standard deviation, in sizes of the state, by which an anchored initial state may move in one step."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that stays the same during a fit.
+
+    `size` (n_states,) is the magnitude of each state; `process_noise` (n_states,) the standard deviation of
+    the noise that drives each state, per root second; 0 makes its dynamics a constraint. `reach` (p,) limits
+    the change of each parameter in one step: infinite but for delays, whose effect is linear over a short
+    time only.
+    """
+
+    model: Model
+    grids: tuple[Grid, ...]
+    parameters: Parameters
+    size: FloatArray
+    process_noise: FloatArray
+    reach: FloatArray
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance; where the noise has
+    `tails`, the squares of its scales on the diagonal.
+    """
+
+    x: tuple[FloatArray, ...]
+    theta: FloatArray
+    covariance: FloatArray
+    tails: Tails | None = None
+
+    def weights(self, s: int) -> FloatArray | None:
+        """What the samples of segment s weigh, (n_outputs, n); None where all weigh 1."""
+        return None if self.tails is None else self.tails.weights[s]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """One segment at its linearisation point, states eliminated.
+
+    `triangle` (1 + p, 1 + p) is that of the whitened residuals and process noise that a step of the p parameters
+    of the segment leaves, the states following; its last column a step of the states alone. `void` (p,) marks the
+    parameters that the states can follow entirely.
+    """
+
+    eliminated: Eliminated
+    triangle: FloatArray
+    void: BoolArray
+
+    def residual(self) -> FloatArray:
+        """The whitened residual that a step of the states alone would leave, and its derivative by the parameters
+        with the states following, (n, n_outputs, 1 + p).
+        """
+        found, _ = self.eliminated.rows()
+        found[:, :, 1:][:, :, self.void] = 0.0
+        return found
+
+
+@dataclass(frozen=True)
+class Step:
+    """A Gauss-Newton step: in theta, in the states of each segment, and what it promises.
+
+    `triangle` (p, p) is the factor of the information matrix, T'T, priors left out; `length` the step in
+    standard errors (root mean square); `multiplier` the largest scaled one; `decrease` the promised change of
+    the objective, <= 0; `cost` and `violation` what `objective` has at its foot.
+    """
+
+    theta: FloatArray
+    x: tuple[FloatArray, ...]
+    triangle: FloatArray
+    length: float
+    multiplier: float
+    decrease: float
+    cost: float
+    violation: float
+
+
+class SingularStatesError(ArithmeticError):
+    """The states of a segment cannot be determined from its outputs; `segment` says which, `stiff` whether the
+    dynamics are so fast for the mesh that rounding alone may be why.
+    """
+
+    def __init__(self, segment: int, stiff: bool = False) -> None:
+        what = "lost in rounding, its dynamics being stiff" if stiff else "not determined by its outputs"
+        super().__init__(f"the states of segment {segment} are {what}")
+        self.segment = segment
+        self.stiff = stiff
+
+
+Parts = tuple[tuple[slice, Linearisation], ...]
+
+
+def linearised(problem: Problem, iterate: Iterate) -> tuple[Parts, ...]:
+    """Every segment about the iterate, part by part."""
+    return tuple(tuple(_parts(problem, iterate, s)) for s in range(len(problem.grids)))
+
+
+def _parts(problem: Problem, iterate: Iterate, s: int) -> Iterator[tuple[slice, Linearisation]]:
+    grid, theta = problem.grids[s], problem.parameters.of_segment(s, iterate.theta)
+    for part in parts_of(grid.n):
+        yield part, linearise_segment(problem.model, grid, iterate.x[s], theta, problem.parameters.base, part)
+
+
+def _moved_to(problem: Problem, iterate: Iterate, s: int, held: Parts) -> Iterator[tuple[slice, Linearisation]]:
+    """Derivatives as they were held, with what the segment's dynamics and outputs leave at the iterate."""
+    theta = problem.parameters.of_segment(s, iterate.theta)
+    defect, output = evaluate_segment(problem.model, problem.grids[s], iterate.x[s], theta)
+    for part, each in held:
+        yield part, replace(each, defect=defect[part], output=output[part])
+
+
+def sensitivities(
+    problem: Problem, iterate: Iterate, anchored: bool = False, held: Sequence[Parts] | None = None
+) -> tuple[Sensitivity, ...]:
+    """Linearise every segment and eliminate its states.
+
+    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it
+    yet. `held` are the derivatives of an iterate so near that they hold here too.
+
+    Raises:
+        SingularStatesError: the outputs leave a state undetermined.
+    """
+    noisy = is_long(problem) and bool(np.any(problem.process_noise))
+    found = []
+    for s in range(len(problem.grids)):
+        again = partial(_eliminated, problem, iterate, s, anchored, None if held is None else held[s])
+        eliminated = again()
+        sensitivity = sensitivity_of(eliminated)
+        found.append(replace(sensitivity, eliminated=Recomputed(again)) if noisy else sensitivity)
+    return tuple(found)
+
+
+def is_long(problem: Problem) -> bool:
+    """Whether eliminated states with process noise take too much memory to be kept."""
+    return sum(grid.n for grid in problem.grids) > _MANY
+
+
+def _eliminated(
+    problem: Problem, iterate: Iterate, s: int, anchored: bool, held: Parts | None = None
+) -> Eliminated:
+    """Segment s linearised and its states eliminated."""
+    linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
+    quadratic = quadratic_of(
+        problem, problem.grids[s], iterate.x[s], linear, iterate.covariance, iterate.weights(s)
+    )
+    if not quadratic.exact:
+        quadratic = _memoryless(quadratic)
+    if anchored:
+        quadratic = _anchor(quadratic)
+    eliminated = eliminate(quadratic)
+    if eliminated is None:
+        raise SingularStatesError(s, float(np.abs(quadratic.defect_by_state.blocks).max()) > _STIFF)
+    return eliminated
+
+
+class Triangular(Protocol):
+    """A segment whose states are eliminated."""
+
+    @property
+    def triangle(self) -> FloatArray:
+        """See `Sensitivity`."""
+
+
+def information_factor(problem: Problem, segments: Sequence[Triangular]) -> FloatArray:
+    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1).
+
+    Its first p columns factor the information matrix.
+    """
+    parameters = problem.parameters
+    p = len(parameters.names)
+    if len(segments) == 1 and np.array_equal(parameters.segment_index[0], np.arange(p)):
+        return segments[0].triangle
+    rows = [np.zeros((0, p + 1))]
+    for index, segment in zip(parameters.segment_index, segments, strict=True):
+        spread = np.zeros((segment.triangle.shape[0], p + 1))
+        spread[:, index] = segment.triangle[:, :-1]
+        spread[:, -1] = segment.triangle[:, -1]
+        rows.append(spread)
+    return upper_triangle(np.concatenate(rows))
+
+
+def gauss_newton_step(
+    problem: Problem,
+    iterate: Iterate,
+    segments: Sequence[Sensitivity],
+    gradient: FloatArray | None = None,
+    frozen: bool = False,
+) -> Step:
+    """The step that minimises the linearised problem within the bounds.
+
+    `gradient` (p,) is that of a further term of the objective; `frozen` leaves theta where it is.
+    """
+    parameters = problem.parameters
+    p = len(parameters.names)
+    data = information_factor(problem, segments)
+    informed = np.isfinite(parameters.prior_std)
+    prior = np.zeros((p, p + 1))
+    weight = np.where(informed, 1.0 / parameters.prior_std, 0.0)
+    prior[:, :p] = np.diag(weight)
+    prior[:, p] = np.where(informed, weight * (iterate.theta - parameters.prior_mean), 0.0)
+    system = np.concatenate([data, prior[informed]])
+    slope = np.zeros(p) if gradient is None else gradient
+    tilted = system.copy()
+    if gradient is not None:
+        tilted[:p, p] += np.linalg.lstsq(data[:p, :p].T, slope, rcond=None)[0]
+    change = np.zeros(p) if frozen else _bounded_least_squares(tilted, problem, iterate.theta)
+    x = []
+    multiplier = 0.0
+    for segment, index in zip(segments, parameters.segment_index, strict=True):
+        states, multipliers = segment.eliminated.step(np.concatenate([[1.0], change[index]]))
+        x.append(states.T * problem.size[:, None])
+        multiplier = max(multiplier, float(np.abs(multipliers).max()))
+    length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
+    promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
+    cost, violation = objective(problem, iterate)
+    return Step(change, tuple(x), data[:p, :p], length, multiplier, promised - cost, cost, violation)
+
+
+def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
+    """Half the weighted sum of squares, and the violation of the constraints.
+
+    The first of outputs, process noise and priors; the second in the L1 norm, scaled.
+    """
+    total, violation = 0.0, 0.0
+    for s, (grid, x) in enumerate(zip(problem.grids, iterate.x, strict=True)):
+        theta = problem.parameters.of_segment(s, iterate.theta)
+        defect, output = evaluate_segment(problem.model, grid, x, theta)
+        whitener = _whitener(iterate.covariance, grid, iterate.weights(s), slice(None))
+        residual = _whitened(whitener, grid, output, slice(None))
+        scaled = np.concatenate([start_defect(problem, grid, x), defect / problem.size])
+        variance = _variance(problem, grid)
+        tight = variance == 0
+        loose = ~tight & np.isfinite(variance)
+        total += 0.5 * float(np.sum(residual**2)) + 0.5 * float(np.sum(scaled[loose] ** 2 / variance[loose]))
+        violation += float(np.sum(np.abs(scaled[tight])))
+    parameters = problem.parameters
+    deviation = (iterate.theta - parameters.prior_mean) / parameters.prior_std
+    return total + 0.5 * float(np.sum(deviation**2)), violation
+
+
+def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> Iterate:
+    """The iterate a fraction of the step further, inside the bounds."""
+    theta = np.clip(iterate.theta + fraction * step.theta, problem.parameters.lower, problem.parameters.upper)
+    return replace(
+        iterate, theta=theta, x=tuple(x + fraction * dx for x, dx in zip(iterate.x, step.x, strict=True))
+    )
+
+
+def quadratic_of(
+    problem: Problem,
+    grid: Grid,
+    x: FloatArray,
+    linear: Iterable[tuple[slice, Linearisation]],
+    covariance: FloatArray,
+    weights: FloatArray | None = None,
+) -> Quadratic:
+    """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
+    size = problem.size
+    rows = _Rows(grid.n)
+    outputs, dynamics = [], []
+    for part, each in linear:
+        first = part.indices(grid.n)[0]
+        whitener = _whitener(covariance, grid, weights, part)
+        rows.put("residual", first, _whitened(whitener, grid, each.output, part))
+        rows.put("by_parameter", first, whitener @ each.output_by_parameter)
+        rows.put("defect", first + 1, each.defect / size)
+        rows.put("defect_by_parameter", first + 1, each.defect_by_parameter / size[:, None])
+        outputs.append(each.output_by_state.turned(whitener, size))
+        dynamics.append(each.defect_by_state.turned(1.0 / size, size))
+    rows.put("defect", 0, start_defect(problem, grid, x))
+    return Quadratic(
+        by_state=BlockRows.joined(outputs),
+        defect_by_state=BlockRows.joined(dynamics),
+        variance=_variance(problem, grid),
+        **rows.filled,
+    )
+
+
+class _Rows:
+    """Arrays of n rows, filled a part at a time: no second copy is ever needed."""
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self.filled: dict[str, FloatArray] = {}
+
+    def put(self, name: str, first: int, values: FloatArray) -> None:
+        """The values from row `first` on; zero where nothing is put."""
+        if name not in self.filled:
+            self.filled[name] = np.zeros((self._n, *values.shape[1:]))
+        self.filled[name][first : first + len(values)] = values
+
+
+def _whitener(covariance: FloatArray, grid: Grid, weights: FloatArray | None, part: slice) -> FloatArray:
+    """See `whitening`, of a part; `weights` (n_outputs, n) multiply the outputs' squares."""
+    found = whitening(covariance, grid.measured[:, part])
+    return found if weights is None else np.sqrt(weights.T[part])[:, :, None] * found
+
+
+def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
+    """Whitened predicted minus measured output of a part, (samples, n_outputs), zero in gaps."""
+    difference = np.where(grid.measured.T[part], output - grid.y.T[part], 0.0)
+    return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
+
+
+def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
+    """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
+    triangle = eliminated.triangle()
+    direct = eliminated.problem.by_parameter
+    void = unseen_columns(triangle, np.einsum("nap,nap->p", direct, direct))
+    triangle[:, :-1][:, void] = 0.0
+    return Sensitivity(eliminated, triangle, void)
+
+
+def unseen_columns(triangle: FloatArray, direct: FloatArray) -> BoolArray:
+    """Parameters, (p,), of whose derivatives, of squares `direct` (p,) with the states held, these leave rounding."""
+    return np.asarray(np.sum(triangle[:, :-1] ** 2, axis=0) <= _ROUNDING**2 * direct)
+
+
+def _memoryless(quadratic: Quadratic) -> Quadratic:
+    """Delayed states held where they are. Delays meet noise on the way to a start only, whose states are near."""
+    return replace(
+        quadratic,
+        by_state=quadratic.by_state.without_couplings(),
+        defect_by_state=quadratic.defect_by_state.without_couplings(),
+    )
+
+
+def _anchor(quadratic: Quadratic) -> Quadratic:
+    free = np.isinf(quadratic.variance)
+    defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
+    return replace(quadratic, defect=defect, variance=variance)
+
+
+def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:
+    """Initial state less its guess, in its size, (1, n_states)."""
+    return ((x[:, 0] - grid.first) / problem.size)[None]
+
+
+def _variance(problem: Problem, grid: Grid) -> FloatArray:
+    """Diagonal of Q in scaled states, (n, n_states); row 0 is the initial state's."""
+    noise = problem.process_noise**2 * grid.step[:, None]
+    return np.concatenate([grid.start_std[None] ** 2, noise]) / problem.size**2
+
+
+def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArray) -> FloatArray:
+    """Minimise |A d + b|, [A b] = `system`, within the bounds and the reach of a step.
+
+    Columns are scaled and near-null directions left at rest.
+    """
+    p = theta.size
+    norm = np.linalg.norm(system[:, :p], axis=0)
+    norm[norm == 0] = 1.0
+    matrix, right = system[:, :p] / norm, -system[:, p]
+    left, singular, rotation = np.linalg.svd(matrix, full_matrices=False)
+    kept = singular > _RANK_TOLERANCE * singular.max(initial=0.0)
+    change = (rotation[kept].T @ ((left[:, kept].T @ right) / singular[kept])) / norm
+    lower = np.maximum(problem.parameters.lower - theta, -problem.reach)
+    upper = np.minimum(problem.parameters.upper - theta, problem.reach)
+    if np.all(change >= lower) and np.all(change <= upper):
+        return np.asarray(change)
+    from scipy.optimize import lsq_linear
+
+    bounds = np.minimum(lower, 0.0) * norm, np.maximum(upper, 0.0) * norm
+    return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x / norm)
+
+
+# ---- How far to go along a step: the merit weighs the objective against violated dynamics ----
+
+
+_HALVINGS = 12
+_SUFFICIENT = 1e-4
+"""Fraction of the promised decrease that must come true."""
+
+
+def line_search(
+    problem: Problem,
+    iterate: Iterate,
+    step: Step,
+    penalty: float,
+    term: Callable[[Iterate], float] | None = None,
+) -> tuple[Iterate, float]:
+    """Halve the step until the merit falls enough; fraction 0 where it does not.
+
+    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is
+    one.
+    """
+    merit = step.cost + penalty * step.violation + (term(iterate) if term else 0.0)
+    slope = step.decrease - penalty * step.violation
+    slack = 1e-10 * (1.0 + abs(merit))
+    fraction = 1.0
+    for _ in range(_HALVINGS):
+        trial = moved(problem, iterate, step, fraction)
+        with np.errstate(all="ignore"):
+            trial_cost, trial_violation = objective(problem, trial)
+            trial_merit = trial_cost + penalty * trial_violation + (term(trial) if term else 0.0)
+        if np.isfinite(trial_merit) and trial_merit <= merit + _SUFFICIENT * fraction * slope + slack:
+            return trial, fraction
+        fraction *= 0.5
+    return iterate, 0.0
+
+
+# ---- Extrapolation of slow Gauss-Newton steps (Anderson, J. ACM 12 (1965) 547) ----
+
+
+_NEAR = 0.5
+"""Length of a step, in standard errors, below which it is extrapolated: farther away nothing is linear."""
+_SLOW = 0.3
+"""Ratio of successive lengths above which steps are slow."""
+_WORSE = 2.0
+"""Ratio above which an extrapolation did harm, and the memory is cleared."""
+_MEMORY = 5
+"""Steps remembered."""
+_INDEPENDENT = 1e-8
+"""Singular value, against the largest, of differences of steps below which they tell nothing new."""
+
+
+@dataclass
+class Extrapolation:
+    """Remembers iterates and their steps; none where process noise has variances of its own to settle."""
+
+    problem: Problem
+    _past: list[tuple[Iterate, Step]] = field(default_factory=list)
+
+    def improved(self, iterate: Iterate, step: Step) -> Step:
+        """The step as it is, or the one that the last steps together promise to leave the least of."""
+        if np.any(self.problem.process_noise) or step.length > _NEAR:
+            self._past.clear()
+            return step
+        before = self._past[-1][1].length if self._past else np.inf
+        if step.length > _WORSE * before:
+            self._past.clear()
+        self._past = [*self._past[-_MEMORY:], (iterate, step)]
+        if len(self._past) < 2 or step.length < _SLOW * before:
+            return step
+        return self._combined()
+
+    def _combined(self) -> Step:
+        _, step = self._past[-1]
+        weigh = self._metric(step)
+        moves = np.stack([each.theta for _, each in self._past], axis=1)
+        differences = weigh @ np.diff(moves, axis=1)
+        left, singular, rotation = np.linalg.svd(differences, full_matrices=False)
+        kept = singular > _INDEPENDENT * singular.max(initial=0.0)
+        share = rotation[kept].T @ ((left[:, kept].T @ (weigh @ step.theta)) / singular[kept])
+        theta = step.theta.copy()
+        x = [each.copy() for each in step.x]
+        for (old, old_step), (new, new_step), weight in zip(self._past, self._past[1:], share, strict=False):
+            theta -= weight * (new.theta - old.theta + new_step.theta - old_step.theta)
+            for s, into in enumerate(x):
+                into -= weight * (new.x[s] - old.x[s] + new_step.x[s] - old_step.x[s])
+        if not np.all(np.abs(theta) <= self.problem.reach):
+            return step
+        return replace(step, theta=theta, x=tuple(x))
+
+    def _metric(self, step: Step) -> FloatArray:
+        """What weighs a move of theta by its information, priors in it."""
+        return np.concatenate([step.triangle, np.diag(1.0 / self.problem.parameters.prior_std)])

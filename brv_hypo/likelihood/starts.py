@@ -1,0 +1,575 @@
+"""Where the search starts: smoothed states, several starting points, long gaps, finer meshes.
+
+States are read off the outputs, then smoothed with the dynamics held loosely; long segments are cut into shorter ones
+with first states of their own for that (multiple shooting). A model that is not quite right has more than one
+optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long gap the
+outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion across.
+Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances: `begin`,
+`best_of`, `bridged`, `refine`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
+from brv_hypo.likelihood.derivatives import Points, evaluate
+from brv_hypo.likelihood.gauss_newton import (
+    Iterate,
+    Problem,
+    SingularStatesError,
+    gauss_newton_step,
+    line_search,
+    moved,
+    objective,
+    sensitivities,
+)
+from brv_hypo.likelihood.noise import least_variance, noise_from_differences
+from brv_hypo.likelihood.parameters import Parameters
+from brv_hypo.likelihood.result import FitResult, StartingPoint
+from brv_hypo.likelihood.search import Status
+from brv_hypo.likelihood.segment import (
+    WIDTH,
+    Grid,
+    History,
+    Interpolator,
+    Segment,
+    as_held,
+    build_grid,
+    inputs_of,
+    with_history,
+)
+
+PIECE = 8192
+"""Samples of a piece: far more than loose dynamics remember, few enough to be solved in little memory."""
+
+
+def cut(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
+    """The problem with every long segment as several; what a delay sees before a piece is held where it stands."""
+    grids: list[Grid] = []
+    states: list[FloatArray] = []
+    index = []
+    for grid, x, own in zip(problem.grids, iterate.x, problem.parameters.segment_index, strict=True):
+        edges = _edges(grid.n)
+        for first, last in pairwise(edges):
+            grids.append(_piece(grid, x, first, last, bool(problem.model.delays)) if len(edges) > 2 else grid)
+            states.append(x[:, first:last])
+            index.append(own)
+    parameters = replace(problem.parameters, segment_index=tuple(index))
+    return (
+        replace(problem, grids=tuple(grids), parameters=parameters),
+        replace(iterate, x=tuple(states)),
+    )
+
+
+def joined(whole: Problem, states: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    """The states of the whole segments from those of their pieces."""
+    remaining = iter(states)
+    return tuple(
+        np.concatenate([next(remaining) for _ in _edges(grid.n)[1:]], axis=1) for grid in whole.grids
+    )
+
+
+def _edges(n: int) -> list[int]:
+    """Where pieces begin, and n."""
+    return np.linspace(0, n, max(round(n / PIECE), 1) + 1).astype(np.int64).tolist()  # type: ignore[no-any-return]
+
+
+def _piece(grid: Grid, x: FloatArray, first: int, last: int, delayed: bool) -> Grid:
+    intervals = np.arange(first, last - 1)
+    ends = 2 * grid.n - 1 + intervals if grid.jumps else intervals[:0]
+    where = np.concatenate([np.arange(first, last), grid.n + intervals, ends])
+    history = grid.history
+    if delayed and first >= WIDTH:
+        before = slice(0, first + 1)
+        history = History(grid.t[before], x[:, before], grid.u[:, before])
+    return Grid(
+        t=grid.t[where],
+        u=grid.u[:, where],
+        y=grid.y[:, first:last],
+        measured=grid.measured[:, first:last],
+        step=grid.step[first : last - 1],
+        start=grid.first if first == 0 else x[:, first],
+        start_std=grid.start_std if first == 0 else np.full_like(grid.start_std, np.inf),
+        interpolator=grid.interpolator.part(first, last),
+        history=history,
+        time_varying=tuple(varying.part(where) for varying in grid.time_varying),
+        ignores=grid.ignores,
+        jumps=grid.jumps,
+    )
+
+
+# ---- Where the search starts: states read off the outputs, then smoothed with the dynamics held loosely ----
+
+
+_SMOOTHING_STEPS = 2
+_TIGHTENING = (1.0, 0.3, 0.1)
+_WAITING = 1e-9
+"""Reach of a delay while it waits, s."""
+_LEAST_LOOSENESS = 1e-2
+"""Least change of a state between samples that smoothing grants it, as a fraction of its size."""
+_POOR = 3.0
+"""Mean square of whitened residuals above which a beginning fits so poorly that another is tried."""
+_FAR_LESS = 0.5
+"""Violation of the dynamics, against that of the start values, at which 0 is the better start."""
+
+
+def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
+    """Where the search begins: smoothed states, parameters brought near, and the scales that follow from them.
+
+    An output that the start values make far too small a function of a state makes that state far too large. Where
+    the start fits poorly, 0 is tried too, and taken where it violates the dynamics far less. `near` is that of `fit`.
+    """
+    first = _prepared(problem, iterate, near)
+    given = all(grid.start.ndim == 2 for grid in problem.grids)
+    if near or given or _mean_square(*first) < _POOR:
+        return first
+    zero = _at_zero(problem, iterate)
+    if zero is None:
+        return first
+    second = _prepared(replace(problem, size=state_sizes(zero.x)), zero, near)
+    size = np.minimum(first[0].size, second[0].size)
+    here, there = (_violation(replace(p, size=size), i) for p, i in (first, second))
+    return second if there < _FAR_LESS * here else first
+
+
+def _at_zero(problem: Problem, iterate: Iterate) -> Iterate | None:
+    """Parameters at 0, or as near as their bounds let them, and the states that the outputs then show.
+
+    Delays, and what else acts alike over a short way only, stay. None where the functions are not defined there.
+    """
+    parameters = problem.parameters
+    local = np.isfinite(parameters.spread(dict.fromkeys(problem.model.delays, 0.0), np.inf))
+    local |= np.isfinite(problem.reach)
+    theta = np.where(local, iterate.theta, np.clip(0.0, parameters.lower, parameters.upper))
+    with np.errstate(all="ignore"):
+        try:
+            histories = states_from_outputs(problem.model, problem.grids, parameters, theta)
+        except np.linalg.LinAlgError:
+            return None
+    if not all(np.all(np.isfinite(x)) for x in histories):
+        return None
+    return replace(iterate, x=histories, theta=theta)
+
+
+def states_from_outputs(
+    model: Model, grids: Sequence[Grid], parameters: Parameters, vector: FloatArray
+) -> tuple[FloatArray, ...]:
+    """A state history for each segment, (n_states, n), with the parameters at `vector`, (p,).
+
+    The one given, or the initial state moved to meet the outputs.
+
+    A state that the outputs do not show at a sample stays at its initial value.
+    """
+    histories = []
+    for s, grid in enumerate(grids):
+        if grid.start.ndim == 2:
+            histories.append(grid.start.copy())
+            continue
+        x = np.repeat(grid.start[:, None], grid.n, axis=1)
+        measured = _without_gaps(grid)
+        moved = np.empty_like(x)
+        for part in parts_of(grid.n):
+            linear = linearise_segment(model, grid, x, parameters.of_segment(s, vector), (), part)
+            pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(part.start), rcond=1e-6)
+            difference = measured[:, part] - linear.output.T
+            moved[:, part] = x[:, part] + np.einsum("nij,jn->in", pseudo_inverse, difference)
+        histories.append(moved)
+    return tuple(histories)
+
+
+def state_sizes(histories: Sequence[FloatArray]) -> FloatArray:
+    """Magnitude of each state, (n_states,): root mean square over all segments, 1 where it is 0."""
+    size = np.sqrt(np.mean(np.concatenate(histories, axis=1) ** 2, axis=1))
+    return np.where(size > 0, size, 1.0)
+
+
+def looseness(grids: Sequence[Grid], histories: Sequence[FloatArray], size: FloatArray) -> FloatArray:
+    """Process noise, (n_states,), per root second, that lets the states follow the outputs, not the model."""
+    steps = np.concatenate([np.diff(x, axis=1) for x in histories], axis=1)
+    interval = np.median(np.concatenate([g.step for g in grids]))
+    change = np.maximum(np.sqrt(np.mean(steps**2, axis=1)), _LEAST_LOOSENESS * size)
+    return np.asarray(change / np.sqrt(interval))
+
+
+def delay_reach(
+    delays: Sequence[str], parameters: Parameters, grids: Sequence[Grid], histories: Sequence[FloatArray]
+) -> FloatArray:
+    """Largest change of each parameter in one step, (p,).
+
+    For a delay, half the time scale of the fastest state.
+    """
+    rates = np.concatenate(
+        [np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1
+    )
+    spread = np.std(np.concatenate(histories, axis=1), axis=1)
+    rms = np.sqrt(np.mean(rates**2, axis=1))
+    times = spread[rms > 0] / rms[rms > 0]
+    short = 0.5 * float(times.min()) if times.size and times.min() > 0 else np.inf
+    return parameters.spread(dict.fromkeys(delays, short), np.inf)
+
+
+def smooth(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
+    """States moved between outputs and model, theta held, the dynamics loose by the process noise `loose`."""
+    loosened = replace(problem, process_noise=loose)
+    for _ in range(_SMOOTHING_STEPS):
+        segments = sensitivities(loosened, iterate, anchored=True)
+        iterate = moved(loosened, iterate, gauss_newton_step(loosened, iterate, segments, frozen=True), 1.0)
+    return iterate
+
+
+def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
+    """A few steps in theta and the states while the dynamics are tightened, from equation to output error.
+
+    With the states near the outputs the problem is nearly linear in theta, which is why a poor theta0 does no
+    harm. Delays wait: with loose dynamics the data hardly know them, and a wrong one is hard to leave again.
+    """
+    reach = np.where(np.isfinite(problem.reach), _WAITING, problem.reach)
+    for fraction in _TIGHTENING:
+        noise = np.hypot(problem.process_noise, fraction * loose)
+        loosened = replace(problem, process_noise=noise, reach=reach)
+        step = gauss_newton_step(loosened, iterate, sensitivities(loosened, iterate, anchored=True))
+        iterate, _ = line_search(loosened, iterate, step, penalty=0.0)
+    return iterate
+
+
+def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
+    """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
+    pieces, part = cut(problem, iterate)
+    loose = looseness(problem.grids, iterate.x, problem.size)
+    try:
+        if any(g.start.ndim == 1 for g in problem.grids):
+            part = smooth(pieces, part, loose)
+        reach = delay_reach(problem.model.delays, pieces.parameters, pieces.grids, part.x)
+        reach = np.minimum(problem.reach, reach)
+        pieces = replace(pieces, size=state_sizes(part.x), reach=reach)
+        if not near:
+            part = approach(pieces, part, loose)
+    except SingularStatesError:
+        pass  # the search says so if they stay undetermined
+    found = replace(part, x=joined(problem, part.x))
+    return replace(problem, size=pieces.size, reach=pieces.reach), found
+
+
+def _mean_square(problem: Problem, iterate: Iterate) -> float:
+    """Of the whitened residuals, priors and process noise among them."""
+    measured = sum(int(grid.measured.sum()) for grid in problem.grids)
+    return 2.0 * objective(problem, iterate)[0] / max(measured, 1)
+
+
+def _violation(problem: Problem, iterate: Iterate) -> float:
+    """How far the states are from exact dynamics, in their sizes; infinite where that is not finite."""
+    exact = replace(problem, process_noise=np.zeros_like(problem.process_noise))
+    violation = objective(exact, iterate)[1]
+    return violation if np.isfinite(violation) else np.inf
+
+
+def _without_gaps(grid: Grid) -> FloatArray:
+    filled = grid.y.copy()
+    t = grid.t[: grid.n]
+    for row, observed in zip(filled, grid.measured, strict=True):
+        row[~observed] = np.interp(t[~observed], t[observed], row[observed]) if observed.any() else 0.0
+    return filled
+
+
+# ---- Long gaps, in which nothing was measured: fitted around first, then bridged by the model ----
+
+
+_LONG = 8
+"""Times the usual distance of measured samples from which a gap is bridged."""
+_LEAST = 2 * WIDTH
+"""Samples of a stretch at least."""
+_TOO_FAR = 10.0
+"""Times the largest measured state above which the motion across a gap is discarded."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples first to last of a segment, both measured."""
+
+    number: int
+    first: int
+    last: int
+
+
+def stretches(segments: Sequence[Segment]) -> tuple[Stretch, ...]:
+    """What lies between long gaps; empty where no segment has one."""
+    found = []
+    gaps = 0
+    for number, segment in enumerate(segments):
+        observed = np.flatnonzero(np.isfinite(np.atleast_2d(segment.y)).any(axis=0))
+        apart = np.diff(observed)
+        wide = np.flatnonzero(apart > _LONG * np.median(apart)) if apart.size else apart
+        gaps += wide.size
+        edges = [0, *(wide + 1).tolist(), observed.size]
+        spans = [(int(observed[a]), int(observed[b - 1])) for a, b in pairwise(edges)]
+        found += [Stretch(number, a, b) for a, b in spans if b - a + 1 >= _LEAST]
+    return tuple(found) if gaps else ()
+
+
+def pieces_of(segments: Sequence[Segment], between: Sequence[Stretch]) -> list[Segment]:
+    """The stretches as segments, their initial states free but where a segment's own is known."""
+    found = []
+    for stretch in between:
+        segment = segments[stretch.number]
+        where = slice(stretch.first, stretch.last + 1)
+        x0 = np.asarray(segment.x0, dtype=float)
+        found.append(
+            replace(
+                segment,
+                t=np.asarray(segment.t)[where],
+                u=inputs_of(segment)[:, where],
+                y=np.atleast_2d(segment.y)[:, where],
+                x0=x0[:, where] if x0.ndim == 2 else x0,
+                x0_std=segment.x0_std if stretch.first == 0 else np.inf,
+                u_mid=None if segment.u_mid is None else segment.u_mid[:, stretch.first : stretch.last],
+            )
+        )
+    return found
+
+
+def bridged(
+    segments: Sequence[Segment],
+    between: Sequence[Stretch],
+    times: Sequence[FloatArray],
+    states: Sequence[FloatArray],
+    model: Model,
+    theta: Mapping[str, float],
+) -> list[Segment]:
+    """The segments with histories: the states of each stretch, (n_states, n) at `times`, and the motion between."""
+    found = []
+    for number, segment in enumerate(segments):
+        grid = build_grid(segment, number)
+        t = grid.t[: grid.n]
+        own = [i for i, stretch in enumerate(between) if stretch.number == number]
+        if not own:
+            found.append(segment)
+            continue
+        known = np.concatenate([states[i] for i in own], axis=1)
+        at = np.concatenate([times[i] for i in own])
+        x = np.stack([np.interp(t, at, row) for row in known])
+        for i, following in zip(own, [*own[1:], None], strict=True):
+            stop = grid.n if following is None else between[following].first
+            carried = _carried(model, grid, x, between[i].last, stop, theta)
+            if np.all(np.abs(carried) < _TOO_FAR * np.abs(known).max(axis=1, keepdims=True)):
+                x[:, between[i].last : stop] = carried
+        found.append(with_history(segment, x))
+    return found
+
+
+def _carried(
+    model: Model, grid: Grid, x: FloatArray, first: int, stop: int, theta: Mapping[str, float]
+) -> FloatArray:
+    """States from sample `first` to before `stop` by Runge-Kutta steps from the first, (n_states, stop - first)."""
+    found = x[:, first:stop].copy()
+
+    def slope(state: FloatArray, at: int) -> FloatArray:
+        where = slice(at, at + 1)
+        time_varying = tuple(varying.part(where) for varying in grid.time_varying)
+        points = Points(state[:, None], grid.u[:, where], grid.t[where], time_varying=time_varying)
+        return evaluate(model.dynamics, points, theta)[:, 0]
+
+    with np.errstate(all="ignore"):
+        for k in range(found.shape[1] - 1):
+            at, now, h = first + k, found[:, k], grid.step[first + k]
+            end = 2 * grid.n - 1 + at if grid.jumps else at + 1
+            k1 = slope(now, at)
+            k2 = slope(now + h / 2 * k1, grid.n + at)
+            k3 = slope(now + h / 2 * k2, grid.n + at)
+            k4 = slope(now + h * k3, end)
+            found[:, k + 1] = now + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return found
+
+
+# ---- Several beginnings of one fit: a model that is not quite right has more than one optimum ----
+
+
+_SUSPECT = 1e-3
+"""p-value of an output's whiteness below which a second beginning is worth its time."""
+_APART = 1.0
+"""Difference of log-likelihoods from which two ends are different optima."""
+_LONGEST = 100_000
+"""Samples up to which a second beginning is tried."""
+_POOR_LIKELIHOOD = 3.0
+"""Mean square of residuals over that of the known noise above which a second beginning is worth its time."""
+_WINDOW = 9
+"""Samples of the running mean whose residual is the third guess of the noise."""
+
+
+@dataclass(frozen=True)
+class FirstNoise:
+    """A first guess of the noise covariance (n_outputs, n_outputs), and where it is from."""
+
+    source: str
+    covariance: FloatArray
+
+
+def first_noises(y: FloatArray) -> tuple[FirstNoise, ...]:
+    """Guesses from the outputs (n_outputs, n), nan in gaps; the smallest first, which is right for a right model."""
+    floor = least_variance(y)
+    variances = np.array([np.var(row[np.isfinite(row)]) if np.isfinite(row).any() else 1.0 for row in y])
+    return (
+        FirstNoise("differences of the outputs", noise_from_differences(y)),
+        FirstNoise("residual of smoothed outputs", np.diag(np.maximum(_unsmooth(y), floor))),
+        FirstNoise("variances of the outputs", np.diag(np.maximum(variances, floor))),
+    )
+
+
+def best_of(
+    noises: Sequence[FirstNoise],
+    run: Callable[[FloatArray], FitResult],
+    samples: int,
+    known: bool = False,
+) -> FitResult:
+    """The fit of the greatest likelihood; others than the first are tried where its residuals are not white, or, where
+    the noise is `known`, far larger than it.
+    """
+    ends = [(noises[0].source, run(noises[0].covariance))]
+    first = ends[0][1]
+    sound = _as_small_as_known(first) if known else all(test.p_value >= _SUSPECT for test in first.whiteness)
+    if not (first.converged and sound) and samples <= _LONGEST:
+        ends += [(noise.source, run(noise.covariance)) for noise in noises[1:]]
+    return chosen(ends)
+
+
+def chosen(ends: Sequence[tuple[str, FitResult]]) -> FitResult:
+    """The end of the greatest likelihood; among those as good as it, one that converged."""
+    likelihoods = np.array([found.log_likelihood for _, found in ends])
+    greatest = np.max(likelihoods, initial=-np.inf, where=np.isfinite(likelihoods))
+    best = min(
+        (found for (_, found), value in zip(ends, likelihoods, strict=True) if not value < greatest - _APART),
+        key=lambda found: (not found.converged, -found.log_likelihood),
+    )
+    starting_points = tuple(StartingPoint(source, found.status, found.log_likelihood) for source, found in ends)
+    apart = [each for each in starting_points if not each.log_likelihood >= greatest - _APART]
+    message = best.message
+    if apart:
+        others = "; ".join(f"{b.log_likelihood:.6g} ({b.status}, from {b.source})" for b in apart)
+        message += (
+            f". Beginnings disagree: log-likelihood {best.log_likelihood:.6g} here, elsewhere {others}. The model has "
+            "several optima on these data: compare their residuals, and start from values that are known"
+        )
+    return replace(best, message=message, starting_points=starting_points)
+
+
+def _as_small_as_known(found: FitResult) -> bool:
+    """Whether residuals are no larger than the noise that they are weighed by, or process noise explains them."""
+    together = np.concatenate(found.innovations, axis=1)
+    squares = np.nanmean(together**2, axis=1) / np.diag(found.noise_covariance)
+    return bool(np.any(found.process_noise)) or not np.mean(squares) > _POOR_LIKELIHOOD
+
+
+def _unsmooth(y: FloatArray) -> FloatArray:
+    """Variance of each output about its running mean, (n_outputs,)."""
+    found = np.zeros(len(y))
+    for i, row in enumerate(y):
+        finite = row[np.isfinite(row)]
+        if finite.size >= _WINDOW:
+            smooth = np.convolve(finite, np.full(_WINDOW, 1.0 / _WINDOW), mode="valid")
+            found[i] = np.var(finite[_WINDOW // 2 : -(_WINDOW // 2)] - smooth)
+    return found
+
+
+TOLERATED = 0.1
+"""Shift by the mesh, in standard errors, at which it is fine enough."""
+MOST_STEPS = 32
+"""Steps between samples at most."""
+_ORDER = 4.0
+"""Order of the collocation: how the error falls with the step."""
+_NEAR = 1.0
+"""Shift by the mesh, in standard errors, up to which a fit on a finer one begins where that on the coarser ended."""
+_LARGEST_RAISE = 8
+"""Factor by which the steps are raised at once: far from fine the error does not follow its order yet."""
+
+
+def refine(
+    segments: Sequence[Segment],
+    run: Callable[[Sequence[Segment], int], FitResult],
+    follow: Callable[[Sequence[Segment], int, FitResult], FitResult] | None,
+) -> FitResult:
+    """Fits on finer meshes until the shift is tolerable, or the steps are at their limit: then the status says so.
+
+    `run` fits segments on a mesh of that many steps between samples; `follow` does from where a fit ended that is near,
+    the segments' histories being its states; None where it cannot.
+    """
+    steps = 1
+    found = run(segments, steps)
+    while found.mesh_shift > TOLERATED and steps < MOST_STEPS:
+        steps = min(steps * _raise(found.mesh_shift), MOST_STEPS)
+        found = _on_mesh(segments, steps, found, run, follow)
+    if not found.mesh_shift > TOLERATED:
+        return found
+    size = f"an estimate is off by {found.mesh_shift:.2g} standard errors with {steps} steps between samples"
+    if found.converged:
+        return replace(found, status=Status.COARSE, message=f"{size}: {Status.COARSE.message}")
+    mesh = f"The mesh is a likely cause: {size}. {Status.COARSE.remedy}"
+    return replace(found, message=f"{found.message}. {mesh}")
+
+
+def _on_mesh(
+    segments: Sequence[Segment],
+    steps: int,
+    before: FitResult,
+    run: Callable[[Sequence[Segment], int], FitResult],
+    follow: Callable[[Sequence[Segment], int, FitResult], FitResult] | None,
+) -> FitResult:
+    if follow is not None and before.converged and before.mesh_shift <= _NEAR:
+        known = [with_history(segment, x) for segment, x in zip(segments, before.states, strict=True)]
+        found = follow([finer(segment, i, steps) for i, segment in enumerate(known)], steps, before)
+        if found.converged:
+            return replace(found, starting_points=(*before.starting_points, *found.starting_points))
+    return run([finer(segment, number, steps) for number, segment in enumerate(segments)], steps)
+
+
+def _raise(shift: float) -> int:
+    """Factor for the steps, a power of two."""
+    wanted = (shift / TOLERATED) ** (1.0 / _ORDER) if np.isfinite(shift) else np.inf
+    return int(min(2.0 ** np.ceil(np.log2(max(wanted, 2.0))), _LARGEST_RAISE))
+
+
+def finer(segment: Segment, number: int, steps: int) -> Segment:
+    """The segment with `steps` - 1 samples between each two, at which nothing was measured."""
+    build_grid(segment, number)  # refuses what is unfit
+    t = np.asarray(segment.t, dtype=float)
+    inside = _inserted(t, steps)
+    middle = 0.5 * (inside[:-1] + inside[1:])
+    y = np.atleast_2d(np.asarray(segment.y, dtype=float))
+    fine = np.full((y.shape[0], inside.size), np.nan)
+    fine[:, ::steps] = y
+    x0 = np.asarray(segment.x0, dtype=float)
+    if x0.ndim == 2:
+        x0 = np.stack([np.interp(inside, t, row) for row in x0])
+    return replace(
+        segment, t=inside, y=fine, u=_inputs(segment, inside), u_mid=_inputs(segment, middle), x0=x0
+    )
+
+
+def _inserted(t: FloatArray, steps: int) -> FloatArray:
+    fractions = np.arange(steps) / steps
+    return np.append((t[:-1, None] + np.diff(t)[:, None] * fractions).ravel(), t[-1])
+
+
+def _inputs(segment: Segment, at: FloatArray) -> FloatArray:
+    """Inputs (n_inputs, len(at)) as the segment has them between its samples."""
+    t = np.asarray(segment.t, dtype=float)
+    u = inputs_of(segment)
+    hold = (segment.hold,) * len(u) if isinstance(segment.hold, str) else tuple(segment.hold)
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, t.size - 2)
+    s = (at - t[before]) / (t[before + 1] - t[before])
+    last = np.where(at >= t[-1], t.size - 1, before)
+    if segment.u_mid is not None:
+        middle = np.asarray(segment.u_mid, dtype=float)[:, before]
+        end = np.where(np.array([kind == "zero" for kind in hold])[:, None], u[:, before], u[:, before + 1])
+        within = 2 * (s - 0.5) * (s - 1) * u[:, before] + 4 * s * (1 - s) * middle + 2 * s * (s - 0.5) * end
+        return np.where(at >= t[-1], u[:, -1:], within)
+    ways = {
+        "zero": u[:, last],
+        "linear": (1.0 - s) * u[:, before] + s * u[:, before + 1],
+        "cubic": Interpolator(t).stencil(at).apply(u),
+    }
+    return as_held(ways, hold)

@@ -1,0 +1,216 @@
+"""Mechanisms written in a YAML file: products of a few named functions of the motion, and nothing else.
+
+    format: brv-mechanism
+    format_version: 1
+    name: turning_moment
+    title: body-fixed moment that turns at 5 rad/s
+    claims: a moment of constant size that turns in the body at 5 rad/s
+    source: discovered on a flight
+    terms:
+      - {name: along, axis: body_y, turn: {of: time, rate: 5.0}}
+      - {name: across, axis: body_z, turn: {of: time, rate: 5.0}}
+
+A term is a moment of unit coefficient along an axis, which may turn, times its factors: powers, jumps, ramps,
+schedules of one quantity each; it may be that of an earlier motion (`delay`).
+No expression is evaluated as code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
+from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
+from brv_hypo.motion.motion import Motion
+
+FORMAT, VERSION = "brv-mechanism", 1
+
+Quantity = Literal[
+    "time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"
+]
+Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z"]
+
+
+def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
+    """The quantity on the motion's shape."""
+    if quantity == "log_reynolds":
+        return np.asarray(np.log10(motion.reynolds), dtype=float)
+    return np.asarray(getattr(motion, quantity), dtype=float)
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Factor(_Part):
+    """One function of one quantity x (SI, rad; `log_reynolds` is log10 of the Reynolds number).
+
+    `power`: ((x - at) / scale)^power. `cos`, `sin`: of rate * x. `step`: half of (1 + tanh((x - at) /
+    width)); for width 0 sharp, as a jump in time. `ramp`: x - at from `at` on, at its last value after `width`, which
+    is 0 where it goes on. `bump`: a linear B-spline, 1 at `at` and 0 `width` away. `schedule`: straight lines through
+    `values` at `places`, constant beyond.
+    """
+
+    of: Quantity
+    function: Literal["power", "cos", "sin", "step", "ramp", "bump", "schedule"] = "power"
+    power: int = Field(default=1, ge=-3, le=6)
+    rate: float = 1.0
+    at: float = 0.0
+    scale: float = Field(default=1.0, gt=0.0)
+    width: float = Field(default=0.0, ge=0.0)
+    places: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
+
+    @model_validator(mode="after")
+    def _schedule_is_whole(self) -> Factor:
+        if (self.function == "schedule") != bool(self.places) or len(self.places) != len(self.values):
+            raise ValueError(
+                f"a schedule, and nothing else, has as many 'values' as 'places'; got {self.function} with "
+                f"{len(self.places)} and {len(self.values)}"
+            )
+        if any(b <= a for a, b in pairwise(self.places)):
+            raise ValueError("'places' must increase")
+        return self
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """The factor at the quantity's values, of any shape."""
+        if self.function == "schedule":
+            return np.asarray(np.interp(x, self.places, self.values), dtype=float)
+        if self.function == "ramp":
+            return np.clip(x - self.at, 0.0, self.width or np.inf)
+        if self.function in ("cos", "sin"):
+            return np.asarray(getattr(np, self.function)(self.rate * x), dtype=float)
+        if self.function == "step":
+            sharp = self.width == 0.0
+            return np.asarray(
+                x >= self.at if sharp else 0.5 + 0.5 * np.tanh((x - self.at) / self.width), float
+            )
+        if self.function == "bump":
+            return np.asarray(
+                np.maximum(1.0 - np.abs(x - self.at) / max(self.width, 1e-300), 0.0), dtype=float
+            )
+        return np.asarray(((x - self.at) / self.scale) ** self.power, dtype=float)
+
+
+class Turn(_Part):
+    """A direction that turns by rate * x from its axis, in the sense of the windward meridian's body axes."""
+
+    of: Quantity
+    rate: float
+
+
+class YamlTerm(_Part):
+    """A moment along `axis`, turned if `turn` is set, times its factors; `value` is as it was found.
+
+    With a `delay` (s) it is the moment that the motion so much earlier had, left where it stood in the body; functions
+    of time are of the present.
+    """
+
+    name: str
+    axis: Axis
+    turn: Turn | None = None
+    factors: tuple[Factor, ...] = ()
+    units: str = "1"
+    delay: float = Field(default=0.0, ge=0.0)
+    value: float | None = None
+
+    @property
+    def follows_time(self) -> bool:
+        """Whether it is a function of the record's time."""
+        turns = self.turn is not None and self.turn.of == "time"
+        return turns or any(factor.of == "time" for factor in self.factors)
+
+    def column(self, motion: Motion) -> Term:
+        """The term's columns: C_N' + i C_Z' = (C_m + i C_n) exp(i phi_w) (Eq. 2.6, erratum E2)."""
+        before = motion.delayed(self.delay)
+
+        def of(quantity: Quantity) -> FloatArray:
+            return values_of(motion if quantity == "time" else before, quantity)
+
+        direction = np.exp(1j * (motion.windward_meridian - before.windward_meridian))
+        if self.axis in ("body_y", "body_z"):
+            direction = np.exp(1j * motion.windward_meridian)
+        if self.axis in ("out_of_plane", "body_z"):
+            direction = 1j * direction
+        if self.turn is not None:
+            direction = direction * np.exp(1j * self.turn.rate * of(self.turn.of))
+        for factor in self.factors:
+            direction = direction * factor(of(factor.of))
+        return Term(self.name, direction.real, direction.imag, self.units)
+
+
+class MechanismFile(_Part):
+    """The content of a mechanism file."""
+
+    format: Literal["brv-mechanism"] = "brv-mechanism"
+    format_version: Literal[1] = 1
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    title: str
+    claims: str
+    source: str
+    terms: tuple[YamlTerm, ...] = Field(min_length=1)
+
+
+class YamlMechanism(Mechanism):
+    """A mechanism that a file defines: C_N' and C_Z' are sums of its terms; see the module's description."""
+
+    name = "filed"
+    title = "mechanism of a file"
+    claims = "what its file says"
+    source = "a mechanism file"
+    time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant",)
+
+    definition: tuple[YamlTerm, ...] = ()
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The terms of the file, in their order."""
+        return tuple(term.column(motion) for term in self.definition)
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Where a term is a function of the record's time."""
+        return any(term.follows_time for term in self.definition)
+
+
+def mechanism_of(content: MechanismFile) -> YamlMechanism:
+    """The mechanism that a file's content defines."""
+    labels: dict[str, Any] = {name: getattr(content, name) for name in ("name", "title", "claims", "source")}
+    own = type(
+        "YamlMechanism", (YamlMechanism,), {**labels, "__module__": __name__, "__doc__": content.claims}
+    )
+    return own(definition=content.terms)  # type: ignore[no-any-return]
+
+
+def is_mechanism_file(name: str) -> bool:
+    """Whether a mechanism's name is the path of a file."""
+    return name.endswith(YAML_ENDINGS)
+
+
+def read_mechanism(path: str | Path) -> YamlMechanism:
+    """The mechanism of a YAML file.
+
+    Raises UsageError that says what is wrong and where.
+    """
+    try:
+        return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
+    except ValidationError as error:
+        places = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
+        raise UsageError(
+            f"{path} is not a mechanism file: {places}. `brv-hypo trace --write-mechanism` writes valid ones."
+        ) from None
+
+
+def mechanism_text(content: MechanismFile) -> str:
+    """The content as YAML; what is at its default is left out."""
+    data = content.model_dump(mode="json", exclude_defaults=True)
+    header = {"format": FORMAT, "format_version": VERSION}
+    return yaml.safe_dump({**header, **data}, sort_keys=False, width=100)

@@ -1,0 +1,170 @@
+"""A term of a mechanism as a regressor: at given nonlinear parameters, with a basis in time.
+
+`TimeBasis`: how a coefficient changes in time, by linear splines with jumps and ramps (Eq. 3.6 with m = 1).
+`Regressor`: one coefficient of one term of one mechanism at theta, with its time basis. `candidates` lists all
+regressors of a mechanism: theta x time basis x term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term, TimeVariation
+from brv_hypo.motion.motion import Motion
+
+# ---- How a coefficient changes in time: linear splines with jumps and ramps (Eq. 3.6 with m = 1) ----
+
+
+@dataclass(frozen=True)
+class TimeBasis:
+    """A coefficient in time per unit of its value, from `start` to `stop` (s).
+
+    `constant` and `jump` are 1 in [start, stop); `ramp` is t - start in [start, stop), 0 before and, as
+    the truncated power function of Eq. 3.7, stays at its last value after: its coefficient is per second.
+    """
+
+    kind: TimeVariation
+    start: float = -np.inf
+    stop: float = np.inf
+
+    def __call__(self, time: FloatArray) -> FloatArray:
+        """The basis at `time`, any shape."""
+        if self.kind == "ramp":
+            return np.asarray(np.clip(time, self.start, self.stop) - self.start, dtype=float)
+        return ((time >= self.start) & (time < self.stop)).astype(float)
+
+    def units(self, coefficient_units: str) -> str:
+        """Units of the value that multiplies this basis."""
+        return f"{coefficient_units}/s" if self.kind == "ramp" else coefficient_units
+
+
+# ---- Regressors: which coefficient, of which mechanism, with which basis in time ----
+
+
+BASELINE = "baseline"
+Theta = tuple[tuple[str, float], ...]
+Vector = tuple[str, str | None, Theta, TimeBasis]
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """One candidate: a term of a mechanism at theta, with a basis in time.
+
+    `grouped`: the terms with this time basis are components of one vector and enter together, those of the
+    vector `part_of` where the mechanism has several. `late_by`: those parameters of theta that the mechanism
+    declares to be delays. `flight`: the one flight of several that it acts on; None for all.
+    """
+
+    mechanism: str
+    term: str
+    theta: Theta
+    time_basis: TimeBasis
+    units: str
+    grouped: bool = False
+    late_by: tuple[Parameter, ...] = field(default=(), compare=False)
+    flight: int | None = None
+    part_of: str | None = None
+
+    @property
+    def vector(self) -> Vector:
+        """What the components of one vector share, on one flight."""
+        return (self.mechanism, self.part_of, self.theta, self.time_basis)
+
+    @property
+    def choice(self) -> tuple[str, str | None, Theta, TimeBasis, int | None]:
+        """What is chosen with the column: a vector's components are one choice, on each flight."""
+        return (self.mechanism, self.part_of if self.grouped else self.term, self.theta, self.time_basis, self.flight)
+
+    def acts_on(self, flight: int) -> bool:
+        """Whether it is part of the moments of that flight."""
+        return self.flight is None or self.flight == flight
+
+    def at(self, theta: Theta, time_basis: TimeBasis) -> Regressor:
+        """The regressor at another theta, or with another time basis."""
+        kept = (self.units, self.grouped, self.late_by, self.flight, self.part_of)
+        return Regressor(self.mechanism, self.term, theta, time_basis, *kept)  # `replace` takes several times as long
+
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """The delays of the term, s."""
+        theta = dict(self.theta)
+        return tuple(theta[late.name] * late.seconds for late in self.late_by if late.name in theta)
+
+    @property
+    def delay(self) -> float | None:
+        """The delay of the term in s, the first where there are several; None where it has none."""
+        return next(iter(self.delays), None)
+
+    @property
+    def label(self) -> str:
+        """The name of the coefficient in tables: what changes, and how."""
+        if self.time_basis.kind == "constant":
+            return self.term
+        return f"{self.time_basis.kind} in {self.term}"
+
+
+def delays_among(parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
+    """Those that are delays."""
+    return tuple(parameter for parameter in parameters if parameter.is_delay)
+
+
+def default_knots(start: float, stop: float, count: int) -> FloatArray:
+    """`count` times between start and stop (s), evenly spaced, the ends left out."""
+    return np.linspace(start, stop, count + 2)[1:-1]
+
+
+def theta_grid(mechanism: Mechanism, *, dense: bool = False) -> tuple[Theta, ...]:
+    """Every point of the grid of nonlinear parameters; one empty point where there is none.
+
+    `dense` adds the geometric mean of neighbouring positive values.
+    """
+    points: list[dict[str, float]] = [{}]
+    for parameter in mechanism.parameters():
+        grid = np.asarray(parameter.grid, dtype=float)
+        if dense and np.all(grid > 0.0):
+            grid = np.sort(np.concatenate([grid, np.sqrt(grid[:-1] * grid[1:])]))
+        points = [{**point, parameter.name: float(value)} for point in points for value in grid]
+    return tuple(tuple(point.items()) for point in points)
+
+
+def time_bases(mechanism: Mechanism, knots: FloatArray) -> tuple[TimeBasis, ...]:
+    """The bases in time that the mechanism's coefficients may take (Eq. 3.6)."""
+    found: list[TimeBasis] = []
+    for kind in mechanism.time_variation:
+        starts: Sequence[float] = (-np.inf,) if kind == "constant" else [float(knot) for knot in knots]
+        found.extend(TimeBasis(kind, start) for start in starts)
+    return tuple(found)
+
+
+def candidates(
+    mechanism: Mechanism, motion: Motion, knots: FloatArray, thetas: Sequence[Theta]
+) -> tuple[Regressor, ...]:
+    """All columns of a mechanism: theta x time basis x term; the motion decides only which terms there are."""
+    terms = mechanism.terms(motion, dict(thetas[0]))
+    return tuple(
+        term_column(mechanism, term, theta, time_basis)
+        for theta in thetas
+        for time_basis in time_bases(mechanism, knots)
+        for term in terms
+    )
+
+
+def term_column(
+    mechanism: Mechanism, term: Term, theta: Theta, time_basis: TimeBasis, flight: int | None = None
+) -> Regressor:
+    """The regressor of one of a mechanism's terms at a theta, with a basis in time."""
+    return Regressor(
+        mechanism.name,
+        term.name,
+        theta,
+        time_basis,
+        time_basis.units(term.units),
+        mechanism.terms_enter_together or term.vector is not None,
+        delays_among(mechanism.parameters()),
+        flight,
+        term.vector,
+    )

@@ -1,0 +1,412 @@
+"""Sensitivity of attitude, velocity, forces and moments to the errors that a record may have.
+
+`Perturbation` is one component of an error with its 1-sigma size, `perturbed` the inertial record under it.
+`effect_responses` linearises each by a central difference about a noise-free flight: smoothed rates, speed and
+pressure, and the normal force as fitted. A regressor made from measured channels would hold the noise of the
+response, and find itself.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, dataclass, replace
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
+from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
+from brv_hypo.motion.interpolation import (
+    DecimatedGrid,
+    blocks,
+    decimated_grid,
+    full_grid,
+    running_integral,
+    spacing,
+)
+from brv_hypo.motion.kinematics import body_attitude, windward_meridian
+from brv_hypo.motion.signals import differentiate, white_noise_level
+
+# Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
+# errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
+RESPONSE_STEP = 1e-2
+RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
+
+
+# ---- What an error of the record, of whatever origin, does to what is integrated from it ----
+
+
+_TURNING = ("p", "q", "r")
+_SENSED = ("ax", "ay", "az")
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One component of an error that a record may have, as likely as N(0, size^2) in SI `units`.
+
+    `apply(flight, value)` is the record as it would read had the error the value more.
+    """
+
+    effect: str
+    component: str
+    units: str
+    size: float
+    apply: Callable[[Flight, float], Flight]
+
+
+def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
+    """The flight with what each of some variants of it has otherwise: changes of channels, wind and vehicle are added.
+
+    One after the other they would act on each other too: by which axis comes first, and so by how the axes are rolled.
+    """
+    out = flight
+    for variant in variants:
+        changed = {}
+        for name in (*CHANNELS, *OPTIONAL_CHANNELS, "wind"):
+            before, other = getattr(flight, name), getattr(variant, name)
+            if other is not before:
+                known = getattr(out, name)
+                changed[name] = other if known is before else known + _change(before, other)
+        out = replace(out, vehicle=_with_change(out.vehicle, flight.vehicle, variant.vehicle), **changed)
+    return out
+
+
+def _change(before: FloatArray | None, other: FloatArray) -> FloatArray:
+    """What a channel has otherwise than before; a wind that was not known was none."""
+    return other if before is None else other - before
+
+
+def _with_change(vehicle: Vehicle, before: Vehicle, other: Vehicle) -> Vehicle:
+    """The vehicle with what one vehicle has otherwise than the other."""
+    if other is before:
+        return vehicle
+    each = zip(astuple(vehicle), astuple(before), astuple(other), strict=True)
+    mass, ixx, iyy, length, area, place = (
+        (np.asarray(known) + np.subtract(new, old)).tolist() for known, old, new in each
+    )
+    return Vehicle(mass, ixx, iyy, length, area, tuple(place))
+
+
+def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[InertialRecord]:
+    """The inertial records of flights that differ little from the one of `record`.
+
+    The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
+    """
+    before = record.flight
+    turned = [
+        k
+        for k, flight in enumerate(flights)
+        if any(getattr(flight, name) is not getattr(before, name) for name in _TURNING)
+    ]
+    turns: dict[int, _Turned] = {}
+    if turned:
+        measured = np.stack([flights[k].q + 1j * flights[k].r for k in turned], axis=1)
+        rolls, attitudes = body_attitude(record.time, np.stack([flights[k].p for k in turned], axis=1), measured)
+        more = measured - (before.q + 1j * before.r)[:, np.newaxis]
+        rates = record.transverse_rate[:, np.newaxis] + more
+        changes = record.rate_change[:, np.newaxis] + np.gradient(more, record.time, axis=0)
+        turns = {
+            k: _Turned(*(np.ascontiguousarray(each[:, j]) for each in (rolls, attitudes, rates, changes)))
+            for j, k in enumerate(turned)
+        }
+    swing = _swing(before, record.transverse_rate, record.rate_change)
+    return [_moved(record, flight, turns.get(k), swing) for k, flight in enumerate(flights)]
+
+
+class _Turned(NamedTuple):
+    """Roll (n,), attitude (n, 3, 3), transverse rate (n,) and its derivative of a record of other rates."""
+
+    roll: FloatArray
+    attitude: FloatArray
+    rate: ComplexArray
+    change: ComplexArray
+
+
+def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, swing: FloatArray) -> InertialRecord:
+    """The inertial record of one flight; `turned` where its rates differ. `swing` (n, 3) is what the record's was."""
+    before = record.flight
+    roll, attitude, rate, change = turned or (
+        record.roll,
+        record.attitude,
+        record.transverse_rate,
+        record.rate_change,
+    )
+    force = record.force
+    if any(getattr(flight, name) is not getattr(before, name) for name in _SENSED):
+        force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
+    if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
+        force = force + swing
+        force -= _swing(flight, rate, change)
+    spin_angle = record.spin_angle
+    if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
+        spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
+    return replace(
+        record,
+        flight=flight,
+        roll=roll,
+        attitude=attitude,
+        transverse_rate=rate,
+        rate_change=change,
+        spin_angle=spin_angle,
+        force=force,
+    )
+
+
+def _swing(flight: Flight, rate: ComplexArray, change: ComplexArray) -> FloatArray:
+    """Acceleration (n, 3) m/s^2 that the declared arm makes of these rates."""
+    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
+    return arm_acceleration(flight.p, np.gradient(flight.p, flight.time), rate, change, arm)
+
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
+
+# Samples of perturbed records that are held at once, some 200 bytes each.
+AT_ONCE = 60_000
+MOST_NAMED = 3  # errors named where none can be corrected
+
+
+@dataclass(frozen=True)
+class Responses(Generic[Values]):
+    """One quantity's changes by those effects, `which` (m,), that change it at all: `values` (kept, m)."""
+
+    which: IntArray
+    rows: DecimatedGrid
+    values: Values
+
+    def at(self, rows: slice) -> Values:
+        """These rows of the changes (rows, m)."""
+        return self.rows.all_of(self.values, rows)
+
+    def of(self, effects: FloatArray) -> Values:
+        """The change (n,) by effects of these sizes (k,)."""
+        return self.rows.all_of(np.asarray(self.values @ effects[self.which]))
+
+    def variance(self, covariance: FloatArray) -> FloatArray:
+        """Variance (n,) of both parts by effects of that covariance (k, k)."""
+        own = covariance[np.ix_(self.which, self.which)]
+        out = np.empty(self.rows.count)
+        for rows in blocks(out.size):
+            changes = self.at(rows)
+            out[rows] = projected_variance(changes.real, own) + projected_variance(changes.imag, own)
+        return out
+
+
+@dataclass(frozen=True)
+class EffectResponses:
+    """Changes of what the record says, for an error of each of k effects of one standard deviation.
+
+    `rows` are the samples that are kept; `drift` (kept, 3, k) m/s: the velocity relative to the air in the axes of the
+    first sample, as the body sees it; `force` m/s^2: the transverse force; `pressure`: the dynamic pressure over
+    itself, which the normal force follows as it follows its slope; `moment`: C_m + i C_n. The truth lies below the
+    record by that much, times the error.
+    """
+
+    effects: tuple[Perturbation, ...]
+    rows: DecimatedGrid
+    drift: FloatArray
+    force: Responses[ComplexArray]
+    pressure: Responses[FloatArray]
+    moment: Responses[ComplexArray]
+
+
+@dataclass(frozen=True)
+class EffectFit:
+    """What the record says of its own errors: mean (k,) and covariance (k, k), in units of their sizes.
+
+    `known` (k,) of it is taken out already of the record that the responses belong to.
+    """
+
+    responses: EffectResponses
+    known: FloatArray
+    value: FloatArray
+    covariance: FloatArray
+
+
+def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Variance (n,) of each of `rows` (n, k) times unknowns of that covariance (k, k)."""
+    return np.asarray(np.maximum(np.sum((rows @ covariance) * rows, axis=1), 0.0))
+
+
+def no_responses(record: InertialRecord) -> EffectResponses:
+    """Those of a record without errors."""
+    rows, none = full_grid(record.time.size), np.zeros(0, dtype=np.int64)
+    nothing = np.zeros((rows.count, 0))
+    unchanged: Responses[ComplexArray] = Responses(none, rows, nothing.astype(complex))
+    return EffectResponses(
+        (), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged
+    )
+
+
+def as_expected(responses: EffectResponses) -> EffectFit:
+    """The prior of the errors: their tolerances."""
+    count = len(responses.effects)
+    return EffectFit(responses, np.zeros(count), np.zeros(count), np.eye(count))
+
+
+def corrected(flight: Flight, fit: EffectFit) -> Flight:
+    """The flight corrected by the estimated errors.
+
+    Raises UnanswerableError where they are so large that no speed or dynamic pressure is left.
+    """
+    errors = zip(fit.responses.effects, fit.value, strict=True)
+    flight = superposed(flight, (effect.apply(flight, -effect.size * float(value)) for effect, value in errors))
+    if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
+        return flight
+    largest = sorted(zip(fit.value, fit.responses.effects, strict=True), key=lambda pair: -abs(pair[0]))
+    largest_named = ", ".join(
+        f"{effect.effect} {effect.component} {value:.0f}" for value, effect in largest[:MOST_NAMED]
+    )
+    raise UnanswerableError(
+        f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({largest_named}):"
+        " no motion can be determined from them. Likely cause: gusts or controls that move the vehicle more than its "
+        "own motion, or axes and signs that are not as the map says. Remedy: check the map, take another window "
+        "(--start, --stop), or state wider tolerances (--instruments). What follows from the gyros "
+        "alone: `brv-hypo reconstruct --method rates`."
+    )
+
+
+def effect_responses(
+    record: InertialRecord, crossflow: ComplexArray, force: ComplexArray, effects: Sequence[Perturbation]
+) -> EffectResponses:
+    """Linearise each effect about the motion of `crossflow` (n,) and transverse `force` (n,) m/s^2 at the c.g."""
+    if not effects:
+        return no_responses(record)
+    smooth, kept = noise_free(record, force), _kept(record, crossflow)
+    width = max(1, AT_ONCE // kept.count)
+    drift = np.empty((kept.size, 3, len(effects)))
+    forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
+    for first in range(0, len(effects), width):
+        some = effects[first : first + width]
+        both = [
+            effect.apply(smooth.flight, sign * 0.5 * RESPONSE_STEP * effect.size)
+            for sign in (1.0, -1.0)
+            for effect in some
+        ]
+        records = perturbed(smooth, both)
+        drifts = kept.of(_drift(smooth, crossflow, records))
+        drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
+        pairs = zip(records[: len(some)], records[len(some) :], strict=True)
+        for k, (more, less) in enumerate(pairs, start=first):
+            forces.add(k, more.transverse_force - less.transverse_force)
+            pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
+            moments.add(k, more.moment - less.moment)
+    drift /= RESPONSE_STEP
+    return EffectResponses(
+        tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)
+    )
+
+
+def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
+    """The samples that the motion needs, each stretch between the ends of segments by itself."""
+    flight = record.flight
+    edges = sorted({0, flight.samples, *(edge for segment in flight.segments for edge in segment)})
+    rate = np.gradient(np.unwrap(windward_meridian(crossflow)), flight.time)
+    return decimated_grid(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, RESPONSE_PER_CYCLE))
+
+
+class _Gathered:
+    """Changes of one quantity, effect by effect; those that are none are not kept."""
+
+    def __init__(self, kept: DecimatedGrid) -> None:
+        self._kept = kept
+        self._found: dict[int, Any] = {}
+
+    def add(self, effect: int, change: Any) -> None:
+        """The change (n,) by one effect."""
+        if np.any(change):
+            self._found[effect] = self._kept.of(change)
+
+    def all_of(self, kind: type) -> Responses[Any]:
+        """All of them per unit of the effects, which are let go one by one."""
+        which = np.array(list(self._found), dtype=np.int64)
+        values: Any = np.empty((self._kept.size, which.size), dtype=kind, order="F")
+        for place, effect in enumerate(which.tolist()):
+            np.divide(self._found.pop(effect), RESPONSE_STEP, out=values[:, place])
+        return Responses(which, self._kept, values)
+
+
+def nonzero_responses(responses: EffectResponses) -> EffectResponses:
+    """The responses of those effects that change anything at all."""
+    nonzero = np.any(responses.drift != 0.0, axis=(0, 1))
+    for each in (responses.force, responses.pressure, responses.moment):
+        nonzero[each.which] = True
+    if np.all(nonzero):
+        return responses
+    place = np.cumsum(nonzero) - 1
+    return EffectResponses(
+        tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept),
+        responses.rows,
+        responses.drift[:, :, nonzero],
+        replace(responses.force, which=place[responses.force.which]),
+        replace(responses.pressure, which=place[responses.pressure.which]),
+        replace(responses.moment, which=place[responses.moment.which]),
+    )
+
+
+def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
+    """The record as instruments without noise would read: smoothed, with that transverse force (n,) m/s^2."""
+    flight = record.flight
+    p, p_change = _smoothed(record, flight.p)
+    axial, _ = _smoothed(record, record.force[:, 0])
+    rate, change = record.transverse_rate, record.rate_change
+    at_cg = np.stack([axial, force.real, force.imag], axis=1)
+    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
+    ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, arm)).T
+    quiet = replace(
+        flight,
+        p=p,
+        q=rate.real,
+        r=rate.imag,
+        ax=ax,
+        ay=ay,
+        az=az,
+        velocity=_smoothed(record, flight.velocity)[0],
+        dynamic_pressure=_smoothed(record, flight.dynamic_pressure)[0],
+    )
+    roll, attitude = body_attitude(record.time, p, rate)
+    spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
+    return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
+
+
+def _smoothed(record: InertialRecord, channel: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A channel (n,) less its noise, and its derivative, 1/s."""
+    segments = record.flight.segments
+    noise = white_noise_level(channel, segments)
+    found = differentiate(channel.astype(complex), record.flight.step, noise, segments)
+    return found.value.real, found.rate.real
+
+
+def _drift(
+    smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]
+) -> FloatArray:
+    """Change (n, 3, k) m/s of the velocity relative to the air, in the axes of the first sample.
+
+    A turned attitude moves the air as much as a turned velocity does.
+    """
+    forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
+    flow = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
+    velocity = np.einsum("nij,nj->ni", smooth.attitude, flow)
+    before = smooth.force_inertial
+    impulses = np.zeros((smooth.time.size, 3, len(records)))
+    moved = [
+        k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude
+    ]
+    if moved:
+        pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
+        impulses[:, :, moved] = running_integral(smooth.time, pulls)
+    impulses -= np.stack([_wind(record) - _wind(smooth) for record in records], axis=2)
+    drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulses)
+    for k, record in enumerate(records):
+        if record.attitude is not smooth.attitude:
+            drift[:, :, k] += velocity
+            drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity
+    return drift
+
+
+def _wind(record: InertialRecord) -> FloatArray:
+    """The wind (n, 3) m/s that is known, less that of the first sample."""
+    wind = record.flight.wind
+    return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]

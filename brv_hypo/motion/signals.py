@@ -1,0 +1,400 @@
+"""Noise level, derivative and smoothing spline of one sampled channel.
+
+`white_noise_level`: standard deviation of white noise, from differences of high order.
+`differentiate`: Savitzky-Golay filter of the least mean-square error of the derivative; the bias is estimated from
+the next even order in the same window (Mallows, Technometrics 15:661, 1973).
+`smoothed`: cubic smoothing spline of greatest likelihood (Wahba, Ann. Statist. 13:1378, 1985), and the error that it
+leaves as independent shapes in time of unit standard deviation: parameters with just that prior, so that standard
+errors account for it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeVar
+
+import numpy as np
+from numpy.polynomial.legendre import legder, legval, legvander
+from scipy.interpolate import BSpline
+from scipy.linalg import solve_triangular
+from scipy.signal import oaconvolve, savgol_filter
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.flight.noise import sigma_of_differences
+
+NOISE_STILL = 0.5  # share of a channel's steps that are none, from which its rounding is its noise
+DERIVATIVE_ORDERS = (2, 4, 6)  # degrees of the local polynomials that are tried
+DERIVATIVE_BIAS_COUNTS = 16.0  # times squared bias counts against variance: later statistics know the variance alone
+DERIVATIVE_PAST_VALLEY = 3.0  # times the least error so far: wider windows of this degree only lose
+DERIVATIVE_DOUBT = 4.0  # standard errors by which the bias against a noisy reference must show
+DERIVATIVE_CORRELATED = 4.0  # samples over which its noise is correlated
+DERIVATIVE_WIDENING = 1.25  # from one window that is tried to the next
+DERIVATIVE_WINDOWS = 5  # of the widest window, that the longest stretch holds at least
+SMOOTH_INTERVALS = 64  # of a smoothing spline, at most: roll rate and density vary slowly
+SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be told from the signal
+SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none to a parabola
+SMOOTH_ORDER = 3  # of the differences that are penalised: a parabola is smooth
+
+
+# ---- White-noise level of a channel, from the record itself ----
+
+
+@dataclass(frozen=True)
+class ColouredNoise:
+    """A first-order autoregression: sigma of its innovations, in the channel's units, correlation of neighbours."""
+
+    innovation: float
+    colour: float = 0.0
+
+    def times(self, factor: float) -> ColouredNoise:
+        """The noise so many times as loud."""
+        return ColouredNoise(factor * self.innovation, self.colour)
+
+    def sigma_at(self, frequency: FloatArray | float) -> FloatArray:
+        """Sigma of white noise as loud as this is at frequencies in rad a sample."""
+        return np.asarray(self.innovation / np.sqrt(inverse_spectrum(self.colour, frequency)), dtype=float)
+
+
+def inverse_spectrum(colour: FloatArray | float, frequency: FloatArray | float) -> FloatArray:
+    """One over the spectrum of a first-order autoregression of unit innovations, at frequencies in rad a sample."""
+    return np.asarray(1.0 + colour**2 - 2.0 * colour * np.cos(frequency), dtype=float)
+
+
+def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
+    """Standard deviation of the white noise of `channel` (n,), in its units.
+
+    A channel that stands still between its steps, or is too short to tell, is credited with the noise of its
+    quantisation.
+    """
+    sigma = sigma_of_differences([channel[a:b] for a, b in segments])
+    return float(np.fmax(sigma, _quantisation(channel)))
+
+
+def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
+    """Standard deviation of the white noise of either of two channels (n,) that body axes y and z share alike.
+
+    Of the two as one vector: whichever way the axes are rolled, it is the same.
+    """
+    vector = y + 1j * z
+    sigma = sigma_of_differences([vector[a:b] for a, b in segments])
+    return float(np.fmax(sigma, np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0)))
+
+
+def _quantisation(channel: FloatArray) -> float:
+    """Standard deviation of rounding to the channel's smallest step, or to double precision."""
+    steps = np.abs(np.diff(channel))
+    steps = steps[steps > 0.0]
+    still = steps.size < NOISE_STILL * max(channel.size - 1, 1)
+    smallest = float(steps.min()) if steps.size and still else 0.0
+    return max(smallest / math.sqrt(12.0), 1e-12 * float(np.max(np.abs(channel), initial=1.0)))
+
+
+Values = TypeVar("Values", FloatArray, ComplexArray)
+
+# Weights from which on a filter is quicker by Fourier transforms.
+_WIDE = 400
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """First derivative of a sampled signal, and what the filter does to white noise.
+
+    `signal` (n,) as it was, `value`, `rate` (n,): smoothed signal and its derivative; `rate_gain` (n,):
+    standard deviation of the rate per unit of white noise, 1/s; `value_gain` the same of the value;
+    `interior` (n,): where the filter is centred, so that `noise_correlation` (2 half_width + 1,) holds;
+    `rate_bias` rms bias of each part of the rate, as estimated.
+    """
+
+    signal: ComplexArray
+    value: ComplexArray
+    rate: ComplexArray
+    value_gain: FloatArray
+    rate_gain: FloatArray
+    interior: BoolArray
+    order: int
+    half_width: int
+    noise_correlation: FloatArray
+    rate_bias: float
+
+
+def differentiate(
+    signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]
+) -> Derivative:
+    """Derivative of `signal` (n,), each part of which carries white noise of `sigma`, sampled each `step` s.
+
+    Order and width are those of the least mean-square error of the derivative. Its bias is judged by what the
+    next even order finds in the same window, less the noise in that (Mallows, Technometrics 15:661, 1973).
+    Each segment [start, stop) is filtered by itself; its ends by the outermost polynomial.
+    """
+    pieces = [signal[a:b] for a, b in segments]
+    order, half_width, squared_bias = _best_filter(pieces, sigma)
+    n = signal.size
+    value: ComplexArray = signal.astype(complex)
+    rate: ComplexArray = np.zeros(n, dtype=complex)
+    value_gain, rate_gain, interior = np.ones(n), np.full(n, np.inf), np.zeros(n, dtype=bool)
+    for (a, b), piece in zip(segments, pieces, strict=True):
+        if b - a < 2 * half_width + 1:
+            continue
+        value[a:b], value_gain[a:b] = _filter(order, half_width, 0)(piece)
+        rate[a:b], rate_gain[a:b] = _filter(order, half_width, 1)(piece)
+        interior[a + half_width : b - half_width] = True
+    weights = middle_weights(order, half_width)
+    correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
+    return Derivative(
+        signal=signal,
+        value=value,
+        rate=rate / step,
+        value_gain=value_gain,
+        rate_gain=rate_gain / step,
+        interior=interior,
+        order=order,
+        half_width=half_width,
+        noise_correlation=correlation / correlation[0],
+        rate_bias=float(np.sqrt(0.5 * squared_bias)) / step,
+    )
+
+
+@dataclass(frozen=True)
+class _Filter:
+    """Weights on a window: those of its middle (2 half_width + 1,), and those of each place before it.
+
+    The latter are `places` (half_width, order + 1) times the transpose of `basis` (2 half_width + 1, order + 1), which
+    is orthonormal: the matrix itself would be as large as the window squared.
+    """
+
+    middle: FloatArray
+    places: FloatArray
+    basis: FloatArray
+
+    def __call__(self, piece: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+        """`piece` (n,) filtered, and the gain (n,) on white noise; the far end mirrors the near one."""
+        width, half_width = self.middle.size, self.middle.size // 2
+        first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
+        mirrored = last[::-1] * np.sign(self.middle @ self.middle[::-1])
+        answer = np.concatenate([first, _correlated(piece, self.middle), mirrored])
+        ends = np.linalg.norm(self.places, axis=1)
+        inside = np.full(piece.size - 2 * half_width, np.linalg.norm(self.middle))
+        return answer, np.concatenate([ends, inside, ends[::-1]])
+
+
+@lru_cache(maxsize=16)
+def _filter(order: int, half_width: int, derivative: int) -> _Filter:
+    """Filter of the value (`derivative` 0) or of its derivative per sample (1).
+
+    The polynomials are Legendre's: raw powers lose all digits on wide windows.
+    """
+    window = np.arange(-half_width, half_width + 1) / half_width
+    basis, triangle = np.linalg.qr(legvander(window, order))
+    wanted = legval(window[: half_width + 1], legder(np.eye(order + 1), derivative)) / half_width**derivative
+    places = np.linalg.solve(triangle.T, wanted).T
+    return _Filter(basis @ places[half_width], places[:half_width], basis)
+
+
+@lru_cache(maxsize=256)
+def middle_weights(order: int, half_width: int) -> FloatArray:
+    """Weights (2 half_width + 1,) of the derivative per sample in the middle of the window."""
+    return _filter(order, half_width, 1).middle
+
+
+def _correlated(values: Values, weights: FloatArray) -> Values:
+    """Sums of `values` (n,) under `weights` (m,), wherever all weights lie within (n - m + 1,)."""
+    if weights.size < _WIDE:
+        return np.correlate(values, weights, "valid")
+    return np.asarray(oaconvolve(values, weights[::-1], mode="valid"))
+
+
+def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> FloatArray:
+    """First derivatives of `rows` (..., n) by the filter of this order and width, as `differentiate` finds them."""
+    width = 2 * half_width + 1
+    if width < _WIDE:
+        return np.asarray(savgol_filter(rows, width, order, 1, step))
+    weights = middle_weights(order, half_width).reshape((1,) * (rows.ndim - 1) + (-1,))
+    out = np.empty_like(rows)
+    out[..., half_width:-half_width] = oaconvolve(rows, weights[..., ::-1], mode="valid", axes=-1) / step
+    for end, own in ((slice(width), slice(half_width)), (slice(-width, None), slice(-half_width, None))):
+        out[..., own] = savgol_filter(rows[..., end], width, order, 1, step)[..., own]
+    return out
+
+
+def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
+    """Order, half-width and squared bias, per sample squared, of the filter of least mean-square error.
+
+    Bias is judged against the next even order in the same window, and against the narrowest filter of all:
+    windows of many cycles smooth everything away whatever their order, and only the second sees it.
+    """
+    longest = max(piece.size for piece in pieces)
+    parts = [_real_parts(piece) for piece in pieces]
+    best, choice = np.inf, (DERIVATIVE_ORDERS[0], 1, 0.0)
+    for order in DERIVATIVE_ORDERS:
+        valley = np.inf
+        for half_width in _half_widths(order // 2 + 1, longest):
+            against = _differences(order, half_width)
+            bias = max(
+                _squared_bias(parts, difference, sigma, margin)
+                for difference, margin in zip(against, (0.0, DERIVATIVE_DOUBT), strict=True)
+            )
+            weights = middle_weights(order, half_width)
+            error = DERIVATIVE_BIAS_COUNTS * bias + 2.0 * sigma**2 * float(weights @ weights)
+            if error < best:
+                best, choice = error, (order, half_width, bias)
+            if error > DERIVATIVE_PAST_VALLEY * (valley := min(valley, error)):
+                break
+    return choice
+
+
+def _real_parts(piece: ComplexArray) -> tuple[FloatArray, FloatArray | None]:
+    """Real and imaginary part (n,); None for a signal that has none."""
+    imaginary = np.ascontiguousarray(piece.imag)
+    return np.ascontiguousarray(piece.real), imaginary if np.any(imaginary) else None
+
+
+def _half_widths(smallest: int, longest: int) -> list[int]:
+    """Half-widths in steps of about a quarter, the window at most a fifth of the longest piece."""
+    widths, width = [smallest], float(smallest)
+    while 2 * int(width := max(width + 1.0, DERIVATIVE_WIDENING * width)) + 1 <= longest // DERIVATIVE_WINDOWS:
+        widths.append(int(width))
+    return widths
+
+
+@lru_cache(maxsize=256)
+def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
+    """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
+    weights = middle_weights(order, half_width)
+    narrowest = middle_weights(DERIVATIVE_ORDERS[-1], DERIVATIVE_ORDERS[-1] // 2)
+    found = []
+    for reference in (middle_weights(order + 2, half_width), narrowest):
+        widest = max(weights.size, reference.size)
+        wide = [np.pad(each, (widest - each.size) // 2) for each in (weights, reference)]
+        found.append(wide[0] - wide[1])
+    return found[0], found[1]
+
+
+def _squared_bias(
+    pieces: list[tuple[FloatArray, FloatArray | None]], difference: FloatArray, sigma: float, margin: float
+) -> float:
+    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none."""
+    power, count = 0.0, 0
+    for parts in pieces:
+        if parts[0].size >= difference.size:
+            count += parts[0].size - difference.size + 1
+            gaps = [_correlated(part, difference) for part in parts if part is not None]
+            power += sum(float(gap @ gap) for gap in gaps)
+    noise = 2.0 * sigma**2 * float(difference @ difference)
+    excess = power / count - noise
+    return excess if excess > margin * noise * np.sqrt(DERIVATIVE_CORRELATED / count) else 0.0
+
+
+# ---- Cubic smoothing splines, and what they leave of the noise as a few independent shapes in time ----
+
+
+_ROUGHNESS = np.logspace(*SMOOTH_PENALTIES)  # penalties tried
+_RIDGE = 1e-14  # of the mean diagonal: keeps coefficients that no sample sees from being singular
+_LEAST_ROUGHNESS = 1e-15  # of the roughest mode's: below is rounding
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A smoothed signal: `values` (n,), and the independent shapes of its error as coefficients of a spline.
+
+    `scale` (coefficients, shapes) has shapes of unit standard deviation, the smoothest first.
+    """
+
+    values: FloatArray
+    scale: FloatArray
+
+
+@dataclass(frozen=True)
+class InputError:
+    """What smoothing leaves of an input's noise: rad/s of the roll rate, a fraction of the pressure.
+
+    `scale` are shapes of unit standard deviation, as coefficients of a cubic spline over `span` (s).
+    """
+
+    name: str
+    span: tuple[float, float]
+    scale: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of shapes."""
+        return int(self.scale.shape[1])
+
+    def shapes(self, time: FloatArray) -> FloatArray:
+        """The shapes (count, n) at times (n,) s."""
+        place = np.clip((time - self.span[0]) / (self.span[1] - self.span[0]), 0.0, 1.0)
+        return np.asarray((_splines(place, self.scale.shape[0]) @ self.scale).T, dtype=float)
+
+
+def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
+    """Cubic smoothing spline through evenly spaced samples whose noise is as one over the weight, each (n,).
+
+    Roughness (third differences of the coefficients) and noise are those of greatest likelihood (Wahba,
+    Ann. Statist. 13:1378, 1985): error bands then hold on average, the bias of smoothing included. What varies
+    faster than the spline can is taken for noise.
+    """
+    n = values.size
+    count = _count(n)
+    basis = _splines(np.linspace(0.0, 1.0, n), count)
+    if weight is None:
+        weight, weighted = np.ones(n), basis
+        rough, modes = _even_modes(n, count)
+    else:
+        weight = weight / np.sqrt(np.mean(weight**2))
+        weighted = weight[:, None] * basis
+        rough, modes = _modes(weighted)
+    relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
+    relative[:SMOOTH_ORDER] = 0.0
+    level = float(np.mean(values))
+    whitened = weight * (values - level)
+    size = modes.T @ (weighted.T @ whitened)
+    rest = max(float(whitened @ whitened - size @ size), 0.0)
+    shrink = 1.0 / (1.0 + _ROUGHNESS[:, None] * relative)
+    power = (rest + (1.0 - shrink[:, SMOOTH_ORDER:]) @ size[SMOOTH_ORDER:] ** 2) / (n - SMOOTH_ORDER)
+    power = np.maximum(power, 1e-28 * float(np.mean((weight * values) ** 2)) + 1e-300)
+    freedom = np.log1p(1.0 / (_ROUGHNESS[:, None] * relative[SMOOTH_ORDER:]))
+    misfit = (n - SMOOTH_ORDER) * np.log(power) + np.sum(freedom, axis=1)
+    best = int(np.argmin(misfit))
+    scale = modes * np.sqrt(power[best] * shrink[best])
+    return Smooth(np.asarray(level + basis @ (modes @ (shrink[best] * size))), scale)
+
+
+def unsmoothed(n: int, sigma: float) -> FloatArray:
+    """The shapes, as `Smooth.scale` has them, of white noise of n evenly spaced samples that was left as it is."""
+    return _even_modes(n, _count(n))[1] * sigma
+
+
+def _count(n: int) -> int:
+    """Coefficients of the spline through n samples."""
+    return min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3
+
+
+@lru_cache(maxsize=4)
+def _even_modes(n: int, count: int) -> tuple[FloatArray, FloatArray]:
+    """The modes of so many splines on `n` samples that count alike."""
+    return _modes(_splines(np.linspace(0.0, 1.0, n), count))
+
+
+def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Roughness (count,) and coefficients (count, count) of orthonormal combinations of the columns (n, count).
+
+    From singular values: the roughness of the smoothest is 1e-11 of the roughest's, of which eigenvalues of squares
+    keep five digits.
+    """
+    count = weighted.shape[1]
+    normal = weighted.T @ weighted
+    normal += _RIDGE * float(np.trace(normal)) / count * np.eye(count)
+    triangle = np.linalg.cholesky(normal)
+    penalty = np.diff(np.eye(count), SMOOTH_ORDER, axis=0)
+    _, size, turned = np.linalg.svd(solve_triangular(triangle, penalty.T, lower=True).T)
+    rough = np.concatenate([np.zeros(SMOOTH_ORDER), size[::-1] ** 2])
+    return rough, np.asarray(solve_triangular(triangle, turned[::-1].T, lower=True, trans="T"), dtype=float)
+
+
+def _splines(place: FloatArray, count: int) -> FloatArray:
+    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and as evenly three more on each
+    side.
+    """
+    knots = np.arange(-3, count + 1) / (count - 3)
+    return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)

@@ -1,0 +1,276 @@
+"""What a result is shown as: one document of tables, texts and charts.
+
+A `Chart` is what is drawn, apart from how: panels of lines, bands and bars over a common axis, with marks and
+shaded spans. Colours go by role, so that light, dark and print have their own; later layers lie on top of
+earlier ones.
+
+A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Picture`). `terminal`, `html` and `figures`
+render the same document. A block without content is left out; `shown` says where it appears: "always", with
+-v in the terminal ("verbose"), or on the page alone ("page"). A page shows everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+
+Role = Literal["measured", "first", "second", "third", "none", "guide"]
+Values = Sequence[float] | FloatArray
+
+MOST_POINTS = 2500
+"""Points drawn of a history; a longer one is thinned evenly, which no screen shows."""
+MOST_OF_A_PATH = 6000
+"""The same of a path: its stretches stand side by side."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A history, or dots, `large` where they are few; `labels`, of a line or more, stand to the right of them, `error`
+    is how far y may lie below and above.
+    """
+
+    x: Values
+    y: Values
+    role: Role
+    name: str = ""
+    dots: bool = False
+    dashed: bool = False
+    large: bool = False
+    labels: Sequence[str] = ()
+    error: tuple[Values, Values] | None = None
+
+
+@dataclass(frozen=True)
+class Band:
+    """The area between `low` and `high` over `x`."""
+
+    x: Values
+    low: Values
+    high: Values
+    name: str = "± 2 sigma"
+    role: Role = "measured"
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Horizontal bars, the first on top, each with its text."""
+
+    names: Sequence[str]
+    values: Values
+    texts: Sequence[str] = ()
+    role: Role = "first"
+
+
+Layer = Line | Band | Bars
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A vertical line at `at`, such as a knot; `name` is written beside it."""
+
+    at: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the horizontal axis that is shaded, such as samples that are masked."""
+
+    start: float
+    stop: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Layers over one pair of axes, with the title of the vertical; `categories` are its ticks 0, 1, ..."""
+
+    title: str
+    layers: Sequence[Layer]
+    log: bool = False
+    range: tuple[float, float] | None = None
+    categories: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class PlanePath:
+    """A curve in a plane over time (s) that goes round once in `cycle` s; `y` is the title of its vertical.
+
+    It is drawn stretch by stretch, each of so many cycles, `columns` beside each other and all at one scale.
+    """
+
+    time: Values
+    x: Values
+    y: Values
+    y_title: str
+    cycle: float
+
+    cycles: ClassVar[int] = 4
+    """Of a stretch: few enough to follow the line, enough to see it turn and grow."""
+    columns: ClassVar[int] = 4
+    most: ClassVar[int] = 16
+    """Stretches at most, which is what a column of a page holds legibly."""
+
+    @property
+    def stretches(self) -> int:
+        """How many there are: in full rows where there is more than one row."""
+        count = min(max(round((self.time[-1] - self.time[0]) / (self.cycle * self.cycles)), 1), self.most)
+        return count if count < self.columns else -(-count // self.columns) * self.columns
+
+    @property
+    def limit(self) -> float:
+        """The common scale goes so far to all sides."""
+        return 1.05 * float(np.nanmax(np.abs(np.concatenate([self.x, self.y]))) or 1.0)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Panels, one below the other, over a common horizontal axis titled `x`.
+
+    `name` is the stem of picture files. Charts `over_time` share their axis with each other. Of a `path` the panels
+    are the stretches, with their titles above them. Of what is `counted` the axis has whole numbers alone.
+    """
+
+    name: str
+    heading: str
+    x: str
+    panels: Sequence[Panel]
+    over_time: bool = False
+    path: PlanePath | None = None
+    log: bool = False
+    range: tuple[float, float] | None = None
+    marks: Sequence[Mark] = ()
+    spans: Sequence[Span] = ()
+    caption: str = ""
+    counted: bool = False
+
+    @property
+    def columns(self) -> int:
+        """Panels beside each other."""
+        return 1 if self.path is None else min(len(self.panels), self.path.columns)
+
+    @property
+    def rows(self) -> int:
+        """Panels below each other."""
+        return -(-len(self.panels) // self.columns)
+
+
+def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
+    """Marks with a name, from left to right, each with the line above the frame on which its name stands: in turn the
+    lowest and the next, so that neighbours do not hide each other.
+    """
+    shown = sorted((mark for mark in marks if mark.name), key=lambda mark: mark.at)
+    return [(mark, (len(shown) - 1 - i) % 2) for i, mark in enumerate(shown)]
+
+
+def thinned(values: Values, most: int = MOST_POINTS) -> FloatArray:
+    """At most so many of the values, evenly."""
+    every = max(1, -(-len(values) // most))
+    kept: FloatArray = np.asarray(values, dtype=np.float64)[::every]
+    return kept
+
+
+def wrapped_degrees(angle: Values) -> FloatArray:
+    """An angle (rad) in degrees within half a turn, with a break (NaN) wherever it passes from one end to the other."""
+    degrees = (np.degrees(np.asarray(angle, dtype=np.float64)) + 180.0) % 360.0 - 180.0
+    broken: FloatArray = degrees.copy()
+    broken[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
+    return broken
+
+
+# ---- A result as one document of blocks; `terminal.py` and `pages.py` render the same document ----
+
+
+Shown = Literal["always", "verbose", "page"]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under headings; the rows `marked` stand out. Text columns are those that `TEXT_COLUMNS` names.
+
+    The terminal shows the first `most` rows, and all of them with -v. A page shades the cells by `shades`, 0 to 1.
+    """
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    heading: str = ""
+    marked: Sequence[int] = ()
+    most: int | None = None
+    shades: Sequence[Sequence[float]] = ()
+    shown: Shown = "always"
+
+    @property
+    def empty(self) -> bool:
+        """True where there is no row."""
+        return not self.rows
+
+
+@dataclass(frozen=True)
+class Texts:
+    """Sentences: a list where `bullets`, paragraphs otherwise; warnings stand out."""
+
+    texts: Sequence[str]
+    heading: str = ""
+    bullets: bool = True
+    warning: bool = False
+    strong: bool = False
+    shown: Shown = "always"
+
+    @property
+    def empty(self) -> bool:
+        """True where nothing is said."""
+        return not self.texts
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A chart, for pages and picture files; a terminal leaves it out."""
+
+    chart: Chart
+    shown: Shown = "page"
+
+    @property
+    def empty(self) -> bool:
+        """True where nothing would be drawn."""
+        return not self.chart.panels
+
+    @property
+    def heading(self) -> str:
+        """The chart's."""
+        return self.chart.heading
+
+
+Block = Table | Texts | Picture
+
+TEXT_COLUMNS = frozenset(
+    (
+        *("mechanism", "criterion", "term", "plane", "unit", "effect", "kind", "near-equals", "moments less"),
+        *("planted", "vehicle", "parameter", "status", "flight", "ranked first", "verdict", "reason", "history"),
+    )
+)
+"""Headings of columns that hold words; every other column holds numbers."""
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a command has to say: title, a line or more on the record, the conclusion, and the blocks.
+
+    `decided` is True where the conclusion names something. The terminal shows the conclusion last, a page first.
+    """
+
+    title: str
+    subtitle: Sequence[str]
+    conclusion_title: str
+    conclusion: str
+    decided: bool
+    blocks: Sequence[Block]
+
+    @property
+    def charts(self) -> tuple[Chart, ...]:
+        """The charts that have something to show."""
+        return tuple(block.chart for block in self.blocks if isinstance(block, Picture) and not block.empty)

@@ -1,0 +1,166 @@
+"""A chart as a matplotlib figure (the extra `figures`): what picture files and `plot()` of results show."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from brv_hypo.report.document import Band, Bars, Chart, Line, Panel, PlanePath, named
+
+WIDTH = 6.5
+"""Inches: the text of a page."""
+PANEL, BAR, FRAME = 1.9, 0.24, 0.9
+COLOURS = {
+    "measured": "#1a1a1a",
+    "first": "#0072b2",
+    "second": "#d55e00",
+    "third": "#009e73",
+    "none": "#8c8c8c",
+    "guide": "#8c8c8c",
+}
+"""By role; the palette of Okabe and Ito (2008), for colour-blind readers too."""
+_NAME = 8
+"""Points of the height of a mark's name."""
+SMALLEST_DOT = 3.0
+"""Points of a dot in a legend, at least: those of histories are smaller."""
+STYLE: Any = {
+    "font.size": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "brv-hypo",
+}
+SHOWN = 110
+"""Dots per inch in a notebook."""
+
+
+class ChartFigure(Figure):
+    """A figure that notebooks show without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        content = io.BytesIO()
+        with mpl.rc_context(STYLE):
+            self.savefig(content, format="png", dpi=SHOWN)
+        return content.getvalue()
+
+
+def chart_figure(chart: Chart) -> ChartFigure:
+    """The chart in the colours and the width of a paper's page; `.axes` are its panels, to add to or to change."""
+    with mpl.rc_context(STYLE):
+        figure = ChartFigure(figsize=(WIDTH, _height(chart)), layout="constrained")
+        FigureCanvasAgg(figure)
+        _fill(figure, chart)
+    return figure
+
+
+def _height(chart: Chart) -> float:
+    if chart.path is not None:
+        return WIDTH * chart.rows / chart.columns + FRAME / chart.columns
+    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
+    lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
+    return FRAME + (BAR * lines if lines else PANEL * max(len(chart.panels), 1.4))
+
+
+def _fill(figure: Figure, chart: Chart) -> None:
+    one_scale = chart.path is not None
+    rows = list(figure.subplots(chart.rows, chart.columns, sharex=True, sharey=one_scale, squeeze=False).flat)
+    for axes, panel in zip(rows, chart.panels, strict=True):
+        _draw(axes, panel)
+        for mark in chart.marks:
+            axes.axvline(mark.at, color="#cc79a7", linewidth=0.8, linestyle="--")
+        for span in chart.spans:
+            axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
+    top, bottom = rows[0], rows[-1]
+    for mark, line in named(chart.marks):
+        above = {"xytext": (0, 2 + _NAME * line), "textcoords": "offset points", "fontsize": 7}
+        top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="left", **above)
+    if chart.path is None:
+        bottom.set_xlabel(_plain(chart.x))
+    if chart.log:
+        bottom.set_xscale("log")
+    if chart.counted:
+        bottom.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if chart.range:
+        bottom.set_xlim(*chart.range)
+    if chart.path is not None:
+        _frame_path(figure, rows, chart, chart.path)
+    if any(axes.get_legend_handles_labels()[0] for axes in rows):
+        handles = {
+            label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
+        for handle in legend.legend_handles:
+            if isinstance(handle, Line2D) and handle.get_marker() == "o":
+                handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))
+
+
+def _frame_path(figure: Figure, stretches: Sequence[Axes], chart: Chart, path: PlanePath) -> None:
+    """Squares at one scale, each under its title, with the titles of the axes once."""
+    for axes, panel in zip(stretches, chart.panels, strict=True):
+        axes.set_title(panel.title, fontsize="medium")
+        axes.set_ylabel("")
+        axes.set_aspect("equal")
+        axes.axhline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
+        axes.axvline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
+    stretches[0].set_xlim(-path.limit, path.limit)
+    stretches[0].set_ylim(-path.limit, path.limit)
+    figure.supxlabel(_plain(chart.x), fontsize="medium")
+    figure.supylabel(_plain(path.y_title), fontsize="medium")
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    for layer in panel.layers:
+        colour = COLOURS[layer.role]
+        if isinstance(layer, Bars):
+            _bars(axes, layer, colour)
+        elif isinstance(layer, Band):
+            axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=0.2, linewidth=0, label=layer.name)
+        else:
+            _line(axes, layer, colour)
+    axes.set_ylabel(_plain(panel.title))
+    if panel.log:
+        axes.set_yscale("log")
+    if panel.range:
+        axes.set_ylim(*panel.range)
+    if panel.categories:
+        axes.set_yticks(range(len(panel.categories)), panel.categories)
+        axes.set_ylim(len(panel.categories) - 0.5, -0.5)
+
+
+def _line(axes: Axes, layer: Line, colour: str) -> None:
+    name = layer.name or None
+    if not layer.dots:
+        axes.plot(layer.x, layer.y, ":" if layer.dashed else "-", color=colour, linewidth=1.0, label=name)
+        return
+    size = 5.0 if layer.large else 1.2
+    axes.plot(layer.x, layer.y, "o", color=colour, markersize=size, markeredgewidth=0.0, label=name)
+    if layer.error is not None:
+        spread = np.asarray(layer.error, dtype=float)
+        axes.errorbar(layer.x, layer.y, yerr=spread, fmt="none", ecolor=colour, linewidth=1.0)
+    for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
+        axes.annotate(label, (x, y), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8, clip_on=False)
+
+
+def _bars(axes: Axes, layer: Bars, colour: str) -> None:
+    places = np.arange(len(layer.names))
+    axes.barh(places, np.asarray(layer.values, dtype=float), color=colour)
+    axes.set_yticks(places, layer.names)
+    axes.invert_yaxis()
+    for place, value, text in zip(places, layer.values, layer.texts, strict=False):
+        axes.annotate(text, (value, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
+
+
+def _plain(title: str) -> str:
+    """A title as matplotlib writes it: subscripts as mathematics."""
+    return re.sub(r"(\w)<sub>(.*?)</sub>", r"$\1_{\2}$", title)

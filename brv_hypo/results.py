@@ -1,0 +1,223 @@
+"""What every result can do for a reader: a short repr, an HTML view, a data frame, a labelled data set, charts.
+
+A `Tabular` result is a headline and rows; `Histories` are arrays over one axis; `HasCharts` adds `plot`. Two
+results are equal where they are of one type and hold the same values, arrays element by element, NaN equal to
+NaN.
+
+Needs NumPy alone: the subset search and the likelihood use it without the rest of the package. Results that
+are written as JSON add `json_result`.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
+from html import escape
+from importlib.metadata import entry_points
+from inspect import isclass, isroutine
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from brv_hypo.errors import UsageError
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+
+def equal_values(one: Any, other: Any) -> bool:
+    """True where both are of one type and hold the same, whatever depth it lies at."""
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind in "fc")
+    if isinstance(one, float):
+        return bool(one == other or (np.isnan(one) and np.isnan(other)))
+    if isinstance(one, Mapping):
+        return one.keys() == other.keys() and all(equal_values(value, other[key]) for key, value in one.items())
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(equal_values, one, other))
+    if is_dataclass(one):
+        return all(equal_values(getattr(one, field.name), getattr(other, field.name)) for field in fields(one))
+    if hasattr(one, "__dict__") and not (isroutine(one) or isclass(one)):
+        return equal_values(vars(one), vars(other))  # settings and splines, whose own definitions stop at arrays
+    return bool(one == other)
+
+
+# ---- What every result can do for a reader: a short repr, an HTML view, a data frame, charts ----
+
+
+MOST_ROWS = 60
+"""Rows of an HTML view; a data frame has them all."""
+
+Row = Mapping[str, Any]
+
+
+class Tabular:
+    """A result as a headline and rows; subclasses give both."""
+
+    @abstractmethod
+    def headline(self) -> str:
+        """The result in a few words."""
+
+    def conclusion(self) -> str:
+        """What follows from it, in a sentence or two; empty where it speaks for itself."""
+        return ""
+
+    @abstractmethod
+    def rows(self) -> Sequence[Row]:
+        """The result as rows, each a mapping of column to value, all with the same columns."""
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The rows as a pandas data frame.
+
+        Raises UsageError with the remedy where pandas is not installed.
+        """
+        frame: pandas.DataFrame = _pandas().DataFrame.from_records(list(self.rows()))
+        return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The rows as a labelled data set over the dimension "row".
+
+        Raises UsageError with the remedy where xarray is not installed.
+        """
+        rows = list(self.rows())
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+        return _dataset(columns, "row", {}, self.headline())
+
+    def __eq__(self, other: object) -> bool:
+        """The same type and the same values, where what is not a number equals itself."""
+        return equal_values(self, other)
+
+    def __repr__(self) -> str:
+        """Short, whatever the result holds."""
+        return f"<{type(self).__name__}: {self.headline()}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: headline, conclusion and table."""
+        return _html(self.headline(), list(self.rows()), self.conclusion())
+
+
+class Histories(Tabular):
+    """A result that is arrays over one axis: `columns` instead of rows."""
+
+    @abstractmethod
+    def columns(self) -> Mapping[str, Any]:
+        """Column to values (n,), the axis first."""
+
+    def rows(self) -> Sequence[Row]:
+        """Every sample, as a row."""
+        columns = self.columns()
+        return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The columns as a pandas data frame whose index is the axis.
+
+        Raises UsageError with the remedy where pandas is not installed.
+        """
+        columns = dict(self.columns())
+        frame: pandas.DataFrame = _pandas().DataFrame(columns).set_index(next(iter(columns)))
+        return frame
+
+    def units(self) -> Mapping[str, str]:
+        """Units of the columns that have any, SI."""
+        return {}
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The columns as a labelled data set over the axis, with their units.
+
+        Raises UsageError with the remedy where xarray is not installed.
+        """
+        columns = dict(self.columns())
+        return _dataset(columns, next(iter(columns)), self.units(), self.headline())
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the headline, and the columns with their units and ranges."""
+        units = self.units()
+        lines = [
+            {"column": name, "unit": units.get(name), "least": np.nanmin(values), "greatest": np.nanmax(values)}
+            for name, values in self.columns().items()
+        ]
+        return _html(self.headline(), lines)
+
+
+RENDERERS = "brv_hypo.renderers"
+"""Group of entry points of what draws results; the report of this package is one."""
+
+
+@cache
+def _renderer() -> Callable[[Any, str], Figure]:
+    """What draws results: found as pandas finds its plotting back ends, so that results do not import the report."""
+    found = next(iter(entry_points(group=RENDERERS)), None)
+    if found is None:
+        raise UsageError(f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo.")
+    draw: Callable[[Any, str], Figure] = found.load()
+    return draw
+
+
+class HasCharts:
+    """A result with charts: those of its page and of `--figures`."""
+
+    def plot(self, chart: str = "") -> Figure:
+        """One chart as a matplotlib figure, by the name that its picture file has; "" for the principal one.
+
+        Raises UsageError where the result has no such chart (naming those that it has), or matplotlib is missing.
+        """
+        figure: Figure = _renderer()(self, chart)
+        return figure
+
+
+def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
+    head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(_cell_text(value))}</td>" for value in row.values()) + "</tr>"
+        for row in rows[:MOST_ROWS]
+    )
+    more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
+    said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
+    return f"<p><b>{escape(headline)}</b></p>{said}<table><tr>{head}</tr>{body}</table>{more}"
+
+
+def _cell_text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "" if value is None else str(value)
+
+
+def _dataset(
+    columns: Mapping[str, Any], axis: str, units: Mapping[str, str], title: str
+) -> xarray.Dataset:
+    try:
+        import xarray
+    except ImportError:
+        message = "to_xarray() needs xarray, which is not installed: pip install 'brv-hypo[xarray]'."
+        raise UsageError(message) from None
+    variables = {
+        name: (axis, _one_each(values), {"units": units[name]} if name in units else {})
+        for name, values in columns.items()
+    }
+    return xarray.Dataset(variables, attrs={"title": title}).set_coords([axis] if axis in columns else [])
+
+
+def _one_each(values: Any) -> Any:
+    """Values as an array (n,), tuples as objects of it."""
+    if not any(isinstance(value, tuple | list) for value in values):
+        return np.asarray(values)
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = values
+    return objects
+
+
+def _pandas() -> Any:
+    try:
+        import pandas
+    except ImportError:
+        message = "to_dataframe() needs pandas, which is not installed: pip install 'brv-hypo[tables]'."
+        raise UsageError(message) from None
+    return pandas

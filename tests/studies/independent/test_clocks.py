@@ -1,0 +1,39 @@
+"""Clocks of instruments on vehicles that turn fast while a record lasts few of their cycles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo import compare, reconstruct
+from brv_hypo.ranking import CompareConfig
+from tests.studies.independent.mechanisms import LISTED
+from tests.studies.independent.study import MIXED, drawn_flight
+
+FIRST = 121000
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "truth"), [(121013, "damping"), (121041, "sticking")])
+def test_the_ends_of_a_record_tell_no_clock(seed: int, truth: str) -> None:
+    """A unit shifted as a whole differs from one that is not at its ends alone, where it has to be continued: they
+    asked for 5 to 8 tolerances of gyros and accelerometers late together, and nothing was adequate.
+    """
+    made = drawn_flight(seed, seed - FIRST, MIXED, 1.0, 5, coloured=True, drawn=True)
+    assert made.truth == truth
+    assert compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict.winner == truth
+
+
+@pytest.mark.parametrize("seed", [160000, 160003, 160010, 160022])
+def test_angles_hold_what_the_gyros_clock_may_be_late(seed: int) -> None:
+    """Motion is told on the gyros' clock: its true time is uncertain by the tolerance."""
+    made = drawn_flight(seed, seed - 160000, MIXED, 1.0, 5, coloured=True)
+    found, true = reconstruct(made.flight), made.true
+    missed = {
+        "alpha": found.motion.alpha - true.alpha,
+        "windward_meridian": np.angle(np.exp(1j * (found.motion.windward_meridian - true.meridian))),
+    }
+    for name, sigma in (("alpha", found.alpha_sigma), ("windward_meridian", found.phi_w_sigma)):
+        assert np.sqrt(np.mean(missed[name] ** 2)) < 2.0 * np.sqrt(np.mean(sigma**2)), name
+    assert found.clock_sigma == made.flight.instruments.time_skew[0]
+    assert np.all(found.alpha_sigma_on_clock <= found.alpha_sigma)

@@ -1,0 +1,63 @@
+"""What begins and ends at the same Mach numbers on two flights, at other times, is found on both together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from brv_hypo import compare
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking.preparation import shared_time, sharing_warnings
+from tests.ranking.pulse import problem
+from tests.studies.independent.joint import fly_pair, machs
+from tests.studies.independent.mechanisms import LISTED
+
+# What the fits state of the edges that they know least, s.
+EDGE_SIGMA = 0.0245
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("vehicle", "truth", "seed"),
+    [
+        ("cone", "bodyfixed", 1),
+        ("slender", "inplane", 2),
+        ("capsule", "damping", 3),
+    ],
+)
+def test_a_mechanism_at_mach_numbers_is_named_and_placed(vehicle: str, truth: str, seed: int) -> None:
+    """The flights come by them 0.3 to 2.3 s apart: at the same times on both, nothing was adequate."""
+    made = fly_pair(vehicle, truth, seed)
+    comparison = compare([each.flight for each in made], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
+    assert comparison.warnings == ()
+    assert comparison.verdict.winner == truth
+    knots = comparison.ranking[0].knots
+    run = float(made[0].true.mach[0] - made[0].true.mach[-1])
+    for edge, wanted in enumerate(machs(made[0])):
+        knot = min(knots, key=lambda each: abs(each.mach - wanted))
+        assert knot.mach == pytest.approx(wanted, abs=0.005 * run)
+        for own, flight in zip(knot.flights_s, made, strict=True):
+            planted = flight.true.planted
+            assert own == pytest.approx((planted.start, planted.stop)[edge], abs=2.0 * EDGE_SIGMA)
+    regions = [term.region_s for term in comparison.ranking[0].terms if term.region_s is not None]
+    assert {edge for region in regions for edge in region} == {knot.time_s for knot in knots}
+
+
+def _reconstruction(**channels: object) -> Reconstruction:
+    found = problem().frame.reconstructions[0]
+    return replace(found, flight=replace(found.flight, **channels))  # type: ignore[arg-type]
+
+
+def test_flights_without_mach_numbers_keep_their_times_and_it_is_said_why() -> None:
+    flights = [_reconstruction(), _reconstruction(mach=None)]
+    assert shared_time(flights) is None
+    (warning,) = sharing_warnings(flights)
+    assert "at the same time on every flight" in warning
+    assert "flight 2 has no Mach number" in warning
+
+
+def test_one_flight_shares_nothing_and_nothing_is_said_of_it() -> None:
+    assert shared_time([_reconstruction()]) is None
+    assert sharing_warnings([_reconstruction()]) == ()

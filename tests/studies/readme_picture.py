@@ -1,0 +1,42 @@
+"""The README's picture of `brv-hypo demo`: run `python -m tests.studies.readme_picture FILE.svg`."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from pathlib import Path
+
+from rich.console import Console, RenderableType
+
+from brv_hypo.ranking import compare
+from brv_hypo.report.comparison import comparison_document
+from brv_hypo.report.listings import simulation_text
+from brv_hypo.report.terminal import terminal_view
+from brv_hypo.simulation import simulate
+
+WIDTH = 88
+SEED = 1
+
+
+def terminal_picture(*printed: RenderableType, title: str, width: int = WIDTH) -> str:
+    """What a terminal would show, as SVG that asks the network for no font."""
+    console = Console(
+        record=True, width=width, file=io.StringIO(), highlight=False, markup=False, force_terminal=True
+    )
+    for part in printed:
+        console.print(part)
+    svg = console.export_svg(title=title)
+    return re.sub(r"@font-face\s*\{.*?\}\s*", "", svg, flags=re.DOTALL)
+
+
+def demo_picture() -> str:
+    """The demo, simulated and compared afresh."""
+    flown = simulate("demo", seed=SEED)
+    comparison = compare([flown.flight])
+    view = terminal_view(comparison_document(comparison))
+    return terminal_picture(simulation_text(flown), "", view, title="brv-hypo demo")
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(demo_picture(), encoding="utf-8")
