@@ -1,8 +1,9 @@
 """`python -m tests.frozen [NAME ...]`: checks the frozen results of the default flights, or writes them.
 
 NAME is that of a flight, or FLIGHT.COMMAND; `--all` takes all forty flights. Exits with 1 where anything differs.
-`--write` freezes what is found. `--rename` applies the table's pending renames to all that is frozen; with names, the
-whole table to these results, which code from before the renames has written.
+`--write` freezes what is found; `--reword` the messages alone, where no value has moved by a bit. `--rename` applies
+the table's pending renames to all that is frozen; with names, the whole table to these results, which code from before
+the renames has written.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Literal
 import pytest
 from threadpoolctl import threadpool_limits
 
-from tests.frozen.agreement import Difference, disagreements, read_allowances
+from tests.frozen.agreement import Difference, disagreements, identical, read_allowances
 from tests.frozen.commands import RESULTS, current_content, frozen_content, frozen_file
 from tests.frozen.content import as_text
 from tests.frozen.flights import FLIGHTS, Command
@@ -37,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--all", action="store_true", help="all forty flights")
     parser.add_argument("--write", action="store_true", help="freeze what is found")
+    parser.add_argument("--reword", action="store_true", help="freeze the messages alone")
     parser.add_argument("--rename", action="store_true", help="apply renames.yaml to the frozen files")
     agreement = parser.add_mutually_exclusive_group()
     agreement.add_argument(
@@ -55,6 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with threadpool_limits(limits=1):
         if asked.write:
             return write(chosen, every=asked.all)
+        if asked.reword:
+            return reword(chosen)
         return check(chosen, "exact" if asked.exact else "close" if asked.close else "across builds")
 
 
@@ -104,6 +108,30 @@ def write(chosen: Sequence[tuple[str, Command]], *, every: bool) -> int:
         print(f"{name}.{command}: {state}, {size / 1000:.0f} kB, {seconds:.1f} s of CPU", flush=True)
     print(f"{len(chosen)} results, {time.process_time() - begun:.0f} s of CPU")
     return int(large)
+
+
+def reword(chosen: Sequence[tuple[str, Command]]) -> int:
+    """Freezes the messages of results whose values are the same bit for bit; 1 where some are not."""
+    moved = False
+    for name, command in chosen:
+        try:
+            current = current_content(name, command)
+        except pytest.skip.Exception as reason:
+            print(f"{name}.{command}: left out: {reason}")
+            continue
+        frozen = frozen_content(name, command)
+        differences = identical(frozen["values"], current["values"], f"{name}.{command}:values", exact=True)
+        new = sum(frozen["messages"].get(key) != text for key, text in current["messages"].items())
+        if not differences:
+            frozen_file(name, command).write_text(as_text(current), encoding="utf-8")
+        state = (
+            f"{len(differences)} values moved, left as it was" if differences else f"{new} messages reworded"
+        )
+        print(f"{name}.{command}: {state}", flush=True)
+        for each in differences[:SHOWN]:
+            print(f"  {each}")
+        moved |= bool(differences)
+    return int(moved)
 
 
 def check(chosen: Sequence[tuple[str, Command]], asked: Literal["exact", "close", "across builds"]) -> int:
