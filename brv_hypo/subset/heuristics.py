@@ -1,22 +1,19 @@
 """Searches that are quick and not always right: incumbents for the exact search, and stepwise regression.
 
 `seed_board` fills the incumbents by forward selection, best swaps, and passing subsets on between neighbouring sizes.
-`stepwise` is Efroymson's method, for comparison with the exact search.
+`stepwise_columns` is Efroymson's method, for comparison with the exact search.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.errors import UsageError
-from brv_hypo.subset.frame import Frame, Groups, Parents, build_frame
+from brv_hypo.subset.frame import Frame, Groups, build_frame
 from brv_hypo.subset.incumbents import TIE, Board, Chosen, residual
-from brv_hypo.subset.result import Certificate, Finisher, SubsetResult
 from brv_hypo.subset.tree import propagate
 
 # ---- Good subsets found quickly: forward, best swap, and passing on between neighbouring sizes ----
@@ -153,62 +150,6 @@ def _constrained_forward(board: Board) -> None:
 # ---- Efroymson's stepwise regression: quick, and not always right. For comparison with the exact search ----
 
 
-def stepwise(
-    X: ArrayLike,
-    y: ArrayLike,
-    max_terms: int = 10,
-    forced: Sequence[int] = (0,),
-    n_best: int = 1,
-    groups: Groups | None = None,
-    parents: Parents | None = None,
-    weights: ArrayLike | None = None,
-    time_limit_s: float | None = None,
-    threads: int = 1,
-    *,
-    f_enter: float = 4.0,
-    f_remove: float = 3.9,
-    held_out_blocks: int | ArrayLike = 5,
-    point: ArrayLike | None = None,
-) -> SubsetResult:
-    """Stepwise subset regression with the interface of ``best_subsets`` (report 3.3.3).
-
-    At every step the columns of largest partial F enter where it exceeds ``f_enter``, then columns whose
-    partial F is below ``f_remove`` leave. Groups and parents move together. The best subset met of every
-    size is returned; ``certificate.exact`` is false and ``certificate.gap`` infinite, for nothing is proved.
-    ``n_best``, ``time_limit_s`` and ``threads`` are there for the common interface; one subset a size is
-    kept.
-
-    Source: Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, Wiley 1960.
-    Raises UsageError on input that does not fit, or where f_remove exceeds f_enter, which could go round
-    for ever.
-    """
-    started = time.perf_counter()
-    if f_remove > f_enter:
-        raise UsageError(
-            f"f_remove={f_remove} exceeds f_enter={f_enter}: a column could enter and leave for ever"
-        )
-    frame = build_frame(X, y, forced, weights, groups, parents)
-    finisher = Finisher(frame, held_out_blocks, point)
-    board = Board(frame, min(max_terms, frame.rank), 1)
-    steps = 0
-    for subset in _path(frame, board.max_size, f_enter, f_remove, frame.y.size):
-        board.offer(subset)
-        steps += 1
-    unproved = float("inf")
-    certificate = Certificate(
-        exact=False,
-        nodes=steps,
-        margin=0.0,
-        gap=unproved,
-        gaps=(unproved,) * board.max_size,
-        seconds=time.perf_counter() - started,
-        kernel="efroymson",
-        condition=frame.condition,
-        status="stepwise: nothing is proved; compare with best_subsets",
-    )
-    return finisher.result(board, certificate)
-
-
 def stepwise_columns(
     X: ArrayLike,
     y: ArrayLike,
@@ -221,27 +162,19 @@ def stepwise_columns(
     f_enter: float = 4.0,
     f_remove: float = 3.9,
 ) -> tuple[Chosen, ...]:
-    """The subsets of ``stepwise``, not fitted: residual sums of squares and columns alone.
+    """Stepwise subset regression with the interface of ``best_columns`` (report 3.3.3).
 
-    X and y may be a triangular factor of so many ``samples``, which give F its freedom.
+    At every step the columns of largest partial F enter where it exceeds ``f_enter``, then columns whose partial F is
+    below ``f_remove``, which is no more than that, leave. Groups move together. The best subset met of every size is
+    returned, one a size whatever ``n_best``; nothing is proved. X and y may be a triangular factor of so many
+    ``samples``, which give F its freedom.
+
+    Source: Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, Wiley 1960.
     """
     frame = build_frame(X, y, forced, None, groups, None)
-    board = Board(frame, min(max_terms, frame.rank), 1)
+    board = Board(frame, max_terms, 1)
     board.offer_all(_path(frame, board.max_size, f_enter, f_remove, samples))
     return board.chosen()
-
-
-def differences(exact: SubsetResult, quick: SubsetResult) -> tuple[str, ...]:
-    """One sentence for every size where stepwise missed the best subset."""
-    sentences = []
-    for found in quick.subsets:
-        best = next((s for s in exact.subsets if s.size == found.size), None)
-        if best is not None and found.rss > best.rss * (1.0 + TIE):
-            sentences.append(
-                f"size {found.size}: stepwise has {found.columns} with RSS {found.rss:.6g}; the best is "
-                f"{best.columns} with {best.rss:.6g}, {100.0 * (1.0 - best.rss / found.rss):.3g} % lower"
-            )
-    return tuple(sentences)
 
 
 def _path(

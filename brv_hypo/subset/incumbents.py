@@ -24,29 +24,20 @@ _AT_ONCE = 1000
 
 
 class Board:
-    """The ``capacity`` best subsets of each size 1..max_size, each residual re-evaluated by QR.
+    """The ``capacity`` best subsets of each size 1..max_size, each residual re-evaluated by QR."""
 
-    ``ceiling`` (max_size + 1,) bars subsets above a fixed residual: it turns the search for the best into the
-    enumeration of all that lie below.
-    """
-
-    def __init__(self, frame: Frame, max_size: int, capacity: int, ceiling: FloatArray | None = None) -> None:
+    def __init__(self, frame: Frame, max_terms: int, capacity: int) -> None:
         self.frame = frame
-        self.max_size = max_size
+        self.max_size = min(max_terms, frame.rank)
         self.capacity = capacity
         self.margin = LEAST_MARGIN
-        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of
-        # infinities.
-        self.ceiling = np.full(max_size + 1, 1.01 * frame.rss_forced) if ceiling is None else ceiling
-        self.limits = self.ceiling * (1.0 + self.margin)
-        self.limits[0] = CLOSED
+        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of infinities.
+        self._ceiling = 1.01 * frame.rss_forced
         self.perfect = (100.0 * EPS) ** 2 * frame.rss_forced
-        self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(max_size + 1)]
+        self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(self.max_size + 1)]
         self._offered: set[tuple[int, ...]] = set()
-
-    def rows(self, size: int) -> list[tuple[float, tuple[int, ...]]]:
-        """(residual sum of squares, candidate positions) of one size, best first."""
-        return self._rows[size]
+        self.limits = np.full(self.max_size + 1, self._ceiling * (1.0 + self.margin))
+        self.limits[0] = CLOSED
 
     def chosen(self) -> tuple[Chosen, ...]:
         """All subsets on it, by size, then by residual sum of squares."""
@@ -78,7 +69,7 @@ class Board:
         if self.frame.constraints.active and not self.frame.constraints.allows(key):
             return
         rss = residual(self.frame, key)
-        if rss is None or rss > self.ceiling[size]:
+        if rss is None or rss > self._ceiling:
             return
         rows = self._rows[size]
         insort(rows, (rss, key), key=cmp_to_key(self._compare))
@@ -87,9 +78,7 @@ class Board:
 
     def worst(self, size: int) -> float:
         """The residual that a newcomer must beat."""
-        rows = self._rows[size]
-        ceiling = float(self.ceiling[size])
-        return min(rows[-1][0], ceiling) if len(rows) == self.capacity else ceiling
+        return min(self._rows[size][-1][0], self._ceiling) if self.full(size) else self._ceiling
 
     def full(self, size: int) -> bool:
         """Whether all places of a size are taken."""
