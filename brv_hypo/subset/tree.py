@@ -19,7 +19,15 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.subset.frame import EPS, Constraints, Frame, dependency, project_out, triangle
+from brv_hypo.subset.frame import (
+    EPS,
+    Constraints,
+    Frame,
+    dependency,
+    project_out,
+    square_triangle,
+    triangle,
+)
 from brv_hypo.subset.incumbents import Board
 
 # Places left that need no inverse to be filled.
@@ -89,14 +97,19 @@ class Node:
         """The node with one more in: its column is rotated to the front and its row struck."""
         j, others = self._apart(column)
         factor = self._triangle([j, *others])
-        return Node((*self.included, column), self.undecided[others], factor[1:, 1:-1], factor[1:, -1], self.bound)
+        return Node(
+            included=(*self.included, column), undecided=self.undecided[others], R=factor[1:, 1:-1],
+            z=factor[1:, -1], bound=self.bound,
+        )  # fmt: skip
 
     def drop(self, column: int) -> Node:
         """The node with one fewer to decide: its column is struck; the last entry of z goes to the bound."""
         _, others = self._apart(column)
         factor = self._triangle(others)
-        bound = self.bound + float(factor[-1, -1] ** 2)
-        return Node(self.included, self.undecided[others], factor[:-1, :-1], factor[:-1, -1], bound)
+        return Node(
+            included=self.included, undecided=self.undecided[others], R=factor[:-1, :-1], z=factor[:-1, -1],
+            bound=self.bound + float(factor[-1, -1] ** 2),
+        )  # fmt: skip
 
     def _apart(self, column: int) -> tuple[int, list[int]]:
         """Where a column stands, and where the others do."""
@@ -113,15 +126,18 @@ class Node:
 def make_node(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...]) -> Node | None:
     """A node from the factor of all candidates; None where the included columns are dependent."""
     s, u = len(included), len(undecided)
-    factor = triangle(frame.columns([*included, *undecided]))
-    padded = np.zeros((s + u + 1, s + u + 1))
-    padded[: factor.shape[0]] = factor
-    if dependency(padded[:s, :s], frame.noise[list(included)]):
+    factor = square_triangle(frame.columns([*included, *undecided]))
+    if dependency(factor[:s, :s], frame.noise[list(included)]):
         return None
-    R, z, tail = padded[s : s + u, s : s + u], padded[s : s + u, s + u], padded[s + u :, s + u]
-    dependent = tuple(undecided[i] for i in dependency(R, frame.noise[list(undecided)]))
-    columns = np.array(undecided, dtype=np.int64)
-    return Node(included, columns, R, z, frame.rss_full + float(tail @ tail), dependent)
+    R = factor[s : s + u, s : s + u]
+    return Node(
+        included=included,
+        undecided=np.array(undecided, dtype=np.int64),
+        R=R,
+        z=factor[s : s + u, s + u],
+        bound=frame.rss_full + float(factor[-1, -1] ** 2),
+        dependency=tuple(undecided[i] for i in dependency(R, frame.noise[list(undecided)])),
+    )
 
 
 def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Node | None:
@@ -136,7 +152,7 @@ def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Node | None:
     undecided = np.array(part.undecided if room else (), dtype=np.int64)
     columns, _ = project_out(basis, frame.R[:, undecided])
     z = project_out(basis, frame.z[:, None])[0][:, 0]
-    return Node(part.included, undecided, columns, z, frame.rss_full)
+    return Node(included=part.included, undecided=undecided, R=columns, z=z, bound=frame.rss_full)
 
 
 # ---- The whole tree as pieces whose undecided columns are independent ----
