@@ -14,7 +14,6 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.planted import Planted
 from brv_hypo.simulation.rotation import dot
 from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System
 
@@ -140,10 +139,13 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
     return Grid(nodes, marked, np.searchsorted(nodes, uniform[::steps_per_sample]).astype(np.int64))
 
 
-def break_times(planted: tuple[Planted, ...], others: FloatArray, start: float) -> FloatArray:
-    """Where moments jump or kink (s): region edges, `others`, and what follows one and two delays later."""
-    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in planted)]))
-    first = np.unique(np.concatenate([others, *(item.edges() for item in planted)]))
+def break_times(system: System, start: float) -> FloatArray:
+    """Where moments jump or kink (s): region edges, a wind step, and what follows one and two delays later."""
+    wind = (
+        np.zeros(0) if system.wind_step is None else system.wind_step.time[np.isfinite(system.wind_step.time)]
+    )
+    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in system.planted)]))
+    first = np.unique(np.concatenate([wind, *(item.edges() for item in system.planted)]))
     # The start is a kink only for those who look back at it.
     kinks = np.concatenate([first, [start]]) if delays.size > 1 else first
     later = np.unique(kinks[:, None] + delays)

@@ -453,7 +453,9 @@ def _combination(
 ) -> tuple[tuple[int, float], ...]:
     """The terms that count of a combination of columns, its weights (columns,) being those of columns over `scale`."""
     kept = np.flatnonzero(np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0))
-    return tuple((int(columns[i]), float(w)) for i, w in zip(kept.tolist(), (weights / scale)[kept], strict=True))
+    return tuple(
+        (int(columns[i]), float(w)) for i, w in zip(kept.tolist(), (weights / scale)[kept], strict=True)
+    )
 
 
 def _representatives(
