@@ -522,7 +522,8 @@ def per_flight(configs: Sequence[SimulationConfig], *path: str | int, missing: f
 
     def at_path(node: Any) -> float:
         for part in path:
-            node = node[part] if isinstance(node, Mapping | tuple) else getattr(node, str(part))
+            key: Any = part
+            node = node[key] if isinstance(node, Mapping | tuple) else getattr(node, key)
             if node is None:
                 return missing
         return float(node)

@@ -48,8 +48,11 @@ class Signals:
 def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
     """What perfect instruments at the c.g. read, by channel, on the shape of the state's trailing axes."""
     channels = dict(zip((*GYROS, *ACCELEROMETERS), (*state[RATES], *air.specific_force), strict=True))
-    channels |= {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
-    return channels | {"roll_rate_mag": channels["p"]}
+    return channels | {
+        "velocity": air.speed,
+        "dynamic_pressure": air.dynamic_pressure,
+        "altitude": air.altitude,
+    }
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,11 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
 def with_errors(flight: Flight, errors: Errors) -> Flight:
     """The record as it would read with these errors, by effect and component, SI; UsageError for an unknown one."""
     for name, values in errors.items():
-        effect = find_effect(name)
+        effect = find_installed(name)
+        if not isinstance(effect, RecordEffect):
+            raise UsageError(
+                f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`."
+            )
         known = effect.plantable(flight)
         for component, value in values.items():
             if component not in known:
@@ -96,14 +103,6 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
                 raise UsageError(f"the record effect '{name}' has no component '{component}' ({hint}).")
             flight = effect.perturb(flight, component, value)
     return flight
-
-
-def find_effect(name: str) -> RecordEffect:
-    """The installed record effect of that name; UsageError with the nearest names."""
-    item = find_installed(name)
-    if not isinstance(item, RecordEffect):
-        raise UsageError(f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`.")
-    return item
 
 
 def wind_profile(configs: Sequence[SimulationConfig]) -> WindProfile | None:
@@ -134,7 +133,6 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
     instant = per_flight(configs, "start", "time")
     air = equations.air_data(instant, state)
     channels = true_channels(state, air)
-    del channels["roll_rate_mag"]
     records = []
     for i, config in enumerate(configs):
         time = config.start.time + np.arange(config.samples) / config.sample_rate
@@ -216,13 +214,16 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
     """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
     averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
     vehicle = config.vehicle.declared()
-    delays = {name: gauge.delay for name, gauge in _gauges(config).items()} | dict.fromkeys(
-        GYROS + ACCELEROMETERS, 0.0
-    )
     force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
-    true = signals.channels | dict(zip(ACCELEROMETERS, force, strict=True))
-    channels = {
-        name: _sampled(signals.nodes, true[name], time, delay, averaging) for name, delay in delays.items()
+    true = {
+        **signals.channels,
+        **dict(zip(ACCELEROMETERS, force, strict=True)),
+        "roll_rate_mag": signals.channels["p"],
+    }
+    delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
+    channels: dict[str, Any] = {
+        name: _sampled(signals.nodes, true[name], time, delays.get(name, 0.0), averaging)
+        for name in (*GYROS, *ACCELEROMETERS, *delays)
     }
     return Flight(time=time, vehicle=vehicle, instruments=config.instruments.declared(), **channels)
 

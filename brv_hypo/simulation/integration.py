@@ -183,7 +183,8 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
             k2, _ = rate(now + 0.5 * step, state + (0.5 * step) * k1, near)
             k3, _ = rate(now + 0.5 * step, state + (0.5 * step) * k2, near)
             k4, _ = rate(before if part == parts - 1 else now + step, state + step * k3, near)
-            state = _normalised(state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+            state = state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+            state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
         if on.breaks[node + 1]:
             history.store_before(node + 1, rate(before, state, near)[0])
         if progress is not None and node % 64 == 0:
@@ -206,9 +207,3 @@ def _parts(motion: Motion, step: float) -> int:
     turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
     largest = float(np.max(np.minimum(np.fmax(turn, 0.0), np.pi), initial=0.0))  # fmax: 0 where it is NaN
     return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
-
-
-def _normalised(state: FloatArray) -> FloatArray:
-    """The state with a unit quaternion."""
-    state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
-    return state

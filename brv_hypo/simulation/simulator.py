@@ -93,11 +93,6 @@ def flown(configs: Sequence[SimulationConfig], equations: System, progress: Prog
     on = grid(begin, first.step, first.samples, first.steps_per_sample, break_times(equations, begin))
     with np.errstate(over="ignore", invalid="ignore"):
         trajectory = integrate(equations, state, on, progress)
-    _check(trajectory, equations)
-    return trajectory
-
-
-def _check(trajectory: Trajectory, equations: System) -> None:
     lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
     if np.any(lost):
         raise UnanswerableError(
@@ -112,6 +107,7 @@ def _check(trajectory: Trajectory, equations: System) -> None:
             f"{HIGHEST:.0f} m, where the atmosphere is known. Remedy: another start altitude or "
             "flight-path angle, or a shorter duration."
         )
+    return trajectory
 
 
 def _truths(

@@ -96,7 +96,7 @@ class System:
     @cached_property
     def inertia_inverse(self) -> FloatArray:
         """Inverse of the tensor (3, 3, flights)."""
-        return np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1)
+        return np.asarray(np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1), dtype=float)
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
