@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -183,7 +183,7 @@ class PlantedConfig(Section):
     """Its options."""
     theta: dict[str, float] = Field(default_factory=dict)
     """Its nonlinear parameters."""
-    terms: dict[str, float] = Field(min_length=1)
+    terms: Annotated[dict[str, float], BeforeValidator(_with_current_names)] = Field(min_length=1)
     """Coefficients by the names of its terms."""
     kind: TimeVariation = "jump"
     """How the coefficients vary in time, as in Eq. 3.6."""
@@ -191,11 +191,6 @@ class PlantedConfig(Section):
     """s; None: from the beginning."""
     stop: float | None = None
     """s; None: to the end."""
-
-    @field_validator("terms", mode="before")
-    @classmethod
-    def _earlier_names(cls, data: Any) -> Any:
-        return _with_current_names(data)
 
 
 class SensorConfig(Section):

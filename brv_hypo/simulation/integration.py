@@ -106,21 +106,24 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes (n,) s of the integration; `breaks` (n,) marks jumps; `samples` (m,) index the sample times."""
+    """When the motion is integrated."""
 
     nodes: FloatArray
+    """(n,) s."""
     breaks: BoolArray
+    """Nodes where the moments may jump or kink (n,)."""
     samples: IntArray
+    """Nodes that are samples of the record (m,)."""
 
 
 @dataclass(frozen=True)
-class Trajectory:
-    """Integrated flights: nodes (n,) s, states and rates (n, 13, flights); `samples` index the nodes."""
+class Trajectory(Grid):
+    """Integrated flights on their grid."""
 
-    nodes: FloatArray
     states: FloatArray
+    """(n, 13, flights)."""
     rates: FloatArray
-    samples: IntArray
+    """Their changes per s, after a break."""
 
 
 def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks: FloatArray) -> Grid:
@@ -192,7 +195,7 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
     final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
     k1, motion = rate(final, state, near)
     history.store(nodes.size - 1, state, k1, motion.windward_meridian)
-    return Trajectory(nodes, history.states, history.rates, on.samples)
+    return Trajectory(**vars(on), states=history.states, rates=history.rates)
 
 
 def _parts(motion: Motion, step: float) -> int:

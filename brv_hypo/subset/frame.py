@@ -93,7 +93,12 @@ def build_constraints(
     nobody back: as a parent it counts as present, in a group it is passed over.
     """
     position = {column: i for i, column in enumerate(candidates)}
-    _check_range(constrained_columns(groups, parents), n_columns)
+    outside = sorted(c for c in constrained_columns(groups, parents) if not 0 <= c < n_columns)
+    if outside:
+        raise UsageError(
+            f"groups or parents name columns {outside}, but X has columns 0..{n_columns - 1}; "
+            "number the columns as they stand in X, forced ones included"
+        )
     m = len(candidates)
     requires = np.zeros((m, m), dtype=np.bool_)
     excludes = np.zeros((m, m), dtype=np.bool_)
@@ -135,15 +140,6 @@ def _normalised(groups: Groups | None) -> list[Group]:
 
 def _as_tuple(value: int | Sequence[int]) -> tuple[int, ...]:
     return (value,) if isinstance(value, int) else tuple(value)
-
-
-def _check_range(columns: set[int], n_columns: int) -> None:
-    outside = sorted(c for c in columns if not 0 <= c < n_columns)
-    if outside:
-        raise UsageError(
-            f"groups or parents name columns {outside}, but X has columns 0..{n_columns - 1}; "
-            "number the columns as they stand in X, forced ones included"
-        )
 
 
 # ---- From (X, y) to the searched problem: weights, forced columns, scaling, aliases, triangular factor ----

@@ -43,7 +43,8 @@ def _passed_on(down: bool, best: list[list[int]], work: _Workspace, board: Board
     """Exchange from the next larger subset of every size, or the next smaller one; whether any is better for it."""
     better = False
     for size in range(len(best) - 2, 0, -1) if down else range(2, len(best)):
-        start = work.without_least(best[size + 1]) if down else work.with_best(best[size - 1])
+        smaller = best[size - 1]
+        start = work.without_least(best[size + 1]) if down else [*smaller, int(work.additions(smaller)[0])]
         if set(start) != set(best[size]):
             found = work.swapped(start, board)
             if work.explained(found) > (1.0 + TIE) * work.explained(best[size]):
@@ -85,10 +86,6 @@ class _Workspace:
             chosen = [*chosen[:i], *chosen[i + 1 :], int(j)]
         board.offer(chosen)
         return chosen
-
-    def with_best(self, chosen: list[int]) -> list[int]:
-        """Add the column that gains most."""
-        return [*chosen, int(self.additions(chosen)[0])]
 
     def without_least(self, chosen: list[int]) -> list[int]:
         """Leave out the column whose loss costs least."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import sys
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -54,14 +55,8 @@ class Effort:
             raise UsageError(f"kernel {self.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
 
 
-@dataclass
-class _Visited:
-    """Nodes that numpy visited in this process."""
-
-    nodes: int = 0
-
-
-_visited = _Visited()
+# Nodes that numpy visited in this process, by all its searches.
+_visited = Counter(nodes=0)
 
 
 def search(board: Board, effort: Effort) -> Certificate:
@@ -98,7 +93,7 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
 
     Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
     """
-    budget = _numpy_budget(effort, deadline) - (_visited.nodes if kernel_on_disk() else 0)
+    budget = _numpy_budget(effort, deadline) - (_visited["nodes"] if kernel_on_disk() else 0)
     nodes = 0
 
     def spend() -> None:
@@ -126,7 +121,7 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
             tree.run(piece)
         except StopSearchError:
             stopped = True
-    _visited.nodes += nodes
+    _visited["nodes"] += nodes
     return nodes, tree.open_subtrees + left, orthogonal
 
 

@@ -95,8 +95,8 @@ class Node:
 
     def include(self, column: int) -> Node:
         """The node with one more in: its column is rotated to the front and its row struck."""
-        j, others = self._apart(column)
-        factor = self._triangle([j, *others])
+        j, others, factor = self._with_columns(column, in_front=True)
+        factor[: j + 1] = triangle(factor[: j + 1])
         return Node(
             included=(*self.included, column), undecided=self.undecided[others], R=factor[1:, 1:-1],
             z=factor[1:, -1], bound=self.bound,
@@ -104,23 +104,21 @@ class Node:
 
     def drop(self, column: int) -> Node:
         """The node with one fewer to decide: its column is struck; the last entry of z goes to the bound."""
-        _, others = self._apart(column)
-        factor = self._triangle(others)
+        j, others, factor = self._with_columns(column, in_front=False)
+        factor[j:, j:] = triangle(factor[j:, j:])
         return Node(
             included=self.included, undecided=self.undecided[others], R=factor[:-1, :-1], z=factor[:-1, -1],
             bound=self.bound + float(factor[-1, -1] ** 2),
         )  # fmt: skip
 
-    def _apart(self, column: int) -> tuple[int, list[int]]:
-        """Where a column stands, and where the others do."""
+    def _with_columns(self, column: int, *, in_front: bool) -> tuple[int, list[int], FloatArray]:
+        """Where a column stands, where the others do, and R of these, with it in front or without it, and z."""
         j = int((self.undecided == column).argmax())
-        return j, [*range(j), *range(j + 1, self.z.size)]
-
-    def _triangle(self, places: list[int]) -> FloatArray:
-        """Triangular factor of the columns at these places and z after them."""
+        others = [*range(j), *range(j + 1, self.z.size)]
+        places = [j, *others] if in_front else others
         both = np.empty((self.z.size, len(places) + 1))
         both[:, :-1], both[:, -1] = self.R[:, places], self.z
-        return triangle(both)
+        return j, others, both
 
 
 def make_node(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...]) -> Node | None:
