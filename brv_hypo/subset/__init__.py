@@ -4,8 +4,7 @@ In the order of the data:
 
     best.py          ``best_subsets``, the entrance; ``best_columns``, the same without the fits
     frame.py         groups and parents of columns; weights, forced columns, scaling, aliases, triangular factor
-    incumbents.py    the best subsets so far and the thresholds that they set
-    heuristics.py    good subsets to start from; Efroymson's stepwise regression, for comparison
+    incumbents.py    the best subsets so far, and good ones to start from; Efroymson's stepwise regression, to compare
     tree.py          nodes, subproblems of independent columns, and the include/drop tree in numpy
     search.py        choice of kernel, time limit, certificate
     compiled.py      the tree compiled, on several threads
@@ -17,8 +16,7 @@ In the order of the data:
 from brv_hypo.subset.best import best_columns, best_subsets
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias, Group, Refusal, at_most_one, together
-from brv_hypo.subset.heuristics import stepwise_columns
-from brv_hypo.subset.incumbents import Chosen
+from brv_hypo.subset.incumbents import Chosen, stepwise_columns
 from brv_hypo.subset.result import Certificate, Subset, SubsetResult
 
 __all__ = [

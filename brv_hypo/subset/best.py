@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.errors import UsageError
 from brv_hypo.subset.frame import Groups, Parents, build_frame
-from brv_hypo.subset.heuristics import seed_board
-from brv_hypo.subset.incumbents import Board, Chosen
+from brv_hypo.subset.incumbents import Board, Chosen, seed_board
 from brv_hypo.subset.result import SubsetResult, fitted_result
 from brv_hypo.subset.search import Effort, search
 

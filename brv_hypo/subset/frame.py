@@ -71,6 +71,27 @@ class Constraints:
             return False
         return not (self.requires[members] & ~members).any() and not (self.excludes[members] & members).any()
 
+    def propagated(
+        self, included: Sequence[int], undecided: Sequence[int]
+    ) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+        """Both with what the rules imply carried out; None where no allowed subset is left."""
+        if not self.active:
+            return tuple(included), tuple(undecided)
+        inside = np.zeros(self.possible.size, dtype=np.bool_)
+        alive = inside.copy()
+        inside[list(included)] = True
+        alive[list(undecided)] = True
+        brought = self.requires[inside].any(axis=0) & ~inside
+        barred = self.excludes[inside].any(axis=0)
+        impossible = (brought & ~alive).any() or ((inside | brought) & barred).any()
+        if impossible or not self.possible[inside].all():
+            return None
+        alive &= ~brought & ~barred & self.possible
+        inside |= brought
+        alive &= ~(self.requires & ~(inside | alive)[None, :]).any(axis=1)
+        order = [*included, *np.flatnonzero(brought)]
+        return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
+
 
 def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[int]:
     """Every column that a rule names."""

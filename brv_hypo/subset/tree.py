@@ -12,7 +12,7 @@ leaf, whose pairs are scored without the inverse. Entrances: `independent_pieces
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,6 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.frame import (
     EPS,
-    Constraints,
     Frame,
     dependency,
     project_out,
@@ -156,31 +155,6 @@ def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Node | None:
 # ---- The whole tree as pieces whose undecided columns are independent ----
 
 
-def propagate(
-    constraints: Constraints, included: Sequence[int], undecided: Sequence[int]
-) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
-    """Carry out what the rules imply; None where no allowed subset is left."""
-    if not constraints.active:
-        return tuple(included), tuple(undecided)
-    inside = np.zeros(constraints.possible.size, dtype=np.bool_)
-    alive = inside.copy()
-    inside[list(included)] = True
-    alive[list(undecided)] = True
-    brought = constraints.requires[inside].any(axis=0) & ~inside
-    barred = constraints.excludes[inside].any(axis=0)
-    if (
-        (brought & ~alive).any()
-        or ((inside | brought) & barred).any()
-        or not constraints.possible[inside].all()
-    ):
-        return None
-    alive &= ~brought & ~barred & constraints.possible
-    inside |= brought
-    alive &= ~(constraints.requires & ~(inside | alive)[None, :]).any(axis=1)
-    order = [*included, *np.flatnonzero(brought)]
-    return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
-
-
 def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtree]:
     """Cut the whole tree into nodes whose undecided columns are independent, and parts that are leaves.
 
@@ -190,7 +164,7 @@ def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtr
     stack = [OpenSubtree((), tuple(range(frame.n_candidates)), frame.rss_full)]
     while stack:
         part = stack.pop()
-        allowed = propagate(frame.constraints, part.included, part.undecided)
+        allowed = frame.constraints.propagated(part.included, part.undecided)
         if allowed is None or len(allowed[0]) > max_size:
             continue
         if dependent and max_size - len(allowed[0]) <= CLOSED_FORM:
@@ -305,7 +279,7 @@ class NumpyTree:
         if not self._constraints.active:
             return node.include(column)
         undecided = [u for u in node.undecided.tolist() if u != column]
-        allowed = propagate(self._constraints, (*node.included, column), undecided)
+        allowed = self._constraints.propagated((*node.included, column), undecided)
         if allowed is None or len(allowed[0]) > self._board.max_size:
             return None
         child = node
@@ -318,7 +292,7 @@ class NumpyTree:
         if not self._constraints.active:
             return dropped
         undecided = dropped.undecided.tolist()
-        allowed = propagate(self._constraints, dropped.included, undecided)
+        allowed = self._constraints.propagated(dropped.included, undecided)
         return None if allowed is None else _drop_all(dropped, set(undecided) - set(allowed[1]))
 
     def _score(self, node: Node, quota: int) -> None:
