@@ -33,9 +33,9 @@ class History:
         self.nodes = nodes
         self.states = np.zeros((nodes.size, STATES, flights))
         self.rates = np.zeros_like(self.states)
+        self._rates_before = np.zeros_like(self.states)
         self.meridians = np.zeros((nodes.size, flights))
-        self._before = np.zeros((int(np.count_nonzero(breaks)), STATES, flights))
-        self._break_row = np.where(breaks, np.cumsum(breaks) - 1, -1)
+        self._breaks = breaks
         self._columns = np.arange(flights)
         self._last = 0
         self._recent: dict[bytes, Motion] = {}
@@ -43,12 +43,14 @@ class History:
     def store(self, node: int, state: FloatArray, rate: FloatArray, meridian: FloatArray) -> None:
         """The state of a node with the rate that follows it."""
         self.states[node], self.rates[node], self.meridians[node] = state, rate, meridian
+        if not self._breaks[node]:
+            self._rates_before[node] = rate
         self._last = node
         self._recent.clear()
 
     def store_before(self, node: int, rate: FloatArray) -> None:
         """The rate that leads up to a break."""
-        self._before[self._break_row[node]] = rate
+        self._rates_before[node] = rate
 
     def past(self, time: FloatArray) -> Motion:
         """The motion at `time` (flights,) s; before the start it is steady (see `Motion.delayed`)."""
@@ -80,18 +82,17 @@ class History:
         right = left + 1
         step = self.nodes[right] - self.nodes[left]
         s = (time - self.nodes[left]) / step
-        rows = self._break_row[right]
-        rate_right = self.rates[right, :, self._columns].T
-        if np.any(rows >= 0):
-            rate_right = np.where(rows >= 0, self._before[rows, :, self._columns].T, rate_right)
         s2, s3 = s * s, s * s * s
         return np.asarray(
             (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left, :, self._columns].T
             + (s3 - 2.0 * s2 + s) * step * self.rates[left, :, self._columns].T
             + (3.0 * s2 - 2.0 * s3) * self.states[right, :, self._columns].T
-            + (s3 - s2) * step * rate_right,
+            + (s3 - s2) * step * self._rates_before[right, :, self._columns].T,
             dtype=float,
         )
+
+
+# ---- Nodes, and the classical Runge-Kutta steps from one to the next ----
 
 
 # Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
