@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import yaml
@@ -164,10 +164,10 @@ class MechanismFile(_Part):
 class YamlMechanism(Mechanism):
     """A mechanism that a file defines: C_N' and C_Z' are sums of its terms; see the module's description."""
 
-    name = "filed"
-    title = "mechanism of a file"
-    claims = "what its file says"
-    source = "a mechanism file"
+    name: str = "by_file"  # type: ignore[misc]
+    title: str = "mechanism of a file"  # type: ignore[misc]
+    claims: str = "what its file says"  # type: ignore[misc]
+    source: str = "a mechanism file"  # type: ignore[misc]
     time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant",)
 
     definition: tuple[YamlTerm, ...] = ()
@@ -183,11 +183,8 @@ class YamlMechanism(Mechanism):
 
 def mechanism_of(content: MechanismFile) -> YamlMechanism:
     """The mechanism that a file's content defines."""
-    labels: dict[str, Any] = {name: getattr(content, name) for name in ("name", "title", "claims", "source")}
-    own = type(
-        "YamlMechanism", (YamlMechanism,), {**labels, "__module__": __name__, "__doc__": content.claims}
-    )
-    return own(definition=content.terms)  # type: ignore[no-any-return]
+    labels = content.model_dump(include={"name", "title", "claims", "source"})
+    return YamlMechanism(definition=content.terms, **labels)
 
 
 def is_mechanism_file(name: str) -> bool:
