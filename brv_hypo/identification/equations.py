@@ -20,12 +20,14 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UsageError
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
 from brv_hypo.identification.parameters import Structure, averaged, kink, of_flight, on_grid, placed
 from brv_hypo.identification.record_errors import (
@@ -83,9 +85,7 @@ def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
 
 
 class Memory(Generic[T]):
-    """The last few results by key: most parameters leave the columns as they are, and a moved state only one
-    motion.
-    """
+    """The last few results by key: most parameters leave the columns as they are, a moved state only one motion."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
@@ -101,17 +101,19 @@ class Memory(Generic[T]):
 
 @dataclass(frozen=True)
 class Shapes:
-    """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n)
-    rad/s^2.
-    """
+    """What the coefficients multiply at some instants."""
 
     columns: tuple[Regressor, ...]
     acceleration: ComplexArray
+    """Angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2."""
     in_plane: ComplexArray
+    """C_N' + i C_Z' per unit of each (columns, n)."""
     motion: Motion
     past: tuple[Motion, ...]
+    """The motion at the delays."""
     here: Point
     own: OwnTime | None = None
+    """How the flight's time goes with the common one."""
 
     @cached_property
     def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
@@ -150,6 +152,8 @@ class Shapes:
 
 
 Values = Mapping[str, float]
+AtDelays = Mapping[str, Delayed]
+"""States and inputs at the delays that are parameters, by name."""
 RateUse = Literal["unused", "affine", "other"]
 Known = dict[tuple[str, Theta], dict[str, Term]]
 
@@ -163,21 +167,15 @@ class Past:
     motions: Mapping[float, Motion]
 
     def __call__(self, delay: float) -> Motion:
-        """The motion `delay` s earlier; raises UnknownDelayError for a delay that is no parameter."""
+        """The motion `delay` s earlier; raises UsageError for a delay that is no parameter."""
         near = min(self.motions, key=lambda known: abs(known - delay), default=None)
         if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
-            raise UnknownDelayError(delay, sorted(self.motions))
+            raise UsageError(
+                f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are "
+                f"{sorted(self.motions)}. The likelihood differentiates delays that are parameters with is_delay set: "
+                "declare it as one"
+            )
         return self.motions[near]
-
-
-class UnknownDelayError(ValueError):
-    """A mechanism asked for a delay that is none of its parameters."""
-
-    def __init__(self, delay: float, known: list[float]) -> None:
-        super().__init__(
-            f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are {known}. "
-            "The likelihood differentiates delays that are parameters with is_delay set: declare it as one"
-        )
 
 
 @dataclass(frozen=True)
@@ -302,16 +300,11 @@ class VehicleModel:
         return VehicleModel(self.moments, contexts, self.force_names, self.span)
 
     def dynamics(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> FloatArray:
         """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
         here, context = point(x, u, t), self._context(u)
-        accelerations, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
         weights = self._coefficients(theta)
         acceleration, lacking = weights @ accelerations, weights[knotted] @ missing
         scale = self._moment_share(context, theta)
@@ -322,12 +315,7 @@ class VehicleModel:
         )
 
     def outputs(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> FloatArray:
         """q, r (rad/s), a_y, a_z (m/s^2) as the instruments read them, (4, n)."""
         here, context = point(x, u, t), self._context(u)
@@ -335,7 +323,7 @@ class VehicleModel:
         force = self._force(here, context, theta) * here.to_body
         arm = context.vehicle.accelerometer_position
         if any(arm):
-            shapes = self.shapes(here, theta, delayed or {})
+            shapes = self.shapes(here, theta, delayed)
             acceleration = self._coefficients(theta) @ shapes.averaged(context.block)
             scaled = acceleration * self._moment_share(context, theta)
             omega_rate = self._omega_rate(here, context, theta, scaled)
@@ -345,19 +333,14 @@ class VehicleModel:
         return _rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
 
     def dynamics_slopes(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> dict[str, FloatArray]:
         """Derivatives (4, n) of the dynamics by the parameters and courses that they are affine in, by name: those of
         coefficients, forces, gravity and errors that add, but for what changes the columns themselves.
         """
         here, context = point(x, u, t), self._context(u)
         names = self.moments.structure.names
-        accelerations, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
         share, slower = self._moment_share(context, theta), 1.0 + _error(SPEED_ERROR, context, theta)
         lacking = np.zeros_like(accelerations)
         lacking[knotted] = 1j * _forward(here) * missing
@@ -375,19 +358,14 @@ class VehicleModel:
         return self._slopes(dict(turned), dict(gained), _own(READ, context), here)
 
     def outputs_slopes(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> dict[str, FloatArray]:
         """The same of the outputs."""
         here, context = point(x, u, t), self._context(u)
         names, arm = self.moments.structure.names, context.vehicle.accelerometer_position
         turned = np.zeros((len(names), t.size), dtype=complex)
         if any(arm):
-            averaged = self.shapes(here, theta, delayed or {}).averaged(context.block)
+            averaged = self.shapes(here, theta, delayed).averaged(context.block)
             turned = _swung(arm, averaged * (self._moment_share(context, theta) * here.to_body))
         pushed = self._force_scale(here, context, theta) * here.to_body * self._force_shapes(here, context)
         gained = zip(
@@ -434,7 +412,15 @@ class VehicleModel:
         columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
         scale = here.input("pressure") * context.vehicle.moment_scale
         turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        return Shapes(columns, planes * turn, planes, now, tuple(past.values()), here, context.own)
+        return Shapes(
+            columns=columns,
+            acceleration=planes * turn,
+            in_plane=planes,
+            motion=now,
+            past=tuple(past.values()),
+            here=here,
+            own=context.own,
+        )
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
         """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
@@ -451,9 +437,7 @@ class VehicleModel:
     def _context(self, u: FloatArray) -> Context:
         return self.contexts[round(float(u[ROW["segment"], 0]))]
 
-    def _omega_rate(
-        self, here: Point, context: Context, theta: Values, acceleration: ComplexArray
-    ) -> ComplexArray:
+    def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
         k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
         p = here.input("p")
         error = self._roll_rate_error(context, theta)

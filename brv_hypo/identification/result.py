@@ -18,7 +18,7 @@ from brv_hypo.identification.parameters import of_flight
 from brv_hypo.identification.problem import Problem
 from brv_hypo.likelihood import Delayed, FitResult
 from brv_hypo.likelihood.segment import Interpolator
-from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.motion import Motion
@@ -32,17 +32,16 @@ OUTPUTS = ("q", "r", "ay", "az")
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter, in `units`.
-
-    `std_error` is the one to report: that for white residuals where they are white, else the larger of it and
-    `std_error_coloured`, which is corrected for the colour of the residuals.
-    """
+    """One parameter."""
 
     name: str
     value: float
+    """In `units`."""
     std_error: float
+    """The one to report: that for white residuals where they are white, else the larger of the two below."""
     std_error_white: float
     std_error_coloured: float
+    """Corrected for the colour of the residuals."""
     units: str
 
     @property
@@ -53,54 +52,47 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Identification:
-    """A regression model refined by maximum likelihood on the original measurements.
-
-    Attributes:
-        status: that of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or
-            "diverged"; "failed" where it could not be begun. `message` is cause and remedy.
-        columns: the regression's columns with delays and knots at their estimates.
-        values: coefficients (columns,), in the units of the columns.
-        covariance: (columns, columns), all other parameters accounted for; at the reported standard errors.
-        terms: the coefficients. nonlinear: delays and knots. forces: normal-force slope (1/rad) and its
-            drift.
-        instruments: what is known to a tolerance only, errors of the record and moments, each with its
-            prior in the estimate. environment: gravity (m/s^2) in de-rolled axes of the first sample.
-        prior_misfit: sum over all parameters with a Gaussian prior of the square of estimate less mean over sigma.
-        log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample.
-        iterations: of all searches together. cost_history: NLLF at the nodes after each iteration of the last
-            search.
-        identifiability: near-null directions by name.
-        innovations: by segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at
-            `times` (s).
-        whiteness: test of each output's innovations, in the order of OUTPUTS.
-        block: samples to a node. seconds: wall clock.
-        frame: the regression's frame, C_mw of Eq. 5.1 brought up to date.
-        problem, fit: what was solved, and the likelihood's own result; None where it could not be begun.
-    """
+    """A regression model refined by maximum likelihood on the original measurements."""
 
     status: str
+    """That of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or "diverged"; "failed" where
+    it could not be begun."""
     message: str
+    """Cause and remedy."""
     columns: tuple[Regressor, ...]
+    """The regression's columns with delays and knots at their estimates."""
     values: FloatArray
+    """Coefficients (columns,), in the units of the columns."""
     covariance: FloatArray
-    terms: tuple[Estimate, ...]
-    nonlinear: tuple[Estimate, ...]
-    forces: tuple[Estimate, ...]
-    instruments: tuple[Estimate, ...]
-    environment: tuple[Estimate, ...]
-    log_likelihood: float
-    iterations: int
-    cost_history: tuple[float, ...]
-    identifiability: Identifiability | None
-    innovations: tuple[FloatArray, ...]
-    times: tuple[FloatArray, ...]
-    whiteness: tuple[Whiteness, ...]
-    prior_misfit: float
-    block: int
-    seconds: float
+    """(columns, columns), all other parameters accounted for; at the reported standard errors."""
     frame: RateFrame
-    problem: Problem | None
-    fit: FitResult | None
+    """The regression's frame, C_mw of Eq. 5.1 brought up to date."""
+    terms: tuple[Estimate, ...] = ()
+    """The coefficients."""
+    nonlinear: tuple[Estimate, ...] = ()
+    """Delays and knots."""
+    forces: tuple[Estimate, ...] = ()
+    """Normal-force slope (1/rad) and its drift."""
+    instruments: tuple[Estimate, ...] = ()
+    """What is known to a tolerance only, errors of the record and moments, each with its prior in the estimate."""
+    environment: tuple[Estimate, ...] = ()
+    """Gravity (m/s^2) in de-rolled axes of the first sample."""
+    log_likelihood: float = float("nan")
+    """Minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample."""
+    iterations: int = 0
+    """Of all searches together."""
+    innovations: tuple[FloatArray, ...] = ()
+    """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at `times`."""
+    times: tuple[FloatArray, ...] = ()
+    """By segment, s."""
+    whiteness: tuple[Whiteness, ...] = ()
+    """Test of each output's innovations, in the order of OUTPUTS."""
+    seconds: float = 0.0
+    """Wall clock."""
+    problem: Problem | None = None
+    """What was solved; None where it could not be begun."""
+    fit: FitResult | None = None
+    """The likelihood's own result."""
 
     @property
     def converged(self) -> bool:
@@ -113,15 +105,16 @@ class Identification:
 
 @dataclass(frozen=True)
 class CoefficientHistory:
-    """A coefficient over time (n,) s of one segment of one flight: `value` and `std_error`, (n,); the band is
-    2 sigma.
-    """
+    """A coefficient over time, of one segment of one flight."""
 
     name: str
     flight: int
     time: FloatArray
+    """(n,), s."""
     value: FloatArray
+    """(n,)."""
     std_error: FloatArray
+    """(n,); the band is 2 sigma."""
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
@@ -199,16 +192,11 @@ def _with_bends(found: Identification, names: list[str], sizes: list[float]) -> 
     """Covariance of the coefficients and, after them, of the bend's."""
     assert found.fit is not None
     count = found.values.size
-    out = np.zeros((count + len(names), count + len(names)))
+    index = [found.fit.names.index(name) for name in (*(term.name for term in found.terms), *names)]
+    scale = np.array([*np.ones(count), *sizes])
+    out = found.fit.covariance[np.ix_(index, index)] * np.outer(scale, scale)
     out[:count, :count] = found.covariance
-    known = {name: k for k, name in enumerate(found.fit.names)}
-    terms = [known.get(estimate.name, -1) for estimate in found.terms]
-    for j, (name, size) in enumerate(zip(names, sizes, strict=True)):
-        own = found.fit.covariance[known[name]]
-        out[count + j, :count] = out[:count, count + j] = [size * own[k] if k >= 0 else 0.0 for k in terms]
-        for i, (other, scale) in enumerate(zip(names, sizes, strict=True)):
-            out[count + j, count + i] = size * scale * own[known[other]]
-    return out
+    return np.asarray(out)
 
 
 def _planes(
