@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Generic, Literal, TypeVar
 
@@ -112,6 +112,8 @@ class Shapes:
     past: tuple[Motion, ...]
     """The motion at the delays."""
     here: Point
+    block: float
+    """A block's length, s."""
     own: OwnTime | None = None
     """How the flight's time goes with the common one."""
 
@@ -132,20 +134,15 @@ class Shapes:
             lacking[k] = first * shape - 2.0 * second * slope
         return on_grid_too, knotted, lacking
 
-    def averaged(self, block: float) -> ComplexArray:
-        """The accelerations (columns, n) times what a block of so many seconds sees of their courses."""
-        if block not in self._averaged:
-            out = self.acceleration.copy()
-            for own, column in zip(out, self.columns, strict=True):
-                if has_knot(column):
-                    time_basis, time, _ = placed(column.time_basis, self.here.time, self.here.input("half"), self.own)
-                    own *= averaged(time_basis, time, block)
-            self._averaged[block] = out
-        return self._averaged[block]
-
     @cached_property
-    def _averaged(self) -> dict[float, ComplexArray]:
-        return {}
+    def averaged(self) -> ComplexArray:
+        """The accelerations (columns, n) times what a block sees of their courses."""
+        out = self.acceleration.copy()
+        for own, column in zip(out, self.columns, strict=True):
+            if has_knot(column):
+                time_basis, time, _ = placed(column.time_basis, self.here.time, self.here.input("half"), self.own)
+                own *= averaged(time_basis, time, self.block)
+        return out
 
 
 # ---- The regression's columns at the estimated motion: moment coefficients per unit of each coefficient ----
@@ -160,22 +157,16 @@ Known = dict[tuple[str, Theta], dict[str, Term]]
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class Past:
-    """The past of a motion at the delays that are parameters."""
-
-    motions: Mapping[float, Motion]
-
-    def __call__(self, delay: float) -> Motion:
-        """The motion `delay` s earlier; raises UsageError for a delay that is no parameter."""
-        near = min(self.motions, key=lambda known: abs(known - delay), default=None)
-        if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
-            raise UsageError(
-                f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are "
-                f"{sorted(self.motions)}. The likelihood differentiates delays that are parameters with is_delay set: "
-                "declare it as one"
-            )
-        return self.motions[near]
+def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
+    """The motion `delay` s earlier, of those at the delays that are parameters; UsageError for any other."""
+    near = min(motions, key=lambda known: abs(known - delay), default=None)
+    if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
+        raise UsageError(
+            f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are "
+            f"{sorted(motions)}. The likelihood differentiates delays that are parameters with is_delay set: "
+            "declare it as one"
+        )
+    return motions[near]
 
 
 @dataclass(frozen=True)
@@ -209,7 +200,7 @@ class MomentModel:
         }
         motion = self._with_in_plane_moment(now, theta, columns, half, own)
         if earlier:
-            motion = replace(motion, history=Past(earlier))
+            motion = replace(motion, history=partial(earlier_motion, earlier))
         terms = self._terms(columns, motion, dict(self._wind_fixed_terms(now)))
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
 
@@ -323,8 +314,7 @@ class VehicleModel:
         force = self._force(here, context, theta) * here.to_body
         arm = context.vehicle.accelerometer_position
         if any(arm):
-            shapes = self.shapes(here, theta, delayed)
-            acceleration = self._coefficients(theta) @ shapes.averaged(context.block)
+            acceleration = self._coefficients(theta) @ self.shapes(here, theta, delayed).averaged
             scaled = acceleration * self._moment_share(context, theta)
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
@@ -365,7 +355,7 @@ class VehicleModel:
         names, arm = self.moments.structure.names, context.vehicle.accelerometer_position
         turned = np.zeros((len(names), t.size), dtype=complex)
         if any(arm):
-            averaged = self.shapes(here, theta, delayed).averaged(context.block)
+            averaged = self.shapes(here, theta, delayed).averaged
             turned = _swung(arm, averaged * (self._moment_share(context, theta) * here.to_body))
         pushed = self._force_scale(here, context, theta) * here.to_body * self._force_shapes(here, context)
         gained = zip(
@@ -419,6 +409,7 @@ class VehicleModel:
             motion=now,
             past=tuple(past.values()),
             here=here,
+            block=context.block,
             own=context.own,
         )
 
@@ -492,7 +483,9 @@ class VehicleModel:
         return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
-        theta = {**theta, **_without_noise(context.flight)}
+        # Without what noise leaves in the inputs, and errors that do too little to the rates to matter.
+        quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+        theta = {**theta, **dict.fromkeys(_own(quiet, context), 0.0)}
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
         slowing = at.zeta * at.input("speed_rate") / speed
@@ -544,12 +537,6 @@ def _swung(arm: tuple[float, float, float], omega_rate: ComplexArray) -> Complex
 def _own(names: Sequence[str], context: Context) -> list[str]:
     """Names of a flight's own parameters or courses."""
     return [of_flight(name, context.flight) for name in names]
-
-
-def _without_noise(flight: int) -> dict[str, float]:
-    """Inputs without what noise leaves in them, and without errors that do too little to the rates to matter."""
-    quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
-    return {of_flight(name, flight): 0.0 for name in quiet}
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:

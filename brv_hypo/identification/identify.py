@@ -7,6 +7,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -87,39 +88,33 @@ def identify(
 
 def _search(problem: Problem, progress: Callable[[Progress], None] | None) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
-    iterations = 0
+    searches: list[FitResult] = []
+
+    def solve(problem: Problem, **how: Any) -> FitResult:
+        searches.append(problem.solve(progress=progress, **how))
+        return searches[-1]
+
     if _misfit(problem) > IDENTIFIED_POOR_START:
-        first = problem.solve(
-            fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, errors=False, progress=progress
-        )
-        iterations += first.iterations
-        problem = _refreshed(problem, first)
-    found = problem.solve(progress=progress)
-    iterations += found.iterations
-    stalled_near = (
-        found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
-    )
-    if problem.config.begin_anew and not found.converged and not stalled_near:
-        found = problem.solve(near_start=False, progress=progress)
-        iterations += found.iterations
+        knots = problem.structure.knots
+        problem = problem.refreshed(solve(problem, fixed=knots, max_iterations=IDENTIFIED_FIRST_STEPS, errors=False))
+    found = solve(problem)
+    near = found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
+    if problem.config.begin_anew and not found.converged and not near:
+        found = solve(problem, near_start=False)
     held = _loose_knots(problem, found)
     if held:
-        problem = _refreshed(problem, found)
-        found = problem.solve(fixed=held, progress=progress)
-        iterations += found.iterations
+        problem = problem.refreshed(found)
+        found = solve(problem, fixed=held)
     for _ in range(IDENTIFIED_ROUNDS):
         if not found.converged:
             break
-        refreshed = _refreshed(problem, found)
-        if not _stale(problem, refreshed, found):
-            problem = refreshed
+        before, problem = problem, problem.refreshed(found)
+        if not _stale(before, problem, found):
             break
-        problem = refreshed
-        found = problem.solve(fixed=held, progress=progress)
-        iterations += found.iterations
+        found = solve(problem, fixed=held)
     if held:
         found = replace(found, message=f"{found.message}; {_HELD.format(', '.join(held))}")
-    return problem.warm(found), found, iterations
+    return problem.warm(found), found, sum(search.iterations for search in searches)
 
 
 def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
@@ -138,13 +133,6 @@ def _misfit(problem: Problem) -> float:
         for record in problem.records
     ]
     return float(np.sqrt(max(left)))
-
-
-def _refreshed(problem: Problem, found: FitResult) -> Problem:
-    """The problem started from a solution, the block means corrected by it."""
-    columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
-    frame = problem.frame.with_in_plane_moment(columns, values)
-    return problem.warm(found).refreshed(found, frame, columns, values)
 
 
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:

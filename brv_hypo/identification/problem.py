@@ -102,13 +102,13 @@ class Problem:
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
         return replace(self, theta=theta, states=found.states, first_noise=found.noise_covariance)
 
-    def refreshed(
-        self, found: FitResult, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray
-    ) -> Problem:
-        """The problem with nodes and block means laid out by another model of the motion, as `found` has it.
+    def refreshed(self, found: FitResult) -> Problem:
+        """The problem started from a solution, with nodes and block means laid out by the motion that it has.
 
         Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
+        warm, columns, values = self.warm(found), self.structure.at(found.theta), self.structure.values(found.theta)
+        frame = self.frame.with_in_plane_moment(columns, values)
 
         def fitted(number: int, flight: Flight) -> Flight:
             for record, left in zip(self.records, found.innovations, strict=True):
@@ -120,10 +120,9 @@ class Problem:
         rates = frame.columns(columns) @ values
         records = node_records(frame, columns, values, rates, self.inputs, block, self.placed_delays, fitted)
         model = self.model.on(tuple(record.context for record in records))
-        states, noise = (self.states, self.first_noise) if block == self.block else ((), None)
-        return replace(
-            self, frame=frame, records=records, model=model, block=block, states=states, first_noise=noise
-        )
+        if block != self.block:
+            warm = replace(warm, states=(), first_noise=None)
+        return replace(warm, frame=frame, records=records, model=model, block=block)
 
     def segments(self) -> tuple[Segment, ...]:
         """The likelihood's segments, started from the states."""

@@ -221,25 +221,18 @@ def record_errors(
     Moments of the mechanisms `modelled` are the hypothesis's own and take no part; neither does what none of the
     equations observes, such as the bias of an instrument that they do not use.
     """
-    return tuple(
-        _of_flight(frame, number, flight, smooth, modelled)
-        for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True))
-    )
-
-
-def _of_flight(
-    frame: RateFrame, number: int, flight: Flight, smooth: SmoothInputs, modelled: frozenset[str]
-) -> RecordErrors:
-    reconstruction = frame.reconstructions[number]
-    observable: list[tuple[Tolerated, Histories]] = []
-    for value, histories in (
-        *_of_effects(flight, reconstruction, smooth),
-        *_of_moments(frame, number, flight, modelled),
-    ):
-        seen = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
-        if seen:
-            observable.append((value, seen))
-    return RecordErrors(number, tuple(value for value, _ in observable), tuple(seen for _, seen in observable))
+    found = []
+    for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True)):
+        values: dict[Tolerated, Histories] = {}
+        for value, histories in (
+            *_of_effects(flight, frame.reconstructions[number], smooth),
+            *_of_moments(frame, number, flight, modelled),
+        ):
+            seen = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
+            if seen:
+                values[value] = seen
+        found.append(RecordErrors(number, tuple(values), tuple(values.values())))
+    return tuple(found)
 
 
 def _of_effects(

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification.equations import Shapes, point
+from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.parameters import of_flight
 from brv_hypo.identification.problem import Problem
 from brv_hypo.likelihood import Delayed, FitResult
@@ -21,7 +22,6 @@ from brv_hypo.likelihood.segment import Interpolator
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 
 # ---- What an identification returns ----
@@ -123,8 +123,7 @@ class CoefficientHistory:
 
 
 def coefficient_histories(found: Identification) -> tuple[CoefficientHistory, ...]:
-    """In-plane and out-of-plane moment and their derivatives by alpha, and the normal-force slope, of every
-    segment.
+    """In-plane and out-of-plane moment, their derivatives by alpha, and the normal-force slope, of every segment.
 
     "C_N'", "C_Z'", "C_N' by alpha" (1/rad), "C_Z' by alpha" (1/rad), "C_Nalpha_force" (1/rad). The derivative
     by alpha is that at the motion as flown, meridian and rates held; knots stand where they were estimated.
@@ -132,88 +131,60 @@ def coefficient_histories(found: Identification) -> tuple[CoefficientHistory, ..
     """
     if found.problem is None or found.fit is None:
         return ()
-    histories: list[CoefficientHistory] = []
-    for segment in range(len(found.problem.records)):
-        histories += _of_segment(found, found.problem, segment)
-    return tuple(histories)
+    segments = range(len(found.problem.records))
+    return tuple(each for k in segments for each in _of_segment(found, found.problem, found.fit, k))
 
 
-def _of_segment(found: Identification, problem: Problem, segment: int) -> list[CoefficientHistory]:
-    assert found.fit is not None
-    record, states = problem.records[segment], found.fit.states[segment]
-    theta, flight, time = found.fit.theta, record.context.flight, record.segment.t
-    step = 1e-4
-    here, low, high = (
-        _planes(
-            problem, record.segment.u, states * np.array([[1.0], [1.0], [scale], [scale]]), theta, segment
-        )
-        for scale in (1.0, 1.0 - step, 1.0 + step)
-    )
+def _of_segment(found: Identification, problem: Problem, fit: FitResult, segment: int) -> list[CoefficientHistory]:
+    record, theta, step = problem.records[segment], fit.theta, 1e-4
+    flight, time = record.context.flight, record.segment.t
     common_time = record.context.coefficient_time(time)
-    bases = np.array([column.time_basis(common_time) for column in found.columns])
-    names, sizes = _bends(problem, flight)
-    planes = np.vstack([here.in_plane * bases, *_bent(problem, here.motion)])
-    risen = np.vstack([(high.in_plane - low.in_plane) * bases, *_bent(problem, high.motion, low.motion)])
-    slopes = risen / (high.motion.alpha - low.motion.alpha)
-    whole = np.append(found.values, [size * theta[name] for name, size in zip(names, sizes, strict=True)])
-    both = _with_bends(found, names, sizes)
-    rows = {
-        "C_N'": planes.real,
-        "C_Z'": planes.imag,
-        "C_N' by alpha": slopes.real,
-        "C_Z' by alpha": slopes.imag,
-    }
-    out = [_history(name, flight, time, f, whole, both) for name, f in rows.items()]
-    index = [found.fit.names.index(name) for name in problem.model.force_names]
-    force = np.asarray(legvander(problem.model.scaled(common_time), len(index) - 1).T, dtype=float)
-    values = np.array([theta[name] for name in problem.model.force_names])
-    covariance = found.fit.covariance[np.ix_(index, index)]
-    return [*out, _history("C_Nalpha_force", flight, time, force, values, covariance)]
-
-
-def _bends(problem: Problem, flight: int) -> tuple[list[str], list[float]]:
-    """Parameters that are the bend of the static moment, in units of their sizes (1/rad^3), and these."""
-    own = [value for value, number in problem.tolerated if number == flight and value.name.startswith(StaticBend.name)]
-    return [of_flight(value.name, flight) for value in own], [value.size for value in own]
-
-
-def _bent(problem: Problem, motion: Motion, less: Motion | None = None) -> list[FloatArray]:
-    """Moments in plane (n,) of each term of the bend per unit of its coefficient, less those at another motion."""
     bend = problem.frame.mechanisms.get(StaticBend.name)
-    if bend is None:
-        return []
-    here = [term.in_plane for term in bend.terms(motion, {})]
-    if less is None:
-        return here
-    return [one - term.in_plane for one, term in zip(here, bend.terms(less, {}), strict=True)]
+    bends = [v for v, number in problem.tolerated if number == flight and v.name.startswith(StaticBend.name)]
+    names = [of_flight(value.name, flight) for value in bends]
+    sizes = np.array([value.size for value in bends])
 
+    def at(scale: float) -> tuple[ComplexArray, FloatArray]:
+        """C_N' + i C_Z' per unit of each coefficient and of the bend's (rows, n), and alpha, with the states scaled."""
+        states = fit.states[segment] * np.array([[1.0], [1.0], [scale], [scale]])
+        shapes = _shapes(problem, record, states, theta)
+        bent = [] if bend is None else [term.in_plane for term in bend.terms(shapes.motion, {})]
+        return np.vstack([shapes.in_plane, *bent]), shapes.motion.alpha
 
-def _with_bends(found: Identification, names: list[str], sizes: list[float]) -> FloatArray:
-    """Covariance of the coefficients and, after them, of the bend's."""
-    assert found.fit is not None
+    (here, _), (low, less), (high, more) = (at(scale) for scale in (1.0, 1.0 - step, 1.0 + step))
+    bases = np.array([*(c.time_basis(common_time) for c in found.columns), *np.ones((len(bends), time.size))])
+    moments, slopes = here * bases, (high - low) * bases / (more - less)
+    values = np.append(found.values, sizes * [theta[name] for name in names])
+    # The bend's covariance beside that of the coefficients, which is at the reported standard errors.
     count = found.values.size
-    index = [found.fit.names.index(name) for name in (*(term.name for term in found.terms), *names)]
-    scale = np.array([*np.ones(count), *sizes])
-    out = found.fit.covariance[np.ix_(index, index)] * np.outer(scale, scale)
-    out[:count, :count] = found.covariance
-    return np.asarray(out)
+    index = [fit.names.index(name) for name in (*(term.name for term in found.terms), *names)]
+    scale = np.append(np.ones(count), sizes)
+    covariance = fit.covariance[np.ix_(index, index)] * np.outer(scale, scale)
+    covariance[:count, :count] = found.covariance
+    forces = list(problem.model.force_names)
+    index = [fit.names.index(name) for name in forces]
+    drift = np.asarray(legvander(problem.model.scaled(common_time), len(index) - 1).T, dtype=float)
+    own = np.array([theta[name] for name in forces]), fit.covariance[np.ix_(index, index)]
+    rows = {
+        "C_N'": (moments.real, values, covariance),
+        "C_Z'": (moments.imag, values, covariance),
+        "C_N' by alpha": (slopes.real, values, covariance),
+        "C_Z' by alpha": (slopes.imag, values, covariance),
+        "C_Nalpha_force": (drift, *own),
+    }
+    histories = []
+    for name, (f, estimates, errors) in rows.items():
+        sigma = np.sqrt(np.maximum(np.einsum("jn,jk,kn->n", f, errors, f), 0.0))
+        histories.append(CoefficientHistory(name=name, flight=flight, time=time, value=estimates @ f, std_error=sigma))
+    return histories
 
 
-def _planes(
-    problem: Problem, u: FloatArray, states: FloatArray, theta: Mapping[str, float], segment: int
-) -> Shapes:
-    """The columns at the nodes, C_N' + i C_Z' per unit, with the states scaled."""
-    time = problem.records[segment].segment.t
+def _shapes(problem: Problem, record: NodeRecord, states: FloatArray, theta: Mapping[str, float]) -> Shapes:
+    """The columns at the nodes with these states."""
+    time, u = record.segment.t, record.segment.u
     interpolator = Interpolator(time)
     delayed = {}
     for name in problem.structure.delays:
         stencil = interpolator.stencil(time - theta[name])
         delayed[name] = Delayed(stencil.apply(states), stencil.apply(u))
     return problem.model.shapes(point(states, u, time), theta, delayed)
-
-
-def _history(
-    name: str, flight: int, time: FloatArray, f: FloatArray, values: FloatArray, covariance: FloatArray
-) -> CoefficientHistory:
-    variance = np.einsum("jn,jk,kn->n", f, covariance, f)
-    return CoefficientHistory(name, flight, time, values @ f, np.sqrt(np.maximum(variance, 0.0)))

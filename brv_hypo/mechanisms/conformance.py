@@ -142,10 +142,8 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Check(Generic[Item]):
-    """One named requirement; calling it raises Nonconformity where the item breaks it."""
+    """One requirement, by the name of the function that tests it; raises Nonconformity where the item breaks it."""
 
-    name: str
-    requirement: str
     test: Callable[[Item], None]
 
     def __call__(self, item: Item) -> None:
@@ -153,7 +151,7 @@ class Check(Generic[Item]):
         self.test(item)
 
     def __str__(self) -> str:
-        return self.name
+        return self.test.__name__
 
     def outcome(self, item: Item) -> Outcome:
         """Run the check; whatever it raises is a failure, an error in the plugin's own code included."""
@@ -161,16 +159,10 @@ class Check(Generic[Item]):
             with np.errstate(all="ignore"):  # what is not finite is a finding, not a warning
                 self.test(item)
         except Nonconformity as broken:
-            return Outcome(self.name, False, str(broken))
+            return Outcome(str(self), False, str(broken))
         except Exception as error:  # any error of foreign code is a finding, and the other checks go on
-            return Outcome(self.name, False, f"it raised {type(error).__name__}: {error}")
-        return Outcome(self.name, True)
-
-
-def named(test: Callable[[Item], None]) -> Check[Item]:
-    """The check that a function is: its name, and its docstring's first line as the requirement."""
-    requirement = (test.__doc__ or "").strip().splitlines()[0].rstrip(".")
-    return Check(test.__name__, requirement, test)
+            return Outcome(str(self), False, f"it raised {type(error).__name__}: {error}")
+        return Outcome(str(self), True)
 
 
 def expect(condition: bool | np.bool_, found: str) -> None:
@@ -450,7 +442,7 @@ def has_a_sane_tolerance(mechanism: Mechanism) -> None:
 
 
 MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = tuple(
-    named(check)
+    Check(check)
     for check in (
         is_declared,
         documents_its_terms,
@@ -579,7 +571,7 @@ def leaves_its_input_alone(effect: RecordEffect) -> None:
 
 
 EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = tuple(
-    named(check)
+    Check(check)
     for check in (
         is_declared,
         has_sane_components,

@@ -59,17 +59,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Term:
-    """One column: C_N' and C_Z' per unit of its coefficient, on the motion's shape.
-
-    `units` are those of the coefficient; the columns times the coefficient are dimensionless. `vector`: terms with the
-    same name here are components of one vector and enter together.
-    """
+    """One column: C_N' and C_Z' per unit of its coefficient, on the motion's shape."""
 
     name: str
     in_plane: FloatArray
     out_of_plane: FloatArray
     units: str = "1"
+    """Of the coefficient; the columns times the coefficient are dimensionless."""
     vector: str | None = None
+    """Terms with the same name here are components of one vector and enter together."""
 
 
 @dataclass(frozen=True)

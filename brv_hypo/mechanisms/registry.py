@@ -87,27 +87,26 @@ def load_file(path: str) -> Found:
         )
     module = f"brv_hypo_plugin_{file.stem}"
     known_as(module, path)
-    return items_of(file.stem, path, lambda: _imported(module, file))
 
+    def imported() -> Any:
+        specification = importlib.util.spec_from_file_location(module, file)
+        assert specification is not None
+        assert specification.loader is not None
+        loaded = sys.modules[module] = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(loaded)
+        return loaded
 
-def _imported(module: str, file: Path) -> Any:
-    specification = importlib.util.spec_from_file_location(module, file)
-    assert specification is not None
-    assert specification.loader is not None
-    loaded = importlib.util.module_from_spec(specification)
-    sys.modules[module] = loaded
-    specification.loader.exec_module(loaded)
-    return loaded
+    return items_of(file.stem, path, imported)
 
 
 def _check(item: Any, plugin: str, package: str) -> None:
     """Raise MechanismError unless a foreign item passes those checks of the kit that an analysis relies on."""
-    from brv_hypo.mechanisms.conformance import Nonconformity, relied_on
-
     if not isinstance(item, Mechanism | RecordEffect):
         raise fault(plugin, package, f"a hook gave {one_line(repr(item))}, expected a Mechanism or RecordEffect")
     if package == OWN:
         return
+    from brv_hypo.mechanisms.conformance import Nonconformity, relied_on
+
     for check in relied_on(item):
         try:
             check(checked(item))
