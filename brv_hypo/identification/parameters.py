@@ -94,11 +94,12 @@ def structure_of(
 
     Columns that share a theta or a knot of one mechanism move together.
     """
-    found = _nonlinear_parameters(columns, mechanisms, start, stop)
-    return Structure(tuple(columns), unique([_name(column) for column in columns]), found)
+    names = unique([_name(column) for column in columns])
+    return Structure(tuple(columns), names, _nonlinear_parameters(columns, mechanisms, start, stop))
 
 
 def _name(column: Regressor) -> str:
+    """Mechanism and term, and where it begins and looks back to."""
     name = f"{column.mechanism} {column.term}"
     if column.time_basis.kind != "constant":
         name += f" {column.time_basis.kind} at {column.time_basis.start:.6g} s"

@@ -228,9 +228,9 @@ def record_errors(
             *_of_effects(flight, frame.reconstructions[number], smooth),
             *_of_moments(frame, number, flight, modelled),
         ):
-            seen = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
-            if seen:
-                values[value] = seen
+            observed = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
+            if observed:
+                values[value] = observed
         found.append(RecordErrors(number, tuple(values), tuple(values.values())))
     return tuple(found)
 

@@ -178,7 +178,7 @@ class Checked(Wrapped):
 
     def __getattr__(self, name: str) -> Any:
         value = super().__getattr__(name)
-        return partial(_asked, self.item, name) if name in _METHODS else value
+        return partial(_answer_of, self.item, name) if name in _METHODS else value
 
 
 def checked(item: Item) -> Item:
@@ -202,10 +202,10 @@ def checked_terms(mechanism: Mechanism, motion: Motion, theta: Mapping[str, floa
     Raises MechanismError where it raises, gives no answer, or anything but terms of finite columns on the
     motion's shape.
     """
-    return tuple(_asked(unchecked(mechanism), "terms", motion, theta))
+    return tuple(_answer_of(unchecked(mechanism), "terms", motion, theta))
 
 
-def _asked(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> Any:
+def _answer_of(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> Any:
     """What a method answers, found sound, to arguments that it cannot change; raises MechanismError otherwise."""
     shown = [
         read_only(each) if isinstance(each, Motion | Flight) else dict(each) if isinstance(each, Mapping) else each

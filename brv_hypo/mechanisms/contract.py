@@ -157,7 +157,8 @@ class Mechanism(BaseModel, ABC):
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """1-sigma of each term's coefficient that the record's tolerances of the vehicle allow; None: not a tolerance.
 
-        A mechanism with one is part of every hypothesis, with that Gaussian prior.
+        A mechanism with one is part of every hypothesis, with that Gaussian prior; one of another distribution where
+        its file (`--plugin`) or its name is given.
         """
         return None
 
@@ -184,8 +185,9 @@ class RecordEffect(BaseModel, ABC):
     source: ClassVar[str]
     kind: ClassVar[Literal["instrument", "environment"]]
     carried: ClassVar[bool] = True
-    """Whether it is part of every hypothesis, with the prior that the record's tolerances give it; False for events
-    that are hypotheses of their own, as a step of the wind."""
+    """Whether it is part of every hypothesis, with the prior that the tolerances in `components` give it; of another
+    distribution where its file (`--plugin`) or its name is given. False for events that are hypotheses of their own,
+    as a step of the wind."""
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
         """The effect with each setting to try on this flight, such as an unknown time; itself by default."""

@@ -6,7 +6,7 @@ package, file and line, and changes nothing else. `installed` has all that were 
 and `parse_hypothesis` look them up.
 
 Nuisances, record effects and mechanisms with a tolerance, are in every hypothesis: those of this distribution, and
-of others those that were asked for, by their file (`use_plugin_files`) or by name (`asked_for`). What is installed
+of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`). What is installed
 and not asked for changes no result. `nuisance_effects`, `nuisance_mechanisms` and `perturbations` have them.
 """
 
@@ -253,17 +253,19 @@ def parse_hypothesis(
 # ---- Nuisances: what every hypothesis has, within its tolerance ----
 
 
-_asked: ContextVar[tuple[frozenset[str], frozenset[str]]] = ContextVar("asked", default=(frozenset(), frozenset()))
+_NONE: frozenset[str] = frozenset()
+_requested: ContextVar[tuple[frozenset[str], frozenset[str]]] = ContextVar("requested", default=(_NONE, _NONE))
+"""Names that a comparison requests, and those of plugins that broke their contract in it."""
 
 
 @contextmanager
-def asked_for(names: Iterable[str], faulty: Iterable[str] = ()) -> Iterator[None]:
+def requested(names: Iterable[str], faulty: Iterable[str] = ()) -> Iterator[None]:
     """In the block, nuisances of other distributions are those of `names` and of files, without the `faulty`."""
-    token = _asked.set((frozenset(names), frozenset(faulty)))
+    token = _requested.set((frozenset(names), frozenset(faulty)))
     try:
         yield
     finally:
-        _asked.reset(token)
+        _requested.reset(token)
 
 
 def nuisance_effects() -> tuple[RecordEffect, ...]:
@@ -278,7 +280,7 @@ def nuisance_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
 
 def _nuisances() -> list[Item]:
     """All of which a tolerance may be known: of this distribution, or asked for."""
-    names, faulty = _asked.get()
+    names, faulty = _requested.get()
     return [
         entry.item
         for name, entry in installed().items()

@@ -18,7 +18,7 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.checked import checked_terms, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.mechanisms.registry import asked_for, installed, parse_hypothesis
+from brv_hypo.mechanisms.registry import installed, parse_hypothesis, requested
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
@@ -67,7 +67,7 @@ def compare(
         return refused(tried, [trial for _, trial in trials], config.method)
     analysed = [averaged(flight) for flight in tried]
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found, reasons = without_faulty(partial(_compare_asked, analysed, config, say))
+        found, reasons = without_faulty(partial(_compare_without, analysed, config, say))
     about_record = {
         "record": record,
         "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
@@ -76,12 +76,12 @@ def compare(
     return found.model_copy(update=about_record)
 
 
-def _compare_asked(
+def _compare_without(
     flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]
 ) -> Comparison:
     """The comparison with those nuisances of other distributions that it names."""
     compared = {mechanism.name for mechanisms in _hypotheses(config).values() for mechanism in mechanisms}
-    with asked_for({*compared, *(config.mechanisms or ())}, faulty):
+    with requested({*compared, *(config.mechanisms or ())}, faulty):
         return _compare(flights, config, say, faulty)
 
 
