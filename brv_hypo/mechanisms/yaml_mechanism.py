@@ -91,7 +91,8 @@ class Factor(_Part):
             case "cos" | "sin":
                 value = getattr(np, self.function)(self.rate * x)
             case "step":
-                value = since >= 0.0 if self.width == 0.0 else 0.5 + 0.5 * np.tanh(since / self.width)
+                sharp = np.asarray(since >= 0.0, dtype=float)
+                value = sharp if self.width == 0.0 else 0.5 + 0.5 * np.tanh(since / self.width)
             case "ramp":
                 value = np.clip(since, 0.0, self.width or np.inf)
             case "bump":
