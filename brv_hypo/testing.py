@@ -32,8 +32,8 @@ from brv_hypo.mechanisms.conformance import (
     renamed,
     sample_flight,
     sample_motion,
+    uniform_time,
 )
-from brv_hypo.mechanisms.conformance_samples import uniform_time
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare

@@ -4,10 +4,10 @@ them.
 
 from __future__ import annotations
 
-import difflib
 from importlib.resources import files
 
 from brv_hypo.errors import UsageError
+from brv_hypo.io.text import meant
 
 _FIRST = (
     *("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation"),
@@ -39,7 +39,6 @@ def text(topic: str) -> str:
     page = files(__name__) / f"{topic}.md"
     if not topic.isidentifier() or not page.is_file():
         known = topics()
-        near = difflib.get_close_matches(topic, known, n=1, cutoff=0.5)
-        hint = f"is '{near[0]}' meant? " if near else ""
-        raise UsageError(f"the manual has no topic '{topic}'; {hint}it has {', '.join(known)}.")
+        hint = meant(topic, known, "", 0.5)
+        raise UsageError(f"the manual has no topic '{topic}'; {hint and hint + ' '}it has {', '.join(known)}.")
     return page.read_text(encoding="utf-8")

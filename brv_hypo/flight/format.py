@@ -8,7 +8,6 @@ what a function takes for a flight: a path, a `Flight`, a simulated flight, or a
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,7 +48,7 @@ from brv_hypo.flight.tolerances import (
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
 from brv_hypo.io.hdf5 import Dataset, Tree, read_tree, write_tree
-from brv_hypo.io.text import counted, naming, one_line, refusal
+from brv_hypo.io.text import counted, meant, naming, nearest, one_line, refusal
 from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 
 # ---- From a `Record`, as flown, to a `Flight`, ready to analyse, and back ----
@@ -420,7 +419,7 @@ def _instruments(group: Tree | None) -> Instruments:
         )
     unknown = sorted({*group.datasets, *group.unread} - set(INSTRUMENT_DIMENSIONS))
     if unknown:
-        near = difflib.get_close_matches(unknown[0], INSTRUMENT_DIMENSIONS, n=1, cutoff=0.5)
+        near = nearest(unknown[0], INSTRUMENT_DIMENSIONS, 0.5)
         raise refusal(
             f"instruments/{unknown[0]}",
             "an unknown tolerance",
@@ -466,9 +465,8 @@ def _ignored(names: Sequence[str]) -> tuple[str, ...]:
     """A note for each dataset that format 1 does not know, with the channel that may have been meant."""
     notes = []
     for name in map(one_line, sorted(names)[:MOST_NOTES]):
-        guess = difflib.get_close_matches(name.lower(), CHANNEL_DIMENSIONS, n=1, cutoff=0.7)
-        meant = f" (is '{guess[0]}' meant?)" if guess else ""
-        notes.append(f"dataset '{name}' is not part of format 1 and was ignored{meant}")
+        hint = meant(name.lower(), CHANNEL_DIMENSIONS, "", 0.7)
+        notes.append(f"dataset '{name}' is not part of format 1 and was ignored{hint and f' ({hint})'}")
     if len(names) > MOST_NOTES:
         notes.append(f"{len(names) - MOST_NOTES} more datasets are not part of format 1 and were ignored")
     return tuple(notes)

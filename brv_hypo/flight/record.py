@@ -8,7 +8,6 @@ model, checked once, in SI, whatever it came from; `brv_hypo.flight.format` make
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, TypeVar
@@ -28,7 +27,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.tolerances import Instruments, of_grade
 from brv_hypo.flight.units import Dimension
-from brv_hypo.io.text import one_line, refusal
+from brv_hypo.io.text import nearest, one_line, refusal
 from brv_hypo.results import Histories
 from brv_hypo.thresholds import LARGEST_PROPERTY, MINIMUM_SAMPLES, SHORTEST_STEP, SLOWEST
 
@@ -475,7 +474,7 @@ def _complaint(problem: Any, group: str, guide: str) -> str:
 
 def _absent(name: str, present: set[str]) -> FlightRecordError:
     others = sorted(present - set(CHANNEL_DIMENSIONS))
-    guess = difflib.get_close_matches(name, others, n=1, cutoff=0.5)
+    guess = nearest(name, others, 0.5)
     cause = f"it is called '{guess[0]}' here" if guess else "it was not recorded, or has another name"
     return refusal(
         name,
@@ -487,7 +486,7 @@ def _absent(name: str, present: set[str]) -> FlightRecordError:
 
 
 def _nearest(name: str) -> str:
-    guess = difflib.get_close_matches(name, CHANNEL_DIMENSIONS, n=1, cutoff=0.4)
+    guess = nearest(name, CHANNEL_DIMENSIONS, 0.4)
     return f"'{guess[0]}' is meant" if guess else "a channel that format 1 does not have"
 
 

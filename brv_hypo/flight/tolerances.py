@@ -5,7 +5,6 @@ Every analysis takes a record as known to these tolerances and no better.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
@@ -81,9 +80,8 @@ class Instruments:
 def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
     """The tolerances of a grade; UsageError with the known ones where there is no such grade."""
     if grade not in GRADES:
-        near = difflib.get_close_matches(grade, GRADES, n=1)
-        hint = f" (is '{near[0]}' meant?)" if near else ""
-        raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)}{hint}.")
+        hint = meant(grade, GRADES, "see `brv-hypo docs reference`")
+        raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)} ({hint}).")
     place = GRADES.index(grade)
     return Instruments(grade, **{key: (sizes[place],) * 3 for key, (_, sizes) in _TABLE.items()})
 
@@ -106,7 +104,7 @@ def instruments_from(source: str, record: Instruments) -> Instruments:
     path = Path(source)
     if not path.suffix and not path.exists():
         hint = meant(source, GRADES, "or a YAML file of tolerances")
-        raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)} ({hint}).")
+        raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)}{hint and f' ({hint})'}.")
     from brv_hypo.io.mappings import read_yaml
 
     return tolerances_of(read_yaml(path, "tolerances"), record, str(path))

@@ -19,13 +19,15 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from types import MappingProxyType
 from typing import Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UsageError
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
 from brv_hypo.identification.parameters import Structure, averaged, kink, of_flight, on_grid, placed
 from brv_hypo.identification.record_errors import (
@@ -83,9 +85,7 @@ def point(x: FloatArray, u: FloatArray, time: FloatArray) -> Point:
 
 
 class Memory(Generic[T]):
-    """The last few results by key: most parameters leave the columns as they are, and a moved state only one
-    motion.
-    """
+    """The last few results by key: most parameters leave the columns as they are, a moved state only one motion."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[object, ...], T] = OrderedDict()
@@ -101,17 +101,21 @@ class Memory(Generic[T]):
 
 @dataclass(frozen=True)
 class Shapes:
-    """What the coefficients multiply at some instants: angular accelerations in de-rolled axes, (columns, n)
-    rad/s^2.
-    """
+    """What the coefficients multiply at some instants."""
 
     columns: tuple[Regressor, ...]
     acceleration: ComplexArray
+    """Angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2."""
     in_plane: ComplexArray
+    """C_N' + i C_Z' per unit of each (columns, n)."""
     motion: Motion
     past: tuple[Motion, ...]
+    """The motion at the delays."""
     here: Point
+    block: float
+    """A block's length, s."""
     own: OwnTime | None = None
+    """How the flight's time goes with the common one."""
 
     @cached_property
     def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
@@ -130,54 +134,39 @@ class Shapes:
             lacking[k] = first * shape - 2.0 * second * slope
         return on_grid_too, knotted, lacking
 
-    def averaged(self, block: float) -> ComplexArray:
-        """The accelerations (columns, n) times what a block of so many seconds sees of their courses."""
-        if block not in self._averaged:
-            out = self.acceleration.copy()
-            for own, column in zip(out, self.columns, strict=True):
-                if has_knot(column):
-                    time_basis, time, _ = placed(column.time_basis, self.here.time, self.here.input("half"), self.own)
-                    own *= averaged(time_basis, time, block)
-            self._averaged[block] = out
-        return self._averaged[block]
-
     @cached_property
-    def _averaged(self) -> dict[float, ComplexArray]:
-        return {}
+    def averaged(self) -> ComplexArray:
+        """The accelerations (columns, n) times what a block sees of their courses."""
+        out = self.acceleration.copy()
+        for own, column in zip(out, self.columns, strict=True):
+            if has_knot(column):
+                time_basis, time, _ = placed(column.time_basis, self.here.time, self.here.input("half"), self.own)
+                own *= averaged(time_basis, time, self.block)
+        return out
 
 
 # ---- The regression's columns at the estimated motion: moment coefficients per unit of each coefficient ----
 
 
 Values = Mapping[str, float]
+AtDelays = Mapping[str, Delayed]
+"""States and inputs at the delays that are parameters, by name."""
 RateUse = Literal["unused", "affine", "other"]
 Known = dict[tuple[str, Theta], dict[str, Term]]
 
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
-class Past:
-    """The past of a motion at the delays that are parameters."""
-
-    motions: Mapping[float, Motion]
-
-    def __call__(self, delay: float) -> Motion:
-        """The motion `delay` s earlier; raises UnknownDelayError for a delay that is no parameter."""
-        near = min(self.motions, key=lambda known: abs(known - delay), default=None)
-        if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
-            raise UnknownDelayError(delay, sorted(self.motions))
-        return self.motions[near]
-
-
-class UnknownDelayError(ValueError):
-    """A mechanism asked for a delay that is none of its parameters."""
-
-    def __init__(self, delay: float, known: list[float]) -> None:
-        super().__init__(
-            f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are {known}. "
-            "The likelihood differentiates delays that are parameters with is_delay set: declare it as one"
+def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
+    """The motion `delay` s earlier, of those at the delays that are parameters; UsageError for any other."""
+    near = min(motions, key=lambda known: abs(known - delay), default=None)
+    if near is None or abs(near - delay) > 1e-9 * max(abs(delay), 1e-9):
+        raise UsageError(
+            f"a mechanism requested the motion {delay:g} s earlier, but the delays that are parameters are "
+            f"{sorted(motions)}. The likelihood differentiates delays that are parameters with is_delay set: "
+            "declare it as one"
         )
+    return motions[near]
 
 
 @dataclass(frozen=True)
@@ -211,7 +200,7 @@ class MomentModel:
         }
         motion = self._with_in_plane_moment(now, theta, columns, half, own)
         if earlier:
-            motion = replace(motion, history=Past(earlier))
+            motion = replace(motion, history=partial(earlier_motion, earlier))
         terms = self._terms(columns, motion, dict(self._wind_fixed_terms(now)))
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
 
@@ -302,16 +291,11 @@ class VehicleModel:
         return VehicleModel(self.moments, contexts, self.force_names, self.span)
 
     def dynamics(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> FloatArray:
         """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
         here, context = point(x, u, t), self._context(u)
-        accelerations, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
         weights = self._coefficients(theta)
         acceleration, lacking = weights @ accelerations, weights[knotted] @ missing
         scale = self._moment_share(context, theta)
@@ -322,12 +306,7 @@ class VehicleModel:
         )
 
     def outputs(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> FloatArray:
         """q, r (rad/s), a_y, a_z (m/s^2) as the instruments read them, (4, n)."""
         here, context = point(x, u, t), self._context(u)
@@ -335,8 +314,7 @@ class VehicleModel:
         force = self._force(here, context, theta) * here.to_body
         arm = context.vehicle.accelerometer_position
         if any(arm):
-            shapes = self.shapes(here, theta, delayed or {})
-            acceleration = self._coefficients(theta) @ shapes.averaged(context.block)
+            acceleration = self._coefficients(theta) @ self.shapes(here, theta, delayed).averaged
             scaled = acceleration * self._moment_share(context, theta)
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
@@ -345,19 +323,14 @@ class VehicleModel:
         return _rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
 
     def dynamics_slopes(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> dict[str, FloatArray]:
         """Derivatives (4, n) of the dynamics by the parameters and courses that they are affine in, by name: those of
         coefficients, forces, gravity and errors that add, but for what changes the columns themselves.
         """
         here, context = point(x, u, t), self._context(u)
         names = self.moments.structure.names
-        accelerations, knotted, missing = self.shapes(here, theta, delayed or {}).on_grid
+        accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
         share, slower = self._moment_share(context, theta), 1.0 + _error(SPEED_ERROR, context, theta)
         lacking = np.zeros_like(accelerations)
         lacking[knotted] = 1j * _forward(here) * missing
@@ -375,19 +348,14 @@ class VehicleModel:
         return self._slopes(dict(turned), dict(gained), _own(READ, context), here)
 
     def outputs_slopes(
-        self,
-        x: FloatArray,
-        u: FloatArray,
-        theta: Values,
-        t: FloatArray,
-        delayed: Mapping[str, Delayed] | None = None,
+        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> dict[str, FloatArray]:
         """The same of the outputs."""
         here, context = point(x, u, t), self._context(u)
         names, arm = self.moments.structure.names, context.vehicle.accelerometer_position
         turned = np.zeros((len(names), t.size), dtype=complex)
         if any(arm):
-            averaged = self.shapes(here, theta, delayed or {}).averaged(context.block)
+            averaged = self.shapes(here, theta, delayed).averaged
             turned = _swung(arm, averaged * (self._moment_share(context, theta) * here.to_body))
         pushed = self._force_scale(here, context, theta) * here.to_body * self._force_shapes(here, context)
         gained = zip(
@@ -434,7 +402,16 @@ class VehicleModel:
         columns, planes = self.moments.planes(now, past, theta, here.input("half"), context.own)
         scale = here.input("pressure") * context.vehicle.moment_scale
         turn = scale * np.exp(-1j * now.windward_meridian) * np.conj(here.to_body)
-        return Shapes(columns, planes * turn, planes, now, tuple(past.values()), here, context.own)
+        return Shapes(
+            columns=columns,
+            acceleration=planes * turn,
+            in_plane=planes,
+            motion=now,
+            past=tuple(past.values()),
+            here=here,
+            block=context.block,
+            own=context.own,
+        )
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
         """The motion of a point; it depends on the parameters of forces and gravity through its rates only.
@@ -451,9 +428,7 @@ class VehicleModel:
     def _context(self, u: FloatArray) -> Context:
         return self.contexts[round(float(u[ROW["segment"], 0]))]
 
-    def _omega_rate(
-        self, here: Point, context: Context, theta: Values, acceleration: ComplexArray
-    ) -> ComplexArray:
+    def _omega_rate(self, here: Point, context: Context, theta: Values, acceleration: ComplexArray) -> ComplexArray:
         k = context.vehicle.inertia_ratio * (1.0 - _error(RATIO_ERROR, context, theta))
         p = here.input("p")
         error = self._roll_rate_error(context, theta)
@@ -508,7 +483,9 @@ class VehicleModel:
         return self._pressure_share(context, theta) * (1.0 - _error(MOMENT_SCALE_ERROR, context, theta))
 
     def _moving(self, at: Point, context: Context, theta: Values) -> Motion:
-        theta = {**theta, **_without_noise(context.flight)}
+        # Without what noise leaves in the inputs, and errors that do too little to the rates to matter.
+        quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
+        theta = {**theta, **dict.fromkeys(_own(quiet, context), 0.0)}
         speed, p, turn = at.input("speed"), at.input("p"), at.to_body
         xi, omega = at.zeta / speed * turn, at.omega * turn
         slowing = at.zeta * at.input("speed_rate") / speed
@@ -560,12 +537,6 @@ def _swung(arm: tuple[float, float, float], omega_rate: ComplexArray) -> Complex
 def _own(names: Sequence[str], context: Context) -> list[str]:
     """Names of a flight's own parameters or courses."""
     return [of_flight(name, context.flight) for name in names]
-
-
-def _without_noise(flight: int) -> dict[str, float]:
-    """Inputs without what noise leaves in them, and without errors that do too little to the rates to matter."""
-    quiet = (ROLL_RATE, PRESSURE, PRESSURE_ERROR, SPEED_ERROR, FORCE_SCALE_ERROR)
-    return {of_flight(name, flight): 0.0 for name in quiet}
 
 
 def _error(name: str, context: Context, theta: Values) -> FloatArray | float:

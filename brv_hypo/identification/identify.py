@@ -5,18 +5,19 @@ and 4.4).
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.identification.equations import GRAVITY, UnknownDelayError
+from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.parameters import of_flight, unique
 from brv_hypo.identification.problem import IdentificationConfig, Problem, build_problem
-from brv_hypo.identification.record_errors import READ, Tolerated
+from brv_hypo.identification.record_errors import READ
 from brv_hypo.identification.result import Estimate, Identification
 from brv_hypo.likelihood import FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
@@ -72,59 +73,56 @@ def identify(
     try:
         problem = build_problem(frame, columns, values, options, regressed)
         problem, found, iterations = _search(problem, progress)
-    except (UnanswerableError, UsageError, UnknownDelayError) as error:
-        return _failed(frame, columns, values, str(error), clock.perf_counter() - begun)
+    except (UnanswerableError, UsageError) as error:
+        return Identification(
+            status="failed",
+            message=str(error),
+            columns=tuple(columns),
+            values=np.asarray(values),
+            covariance=np.full((len(columns), len(columns)), np.nan),
+            frame=frame,
+            seconds=clock.perf_counter() - begun,
+        )
     return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
-def _search(
-    problem: Problem, progress: Callable[[Progress], None] | None
-) -> tuple[Problem, FitResult, int]:
+def _search(problem: Problem, progress: Callable[[Progress], None] | None) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
-    iterations = 0
+    searches: list[FitResult] = []
+
+    def solve(problem: Problem, **how: Any) -> FitResult:
+        searches.append(problem.solve(progress=progress, **how))
+        return searches[-1]
+
     if _misfit(problem) > IDENTIFIED_POOR_START:
-        first = problem.solve(
-            fixed=problem.structure.knots, max_iterations=IDENTIFIED_FIRST_STEPS, progress=progress
-        )
-        iterations += first.iterations
-        problem = _refreshed(problem, first)
-    found = problem.solve(progress=progress)
-    iterations += found.iterations
-    if problem.config.begin_anew and not found.converged and not _near(found):
-        found = problem.solve(near_start=False, progress=progress)
-        iterations += found.iterations
+        knots = problem.structure.knots
+        problem = problem.refreshed(solve(problem, fixed=knots, max_iterations=IDENTIFIED_FIRST_STEPS))
+    found = solve(problem)
+    near = found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
+    if problem.config.begin_anew and not found.converged and not near:
+        found = solve(problem, near_start=False)
     held = _loose_knots(problem, found)
     if held:
-        problem = _refreshed(problem, found)
-        found = problem.solve(fixed=held, progress=progress)
-        iterations += found.iterations
+        problem = problem.refreshed(found)
+        found = solve(problem, fixed=held)
     for _ in range(IDENTIFIED_ROUNDS):
         if not found.converged:
             break
-        refreshed = _refreshed(problem, found)
-        if not _stale(problem, refreshed, found):
-            problem = refreshed
+        before, problem = problem, problem.refreshed(found)
+        if not _stale(before, problem, found):
             break
-        problem = refreshed
-        found = problem.solve(fixed=held, progress=progress)
-        iterations += found.iterations
+        found = solve(problem, fixed=held)
     if held:
         found = replace(found, message=f"{found.message}; {_HELD.format(', '.join(held))}")
-    return problem.warm(found), found, iterations
-
-
-def _near(found: FitResult) -> bool:
-    """Whether a search that stalled did so within a fraction of the standard errors of its end."""
-    return found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
+    return problem.warm(found), found, sum(search.iterations for search in searches)
 
 
 def _loose_knots(problem: Problem, found: FitResult) -> tuple[str, ...]:
     """Knots that kept a search from its end: those that the data do not determine, else all of them."""
     if found.status != "stalled":
         return ()
-    block = min(record.context.block for record in problem.records)
     knots = problem.structure.knots
-    return tuple(name for name in knots if not found.std_error[name] < block) or knots
+    return tuple(name for name in knots if not found.std_error[name] < problem.seconds_to_node) or knots
 
 
 def _misfit(problem: Problem) -> float:
@@ -137,22 +135,14 @@ def _misfit(problem: Problem) -> float:
     return float(np.sqrt(max(left)))
 
 
-def _refreshed(problem: Problem, found: FitResult) -> Problem:
-    """The problem started from a solution, the block means corrected by it."""
-    columns, values = problem.structure.at(found.theta), problem.structure.values(found.theta)
-    frame = problem.frame.with_in_plane_moment(columns, values)
-    return problem.warm(found).refreshed(found, frame, columns, values)
-
-
 def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
     """Whether nodes, or the corrections of the block means, have changed by more than a trifle."""
     if new.block != old.block:
         return True
-    block = min(record.context.block for record in old.records)
     error = found.std_error  # fixed ones have none
     moved = any(
         abs(found.theta[m.name] - old.theta[m.name])
-        > max(IDENTIFIED_KNOTS_MOVED * block, IDENTIFIED_KNOTS_LOOSE * error.get(m.name, 0.0))
+        > max(IDENTIFIED_KNOTS_MOVED * old.seconds_to_node, IDENTIFIED_KNOTS_LOOSE * error.get(m.name, 0.0))
         for m in old.structure.nonlinear_parameters
         if m.kind != "theta"
     )
@@ -185,11 +175,20 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     ) -> Estimate:
         plain, coloured = (size * e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
         reported = plain if white else max(plain, coloured)
-        return Estimate(shown or name, size * (theta[name] + applied), reported, plain, coloured, units)
+        return Estimate(
+            name=shown or name,
+            value=size * (theta[name] + applied),
+            std_error=reported,
+            std_error_white=plain,
+            std_error_coloured=coloured,
+            units=units,
+        )
 
-    def tolerated(value: Tolerated, flight: int) -> Estimate:
-        name, shown = of_flight(value.name, flight), _shown(problem, value.name, flight)
-        return estimate(name, value.units, shown, value.size, problem.applied[name])
+    def of_one(name: str, flight: int, units: str, size: float = 1.0) -> Estimate:
+        """The estimate of a flight's own parameter, by the name that a reader knows."""
+        own = of_flight(name, flight)
+        shown = name if len(problem.flights) == 1 else own
+        return estimate(own, units, shown, size, problem.applied.get(own, 0.0))
 
     innovations = tuple(
         record.innovations(record.segment.y - v)
@@ -197,63 +196,34 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     )
     columns, values = structure.at(theta), structure.values(theta)
     terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))
+    labels = unique([parameter.label for parameter in structure.nonlinear_parameters])
+    instruments = tuple(of_one(v.name, flight, v.units, v.size) for v, flight in problem.tolerated)
+    beyond = [
+        beyond_tolerance(e.name, e.value, v.size, e.units)
+        for e, (v, _) in zip(instruments, problem.tolerated, strict=True)
+    ]
     return Identification(
         status=found.status,
-        message="; ".join([found.message, *_beyond_tolerance(problem, theta)]),
+        message="; ".join([found.message, *(text for text in beyond if text is not None)]),
         columns=columns,
         values=values,
         covariance=_covariance(found, terms),
         terms=terms,
         nonlinear=tuple(
             estimate(parameter.name, parameter.units, label, 1.0 / parameter.scale)
-            for parameter, label in zip(
-                structure.nonlinear_parameters,
-                unique([parameter.label for parameter in structure.nonlinear_parameters]),
-                strict=True,
-            )
+            for parameter, label in zip(structure.nonlinear_parameters, labels, strict=True)
         ),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
-        instruments=tuple(tolerated(value, flight) for value, flight in problem.tolerated),
-        environment=tuple(
-            estimate(of_flight(name, flight), "m/s^2", _shown(problem, name, flight))
-            for flight in problem.flights
-            for name in GRAVITY
-        ),
-        log_likelihood=_log_likelihood(innovations, problem.config.noise),
-        iterations=found.iterations,
-        cost_history=tuple(entry.cost for entry in found.history),
-        identifiability=found.identifiability,
+        instruments=instruments,
+        environment=tuple(of_one(name, flight, "m/s^2") for flight in problem.flights for name in GRAVITY),
+        log_likelihood=_log_likelihood(innovations),
         innovations=innovations,
         times=tuple(record.time for record in problem.records),
         whiteness=found.whiteness,
-        prior_misfit=_prior_misfit(problem, theta),
-        block=problem.block,
-        seconds=0.0,
         frame=problem.frame.with_in_plane_moment(columns, values),
         problem=problem,
         fit=found,
     )
-
-
-def _beyond_tolerance(problem: Problem, theta: Mapping[str, float]) -> list[str]:
-    """Values whose estimates lie farther off than their tolerances let expect."""
-    found = []
-    for value, flight in problem.tolerated:
-        name = of_flight(value.name, flight)
-        sigmas = theta[name] + problem.applied[name]
-        found.append(
-            beyond_tolerance(_shown(problem, value.name, flight), sigmas * value.size, value.size, value.units)
-        )
-    return [text for text in found if text is not None]
-
-
-def _shown(problem: Problem, name: str, flight: int) -> str:
-    """The name of a flight's parameter as a reader knows it."""
-    return name if len(problem.flights) == 1 else of_flight(name, flight)
-
-
-def _prior_misfit(problem: Problem, theta: Mapping[str, float]) -> float:
-    return sum(((theta[name] - mean) / sigma) ** 2 for name, (mean, sigma) in problem.priors.items())
 
 
 def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
@@ -264,42 +234,9 @@ def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
     return np.asarray(covariance * np.outer(stretch, stretch))
 
 
-def _log_likelihood(innovations: Sequence[FloatArray], shape: str) -> float:
+def _log_likelihood(innovations: Sequence[FloatArray]) -> float:
     """Minus the NLLF of Eq. 3.10 (E8), with B of Eq. 3.11, over every sample."""
     together = np.concatenate(innovations, axis=1)
     valid = np.isfinite(together)
-    floor = np.full(4, 1e-300)
-    kind = "full" if shape == "full" else "diagonal"
-    covariance = estimate_covariance(together, valid, kind, np.eye(4), floor)  # type: ignore[arg-type]
+    covariance = estimate_covariance(together, valid, "diagonal", np.eye(4), np.full(4, 1e-300))
     return -negative_log_likelihood(together, valid, covariance)
-
-
-def _failed(
-    frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, message: str, seconds: float
-) -> Identification:
-    count = len(columns)
-    return Identification(
-        "failed",
-        message,
-        tuple(columns),
-        np.asarray(values),
-        np.full((count, count), np.nan),
-        (),
-        (),
-        (),
-        (),
-        (),
-        float("nan"),
-        0,
-        (),
-        None,
-        (),
-        (),
-        (),
-        float("nan"),
-        0,
-        seconds,
-        frame,
-        None,
-        None,
-    )

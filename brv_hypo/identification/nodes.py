@@ -34,15 +34,15 @@ from brv_hypo.regression.weakform import WeakSegment
 
 IDENTIFIED_FEWEST_NODES = 12  # of a segment
 IDENTIFIED_LARGEST_BLOCK = 5  # samples from node to node
+IDENTIFIED_QUADRATURE = 0.2  # of the gyros' noise, that the spacing of nodes may cost
 IDENTIFIED_PARTS = 16  # of what is between two nodes, at most
 IDENTIFIED_TURN = 0.5  # rad that the meridian, or its rate times a delay, may turn by between two nodes
 
 
-def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, tolerance: float) -> int:
-    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples
-    do.
+def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> int:
+    """Samples in a block: the most at which collocation integrates the model's moment as well as the samples do.
 
-    The largest difference between the two angular rates may be `tolerance` times the gyros' white noise,
+    The largest difference between the two angular rates may be IDENTIFIED_QUADRATURE times the gyros' white noise,
     stretches left out that have nodes in between. The number is odd, so that a sample stands in the middle.
     """
     moments = frame.moments(columns) @ values
@@ -51,7 +51,7 @@ def block_size(frame: RateFrame, columns: Sequence[Regressor], values: FloatArra
     size = 1
     for trial in range(3, min(IDENTIFIED_LARGEST_BLOCK, longest // IDENTIFIED_FEWEST_NODES) + 1, 2):
         for part, (a, b), meridian in zip(frame.segments, frame.pieces, meridians, strict=True):
-            allowed = tolerance * frame.reconstructions[part.flight].gyro_sigma
+            allowed = IDENTIFIED_QUADRATURE * frame.reconstructions[part.flight].gyro_sigma
             knots = knots_of(columns, frame.own_time(part.flight))
             if _quadrature_error(part, moments[a:b], trial, knots, meridian) > allowed:
                 return size
@@ -135,25 +135,8 @@ def _quadrature_error(
 
 
 INPUTS = (
-    "segment",
-    "half",
-    "p",
-    "p_rate",
-    "roll",
-    "speed",
-    "speed_rate",
-    "pressure",
-    "mach",
-    "reynolds",
-    "meridian",
-    "gravity_xy",
-    "gravity_yy",
-    "gravity_zy",
-    "gravity_xz",
-    "gravity_yz",
-    "gravity_zz",
-    "air_y",
-    "air_z",
+    *("segment", "half", "p", "p_rate", "roll", "speed", "speed_rate", "pressure", "mach", "reynolds", "meridian"),
+    *("gravity_xy", "gravity_yy", "gravity_zy", "gravity_xz", "gravity_yz", "gravity_zz", "air_y", "air_z"),
 )
 ROW = {name: row for row, name in enumerate(INPUTS)}
 SLOPES = len(INPUTS)
@@ -163,16 +146,18 @@ rad/s^4."""
 
 @dataclass(frozen=True)
 class Context:
-    """What is constant over a segment: its flight, vehicle, first instant (s), meridian rate there (rad/s), a
-    block's length (s); how its time goes with the common one, where flights share it.
-    """
+    """What is constant over a segment."""
 
     flight: int
     vehicle: Vehicle
     start: float
+    """Its first instant, s."""
     meridian_rate: float
+    """There, rad/s."""
     block: float
+    """A block's length, s."""
     own: OwnTime | None = None
+    """How its time goes with the common one, where flights share it."""
 
     def coefficient_time(self, time: FloatArray) -> FloatArray:
         """The times of the time bases at the flight's own times (n,), s."""
@@ -181,23 +166,24 @@ class Context:
 
 @dataclass(frozen=True)
 class NodeRecord:
-    """One segment of one flight at its nodes and at its samples.
-
-    `measured` and `expected` (2, samples) are omega and transverse specific force in de-rolled axes, as read
-    and as the regression has them; `turn` (samples,) is exp(i Phi), `time` s; `middle` (nodes,) the samples
-    at the nodes, for nodes that measure nothing the next ones; `samples` are those of the flight; `tolerated` the
-    flight's values whose parameters count sigmas.
-    """
+    """One segment of one flight at its nodes and at its samples."""
 
     context: Context
     segment: Segment
     time: FloatArray
+    """(samples,), s."""
     turn: ComplexArray
+    """exp(i Phi) (samples,)."""
     measured: ComplexArray
+    """omega and transverse specific force in de-rolled axes as read, (2, samples)."""
     expected: ComplexArray
+    """The same as the regression has them."""
     middle: IntArray
+    """The samples at the nodes (nodes,), for nodes that measure nothing the next ones."""
     samples: slice
+    """Those of the flight."""
     tolerated: tuple[Tolerated, ...]
+    """The flight's values whose parameters count sigmas."""
 
     def predicted(self, outputs: FloatArray) -> ComplexArray:
         """Angular rate and force in de-rolled axes at every sample, (2, samples), from the outputs (4, nodes).
@@ -248,23 +234,12 @@ def node_records(
     found: list[NodeRecord] = []
     for part, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         count = (b - a) // size
-        if count < IDENTIFIED_FEWEST_NODES:
-            continue
-        local = np.arange(count * size).reshape(count, size)
-        found.append(
-            _node_record(
-                frame,
-                part,
-                expected[part.flight],
-                errors[part.flight],
-                shapes[a:b],
-                local,
-                inputs[part.flight],
-                len(found),
-                knots_of(columns, frame.own_time(part.flight)),
-                Meridian(derolled_crossflow(frame, part), delays),
-            )
-        )
+        if count >= IDENTIFIED_FEWEST_NODES:
+            local = np.arange(count * size).reshape(count, size)
+            meridian = Meridian(derolled_crossflow(frame, part), delays)
+            knots = knots_of(columns, frame.own_time(part.flight))
+            flight = expected[part.flight], errors[part.flight], inputs[part.flight]
+            found.append(_node_record(frame, part, *flight, shapes[a:b], local, len(found), knots, meridian))
     return tuple(found)
 
 
@@ -273,9 +248,9 @@ def _node_record(
     part: WeakSegment,
     noise_free: Flight,
     errors: RecordErrors,
+    inputs: SmoothInputs,
     shapes: ComplexArray,
     local: IntArray,
-    inputs: SmoothInputs,
     number: int,
     knots: Sequence[float],
     meridian: Meridian,
@@ -299,12 +274,12 @@ def _node_record(
     between = np.concatenate([table(halfway, 0.5 * np.diff(nodes)), _slope_rows(slopes, halfway)])
     state = CubicSpline(time, np.stack([expected[0], xi * flight.velocity[samples] * turn]), axis=1)(nodes)
     context = Context(
-        part.flight,
-        flight.vehicle,
-        float(nodes[0]),
-        float(motion.windward_meridian_rate[samples][middle[0]]),
-        flight.step * local.shape[1],
-        frame.own_time(part.flight),
+        flight=part.flight,
+        vehicle=flight.vehicle,
+        start=float(nodes[0]),
+        meridian_rate=float(motion.windward_meridian_rate[samples][middle[0]]),
+        block=flight.step * local.shape[1],
+        own=frame.own_time(part.flight),
     )
     mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
     outputs = np.full((4, nodes.size), np.nan)
@@ -316,7 +291,17 @@ def _node_record(
     time_varying = (*smoothed, *errors.time_varying(time, samples, turn, local))
     segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, time_varying=time_varying)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
-    return NodeRecord(context, segment, time, turn, measured, expected, nearest, samples, errors.values)
+    return NodeRecord(
+        context=context,
+        segment=segment,
+        time=time,
+        turn=turn,
+        measured=measured,
+        expected=expected,
+        middle=nearest,
+        samples=samples,
+        tolerated=errors.values,
+    )
 
 
 def _transverse(flight: Flight) -> ComplexArray:
@@ -325,47 +310,33 @@ def _transverse(flight: Flight) -> ComplexArray:
 
 
 class _InputTable:
-    """Inputs of one segment at any times: means over blocks where the instruments are noisy, splines
-    between.
-    """
+    """Inputs of one segment at any times: means over blocks where the instruments are noisy, splines between."""
 
     def __init__(
-        self,
-        flight: Flight,
-        motion: Motion,
-        smooth: SmoothInputs,
-        rows: slice,
-        local: IntArray,
-        number: int,
+        self, flight: Flight, motion: Motion, smooth: SmoothInputs, rows: slice, local: IntArray, number: int
     ) -> None:
         middle = local[:, local.shape[1] // 2]
         nodes = flight.time[rows][middle]
         self._number = float(number)
         self._time, self._wind, self._block = flight.time, flight.wind, flight.step * local.shape[1]
-        self._mean = {
-            name: CubicSpline(nodes, np.nan_to_num(values)[rows][local].mean(axis=1))
-            for name, values in (
-                ("p", smooth.roll_rate),
-                ("speed", smooth.speed),
-                ("pressure", smooth.pressure),
-                ("mach", motion.mach),
-                ("reynolds", motion.reynolds),
-            )
+        noisy = {
+            "p": smooth.roll_rate,
+            "speed": smooth.speed,
+            "pressure": smooth.pressure,
+            "mach": motion.mach,
+            "reynolds": motion.reynolds,
         }
-        self._exact = {
-            "roll": CubicSpline(nodes, smooth.roll[rows][middle]),
-            "meridian": CubicSpline(nodes, motion.windward_meridian[rows][middle]),
-            **{
-                f"gravity_{first}{second}": CubicSpline(nodes, smooth.gravity_axes[rows][middle, i, j])
-                for i, second in ((1, "y"), (2, "z"))
-                for j, first in enumerate("xyz")
-            },
-        }
+        exact = {"roll": smooth.roll, "meridian": motion.windward_meridian}
+        for i, second in ((1, "y"), (2, "z")):
+            exact |= {f"gravity_{first}{second}": smooth.gravity_axes[:, i, j] for j, first in enumerate("xyz")}
+        at_nodes = {name: np.nan_to_num(values)[rows][local].mean(axis=1) for name, values in noisy.items()}
+        at_nodes |= {name: values[rows][middle] for name, values in exact.items()}
+        self._splines = {name: CubicSpline(nodes, values) for name, values in at_nodes.items()}
 
     def __call__(self, time: FloatArray, half: FloatArray) -> FloatArray:
         """The inputs (inputs, n) at times (n,) s, in the middle of intervals of twice `half` (n,) s."""
-        table = {name: spline(time) for name, spline in {**self._mean, **self._exact}.items()}
-        table |= {"p_rate": self._mean["p"](time, 1), "speed_rate": self._mean["speed"](time, 1)}
+        table = {name: spline(time) for name, spline in self._splines.items()}
+        table |= {f"{name}_rate": self._splines[name](time, 1) for name in ("p", "speed")}
         table |= {"segment": np.full(time.size, self._number), "half": half}
         table |= dict(zip(("air_y", "air_z"), self._gained(time, half, table), strict=True))
         return np.stack([table[name] for name in INPUTS])

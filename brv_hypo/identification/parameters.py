@@ -31,16 +31,15 @@ Kind = Literal["theta", "start", "stop"]
 
 @dataclass(frozen=True)
 class NonlinearParameter:
-    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s).
-
-    `value` and `bounds` are `scale` times those in `units`: delays are estimated in s.
-    """
+    """A nonlinear parameter and the columns that it moves: a theta of a mechanism, or a knot (s)."""
 
     name: str
     kind: Kind
     theta: str
+    """Its name in theta; empty for a knot."""
     mechanism: str
     value: float
+    """`scale` times that in `units`, as are the bounds: delays are estimated in s."""
     bounds: tuple[float, float]
     units: str
     is_delay: bool
@@ -89,17 +88,18 @@ class Structure:
 
 
 def structure_of(
-    columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], start: float, stop: float, refine: bool
+    columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], start: float, stop: float
 ) -> Structure:
     """Name the parameters; knots are free between `start` and `stop` (s), where they lie inside.
 
     Columns that share a theta or a knot of one mechanism move together.
     """
-    nonlinear_parameters = _nonlinear_parameters(columns, mechanisms, start, stop) if refine else ()
-    return Structure(tuple(columns), unique([_name(column) for column in columns]), nonlinear_parameters)
+    names = unique([_name(column) for column in columns])
+    return Structure(tuple(columns), names, _nonlinear_parameters(columns, mechanisms, start, stop))
 
 
 def _name(column: Regressor) -> str:
+    """Mechanism and term, and where it begins and looks back to."""
     name = f"{column.mechanism} {column.term}"
     if column.time_basis.kind != "constant":
         name += f" {column.time_basis.kind} at {column.time_basis.start:.6g} s"
@@ -140,41 +140,30 @@ def _nonlinear_parameters(
         for kind, knot in knots:
             if start < knot < stop:
                 groups.setdefault((kind, column.mechanism, "", knot), []).append(j)
-    found = [
-        _nonlinear_parameter(kind, mechanisms[mechanism], theta, value, (start, stop), tuple(members))
-        for (kind, mechanism, theta, value), members in groups.items()
-    ]
+    found = []
+    for (kind, mechanism, theta, value), members in groups.items():
+        units, scale, bounds, is_delay = "s", 1.0, (start, stop), False
+        if kind == "theta":
+            own = next(p for p in mechanisms[mechanism].parameters() if p.name == theta)
+            units, is_delay = own.units, own.is_delay
+            scale = own.seconds if is_delay else 1.0
+            bounds = (scale * min(own.bounds[0], value), scale * max(own.bounds[1], value))
+        found.append(
+            NonlinearParameter(
+                name=f"{mechanism} {theta} {value:.6g}" if theta else f"{mechanism} {kind} {value:.6g} s",
+                kind=kind,
+                theta=theta,
+                mechanism=mechanism,
+                value=scale * value,
+                bounds=bounds,
+                units=units,
+                is_delay=is_delay,
+                columns=tuple(members),
+                scale=scale,
+            )
+        )
     names = unique([parameter.name for parameter in found])
     return tuple(replace(parameter, name=name) for parameter, name in zip(found, names, strict=True))
-
-
-def _nonlinear_parameter(
-    kind: Kind,
-    mechanism: Mechanism,
-    theta: str,
-    value: float,
-    span: tuple[float, float],
-    columns: tuple[int, ...],
-) -> NonlinearParameter:
-    if kind != "theta":
-        name = f"{mechanism.name} {kind} {value:.6g} s"
-        return NonlinearParameter(name, kind, "", mechanism.name, value, span, "s", False, columns)
-    parameter = next(p for p in mechanism.parameters() if p.name == theta)
-    scale = parameter.seconds if parameter.is_delay else 1.0
-    bounds = (scale * min(parameter.bounds[0], value), scale * max(parameter.bounds[1], value))
-    name = f"{mechanism.name} {theta} {value:.6g}"
-    return NonlinearParameter(
-        name,
-        kind,
-        theta,
-        mechanism.name,
-        scale * value,
-        bounds,
-        parameter.units,
-        parameter.is_delay,
-        columns,
-        scale,
-    )
 
 
 def _moved(column: Regressor, parameter: NonlinearParameter, value: float) -> Regressor:

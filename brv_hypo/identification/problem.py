@@ -7,8 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -31,12 +30,13 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.uncertainty import Regressed
 
 IDENTIFIED_STEPS = 30  # of `identify` alone, if a user says nothing else
-IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time, the same
-IDENTIFIED_QUADRATURE = 0.2  # of the gyros' noise, that the spacing of nodes may cost, the same
+IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time
 IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
 # Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see the
 # knot, and an unbounded step would throw it far.
 IDENTIFIED_KNOT_REACH = 3.0
+
+_ROUNDING = 1e-9
 
 
 # ---- What a user may choose about an identification ----
@@ -45,46 +45,47 @@ IDENTIFIED_KNOT_REACH = 3.0
 class IdentificationConfig(BaseModel):
     """Options of `identify`; the defaults suit an unknown flight.
 
-    `force_degree`: Legendre degree of the normal-force slope in time. `refine`: delays and knots are estimated
-    too. `quadrature`: how much of the gyros' noise the spacing of nodes may cost. `begin_anew`: search from the
-    data alone where the regression's fit leads nowhere, which takes several times as long.
+    `begin_anew`: search from the data alone where the regression's fit leads nowhere, which takes several times as
+    long.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    force_degree: int = Field(default=IDENTIFIED_FORCE_DEGREE, ge=0, le=6)
-    refine: bool = True
-    quadrature: float = Field(default=IDENTIFIED_QUADRATURE, gt=0.0)
-    noise: Literal["diagonal", "full"] = "diagonal"
     max_iterations: int = Field(default=IDENTIFIED_STEPS, ge=1)
     begin_anew: bool = True
 
 
-_ROUNDING = 1e-9
-
-
 @dataclass(frozen=True)
 class Problem:
-    """What is estimated from what; `theta` are start values by name, `placed_delays` (s) those that nodes
-    were placed for, `tolerated` the values that are known to a tolerance, each with its flight; `applied` by name what
-    was taken out of the record of each before, in tolerances. `states` and `first_noise` (4, 4) are those of an earlier
-    fit, where there is one.
-    """
+    """What is estimated from what."""
 
     frame: RateFrame
+    """The reconstructed flights, as regressed."""
     inputs: tuple[SmoothInputs, ...]
+    """Of each flight."""
     records: tuple[NodeRecord, ...]
+    """A segment of the likelihood each."""
     model: VehicleModel
+    """Equations of motion and of measurement."""
     theta: dict[str, float]
+    """Start values of all parameters, by name."""
     priors: dict[str, tuple[float, float]]
+    """Mean and standard deviation of those with a Gaussian prior."""
     bounds: dict[str, tuple[float, float]]
+    """Of delays and knots."""
     tolerated: tuple[tuple[Tolerated, int], ...]
+    """The values that are known to a tolerance, each with its flight."""
     applied: dict[str, float]
+    """What was taken out of the record of each before, in tolerances, by name."""
     block: int
+    """Samples to a node."""
     config: IdentificationConfig
     placed_delays: tuple[float, ...]
-    states: tuple[FloatArray, ...] = field(default=())
+    """Delays (s) for which nodes were placed."""
+    states: tuple[FloatArray, ...] = ()
+    """States (4, nodes) by segment of an earlier fit, where there is one."""
     first_noise: FloatArray | None = None
+    """Noise covariance (4, 4) of that."""
 
     @property
     def structure(self) -> Structure:
@@ -101,13 +102,13 @@ class Problem:
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
         return replace(self, theta=theta, states=found.states, first_noise=found.noise_covariance)
 
-    def refreshed(
-        self, found: FitResult, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray
-    ) -> Problem:
-        """The problem with nodes and block means laid out by another model of the motion, as `found` has it.
+    def refreshed(self, found: FitResult) -> Problem:
+        """The problem started from a solution, with nodes and block means laid out by the motion that it has.
 
         Blocks may shrink; that they do not grow again keeps rounds of refreshing from going in a circle.
         """
+        warm, columns, values = self.warm(found), self.structure.at(found.theta), self.structure.values(found.theta)
+        frame = self.frame.with_in_plane_moment(columns, values)
 
         def fitted(number: int, flight: Flight) -> Flight:
             for record, left in zip(self.records, found.innovations, strict=True):
@@ -115,27 +116,22 @@ class Problem:
                     flight = record.fitted(flight, record.segment.y - left)
             return flight
 
-        block = min(self.block, block_size(frame, columns, values, self.config.quadrature))
+        block = min(self.block, block_size(frame, columns, values))
         rates = frame.columns(columns) @ values
         records = node_records(frame, columns, values, rates, self.inputs, block, self.placed_delays, fitted)
         model = self.model.on(tuple(record.context for record in records))
-        states, noise = (self.states, self.first_noise) if block == self.block else ((), None)
-        return replace(
-            self, frame=frame, records=records, model=model, block=block, states=states, first_noise=noise
-        )
+        if block != self.block:
+            warm = replace(warm, states=(), first_noise=None)
+        return replace(warm, frame=frame, records=records, model=model, block=block)
 
     def segments(self) -> tuple[Segment, ...]:
         """The likelihood's segments, started from the states."""
-        states = self.states or tuple(record.segment.x0 for record in self.records)
-        return tuple(
-            replace(record.segment, x0=x, ignores=self._of_others(record.context.flight))
-            for record, x in zip(self.records, states, strict=True)
-        )
-
-    def _of_others(self, flight: int) -> frozenset[str]:
-        """Parameters of the other flights: their gravity, noise and instruments."""
-        others = [f"[flight {other}]" for other in self.flights if other != flight]
-        return frozenset(name for name in self.theta if any(other in name for other in others))
+        found = []
+        for record, x in zip(self.records, self.states or [r.segment.x0 for r in self.records], strict=True):
+            others = [f"[flight {other}]" for other in self.flights if other != record.context.flight]
+            ignored = frozenset(name for name in self.theta if any(other in name for other in others))
+            found.append(replace(record.segment, x0=x, ignores=ignored))
+        return tuple(found)
 
     @property
     def affine(self) -> frozenset[str]:
@@ -151,20 +147,19 @@ class Problem:
         return frozenset({*self.structure.names, *self.model.forces, *time_varying, *gravity} - bent)
 
     @property
-    def _knot_reach(self) -> float:
-        """How far (s) a knot may move in one step: over a longer way the moment that jumps there changes."""
-        return IDENTIFIED_KNOT_REACH * min(record.context.block for record in self.records)
+    def seconds_to_node(self) -> float:
+        """Length (s) of the shortest block."""
+        return min(record.context.block for record in self.records)
 
     def solve(
         self,
         *,
-        noise: FloatArray | None = None,
         max_iterations: int | None = None,
         near_start: bool = True,
         fixed: Sequence[str] = (),
         progress: Callable[[Progress], None] | None = None,
     ) -> FitResult:
-        """Maximum likelihood; `noise` (4, 4) is B where it is to be held, `fixed` the parameters that are."""
+        """Maximum likelihood, with some parameters `fixed`."""
         return fit(
             PartialJacobian(self.model.dynamics, self.model.dynamics_slopes, self.affine),
             PartialJacobian(self.model.outputs, self.model.outputs_slopes, self.affine),
@@ -173,8 +168,7 @@ class Problem:
             bounds=self.bounds | {name: (self.theta[name], self.theta[name]) for name in fixed},
             priors=self.priors,
             delays=self.structure.delays,
-            reach=dict.fromkeys(self.structure.knots, self._knot_reach),
-            noise=self.config.noise if noise is None else noise,
+            reach=dict.fromkeys(self.structure.knots, IDENTIFIED_KNOT_REACH * self.seconds_to_node),
             first_noise=self.first_noise,
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=IDENTIFIED_TOLERANCE,
@@ -194,7 +188,7 @@ def build_problem(
 
     Raises UnanswerableError where no segment is long enough.
     """
-    size = block_size(frame, columns, values, config.quadrature)
+    size = block_size(frame, columns, values)
     inputs = tuple(smooth_inputs(r) for r in frame.reconstructions)
     rates = frame.columns(columns) @ values if regressed is None else regressed.rates
     records = node_records(frame, columns, values, rates, inputs, size, delays_of(columns))
@@ -205,57 +199,44 @@ def build_problem(
         )
     time = frame.coefficient_time
     span = (float(time.min()), float(time.max()))
-    structure = structure_of(columns, frame.mechanisms, *span, config.refine)
-    forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(config.force_degree + 1))
+    structure = structure_of(columns, frame.mechanisms, *span)
+    forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(IDENTIFIED_FORCE_DEGREE + 1))
     model = VehicleModel(
         MomentModel(structure, frame.mechanisms, use_of_rates(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
         forces,
         span,
     )
-    theta = {**dict(zip(structure.names, (float(v) for v in values), strict=True))}
+    theta = dict(zip(structure.names, map(float, values), strict=True))
     theta |= {parameter.name: parameter.value for parameter in structure.nonlinear_parameters}
-    start, bend = _force_start(frame, span, config.force_degree)
+    start, bend = _force_start(frame, span)
     theta |= {**dict(zip(forces, start.tolist(), strict=True)), FORCE_BEND: bend}
     nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
     theta |= {name: start for name, (start, _, _) in nuisances.items()}
     priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
     priors[FORCE_BEND] = (0.0, abs(float(start[0])) / BENT**2)
-    tolerated = dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated)
-    starts, expected, applied = _of_tolerated(tuple(tolerated), regressed)
+    tolerated = tuple(dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated))
+    applied = {}
+    for value, flight in tolerated:  # all in tolerances; what is estimated is beside what was taken out of the record
+        name = of_flight(value.name, flight)
+        applied[name], found, bounded = (0.0, 0.0, True) if regressed is None else value.known(regressed, flight)
+        theta[name] = found - applied[name]
+        if bounded:
+            priors[name] = (-applied[name], 1.0)
     return Problem(
         frame=frame,
         inputs=inputs,
         records=records,
         model=model,
-        theta=theta | starts,
-        priors=priors | expected,
+        theta=theta,
+        priors=priors,
         bounds={parameter.name: parameter.bounds for parameter in structure.nonlinear_parameters},
-        tolerated=tuple(tolerated),
+        tolerated=tolerated,
         applied=applied,
         block=size,
         config=config,
         placed_delays=delays_of(columns),
     )
-
-
-def _of_tolerated(
-    tolerated: Sequence[tuple[Tolerated, int]], regressed: Regressed | None
-) -> tuple[dict[str, float], dict[str, tuple[float, float]], dict[str, float]]:
-    """Start and prior of what each value errs by beyond what was taken out of its record, and that, by name.
-
-    All in tolerances.
-    """
-    starts: dict[str, float] = {}
-    priors: dict[str, tuple[float, float]] = {}
-    out: dict[str, float] = {}
-    for value, flight in tolerated:
-        name = of_flight(value.name, flight)
-        applied, found, bounded = (0.0, 0.0, True) if regressed is None else value.known(regressed, flight)
-        starts[name], out[name] = found - applied, applied
-        if bounded:
-            priors[name] = (-applied, 1.0)
-    return starts, priors, out
 
 
 def _nuisances(
@@ -275,7 +256,7 @@ def _nuisances(
     return found
 
 
-def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> tuple[FloatArray, float]:
+def _force_start(frame: RateFrame, span: tuple[float, float]) -> tuple[FloatArray, float]:
     """Legendre coefficients of the reconstructed normal-force slope, 1/rad, and its bend, 1/rad^3.
 
     A rough 1 and no bend where they are unknown.
@@ -285,7 +266,7 @@ def _force_start(frame: RateFrame, span: tuple[float, float], degree: int) -> tu
     bend = float(np.mean([r.normal_force_bend for r in frame.reconstructions]))
     known = np.isfinite(slope)
     if not known.any():
-        return np.asarray(np.eye(degree + 1)[0]), bend
+        return np.asarray(np.eye(IDENTIFIED_FORCE_DEGREE + 1)[0]), bend
     scaled = (2.0 * time[known] - span[0] - span[1]) / (span[1] - span[0])
-    found = np.polynomial.legendre.legfit(scaled, slope[known], degree)
+    found = np.polynomial.legendre.legfit(scaled, slope[known], IDENTIFIED_FORCE_DEGREE)
     return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)), bend

@@ -10,9 +10,9 @@ component that no equation observes is left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -56,18 +56,8 @@ def noise_free_flights(
                 level = np.mean(part.observed - predicted[a:b])
                 rate[part.rows] = (predicted[a:b] + level) * spin[part.rows]
                 force[part.rows] = _force(frame, number, smooth, part.rows, rate[part.rows], moments[a:b], rolling)
-        found.append(
-            replace(
-                flight,
-                p=smooth.roll_rate,
-                q=rate.real,
-                r=rate.imag,
-                ay=force.real,
-                az=force.imag,
-                velocity=smooth.speed,
-                dynamic_pressure=smooth.pressure,
-            )
-        )
+        flight = replace(flight, p=smooth.roll_rate, velocity=smooth.speed, dynamic_pressure=smooth.pressure)
+        found.append(replace(flight, q=rate.real, r=rate.imag, ay=force.real, az=force.imag))
     return tuple(found)
 
 
@@ -92,15 +82,9 @@ def _force(
 
 
 def lever_force(
-    arm: tuple[float, float, float],
-    omega: ComplexArray,
-    omega_rate: ComplexArray,
-    p: FloatArray,
-    p_rate: FloatArray,
+    arm: tuple[float, float, float], omega: ComplexArray, omega_rate: ComplexArray, p: FloatArray, p_rate: FloatArray
 ) -> ComplexArray:
-    """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10,
-    E11).
-    """
+    """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10, E11)."""
     x, transverse = arm[0], complex(arm[1], arm[2])
     crossed = (omega * np.conj(transverse)).imag
     return np.asarray(
@@ -237,103 +221,66 @@ def record_errors(
     Moments of the mechanisms `modelled` are the hypothesis's own and take no part; neither does what none of the
     equations observes, such as the bias of an instrument that they do not use.
     """
-    return tuple(
-        _of_flight(frame, number, flight, smooth, modelled)
-        for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True))
-    )
-
-
-def _of_flight(
-    frame: RateFrame, number: int, flight: Flight, smooth: SmoothInputs, modelled: frozenset[str]
-) -> RecordErrors:
-    found = (
-        *_of_effects(flight, frame.reconstructions[number], smooth),
-        *_of_moments(frame, number, flight, modelled),
-    )
-    observable = [
-        (value, {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)})
-        for value, histories in found
-    ]
-    observable = [(value, histories) for value, histories in observable if histories]
-    return RecordErrors(
-        number, tuple(value for value, _ in observable), tuple(histories for _, histories in observable)
-    )
+    found = []
+    for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True)):
+        values: dict[Tolerated, Histories] = {}
+        for value, histories in (
+            *_of_effects(flight, frame.reconstructions[number], smooth),
+            *_of_moments(frame, number, flight, modelled),
+        ):
+            observed = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
+            if observed:
+                values[value] = observed
+        found.append(RecordErrors(number, tuple(values), tuple(values.values())))
+    return tuple(found)
 
 
 def _of_effects(
     flight: Flight, reconstruction: Reconstruction, smooth: SmoothInputs
 ) -> Iterator[tuple[Tolerated, dict[str, FloatArray | float]]]:
     for effect in nuisance_effects():
-        for component in effect.components(flight):
-            more, less = (
-                effect.perturb(flight, component.name, sign * component.size) for sign in (1.0, -1.0)
-            )
-            value = Tolerated(effect.name, component.name, component.units, component.size)
-            yield value, _histories(flight, _Change(more, less), reconstruction.gravity_body, smooth)
-
-
-class _Change:
-    """Half the difference of two records: what 1 sigma adds to the channels, (n,)."""
-
-    def __init__(self, more: Flight, less: Flight) -> None:
-        self._more, self._less = more, less
-
-    def __call__(self, channel: str) -> FloatArray:
-        return np.asarray(0.5 * (getattr(self._more, channel) - getattr(self._less, channel)))
-
-    def share(self, of: str) -> float:
-        """Relative change of a mass property or reference quantity of the vehicle."""
-        more, less = (_vehicle_quantity(flight.vehicle, of) for flight in (self._more, self._less))
-        return (more - less) / (more + less)
-
-    @property
-    def arm(self) -> tuple[float, float, float]:
-        """Change of the declared place of the accelerometers, m."""
-        places = (flight.vehicle.accelerometer_position for flight in (self._more, self._less))
-        x, y, z = (0.5 * (a - b) for a, b in zip(*places, strict=True))
-        return x, y, z
-
-    @property
-    def wind(self) -> FloatArray:
-        """Change of the known wind (n, 3), m/s in body axes of the first sample."""
-        more, less = (
-            np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind
-            for flight in (self._more, self._less)
-        )
-        return np.asarray(0.5 * (more - less))
-
-
-def _vehicle_quantity(vehicle: Vehicle, name: str) -> float:
-    if name == "force_scale":
-        return vehicle.reference_area / vehicle.mass
-    return float(getattr(vehicle, name))
+        for name, units, size in effect.components(flight):
+            more, less = (effect.perturb(flight, name, sign * size) for sign in (1.0, -1.0))
+            histories = _histories(flight, more, less, reconstruction.gravity_body, smooth)
+            yield Tolerated(effect.name, name, units, size), histories
 
 
 def _histories(
-    flight: Flight, change: _Change, gravity: FloatArray, smooth: SmoothInputs
+    flight: Flight, more: Flight, less: Flight, gravity: FloatArray, smooth: SmoothInputs
 ) -> dict[str, FloatArray | float]:
-    """What a change of the record does in the equations, by name of the history; the true motion stays as it is."""
-    roll_rate, rate = change("p"), change("q") + 1j * change("r")
-    force = change("ay") + 1j * change("az")
-    if any(change.arm):
+    """What half the difference of two records does in the equations, by name of the history.
+
+    The true motion stays as it is.
+    """
+
+    def change(quantity: Callable[[Flight], Any]) -> FloatArray:
+        return np.asarray(0.5 * (quantity(more) - quantity(less)))
+
+    def share(quantity: Callable[[Vehicle], float]) -> float:
+        high, low = quantity(more.vehicle), quantity(less.vehicle)
+        return (high - low) / (high + low)
+
+    roll_rate, rate = change(lambda f: f.p), change(lambda f: f.q) + 1j * change(lambda f: f.r)
+    force = change(lambda f: f.ay) + 1j * change(lambda f: f.az)
+    x, y, z = change(lambda f: np.array(f.vehicle.accelerometer_position)).tolist()
+    if any((x, y, z)):
         omega = flight.q + 1j * flight.r
         omega_rate, p_rate = _slope(flight, omega), _slope(flight, flight.p).real
-        force = force - lever_force(change.arm, omega, omega_rate, flight.p, p_rate)
+        force = force - lever_force((x, y, z), omega, omega_rate, flight.p, p_rate)
     crossflow = _attitude_error(flight, roll_rate, rate, gravity, smooth)
-    wind = change.wind
+    wind = change(lambda f: np.zeros((f.samples, 3)) if f.wind is None else f.wind)
     if np.any(wind):
         gained = np.einsum("nji,ni->nj", smooth.gravity_axes, _slope(flight, wind).real)
         crossflow = crossflow + gained[:, 1] + 1j * gained[:, 2]
-    found = dict(zip((*GYROS, *ACCELEROMETERS), (rate.real, rate.imag, force.real, force.imag), strict=True))
+    pairs = zip((GYROS, ACCELEROMETERS, CROSSFLOW), (rate, force, crossflow), strict=True)
     return {
-        **found,
-        **dict(zip(CROSSFLOW, (crossflow.real, crossflow.imag), strict=True)),
+        **{name: part for names, pair in pairs for name, part in zip(names, (pair.real, pair.imag), strict=True)},
         ROLL_RATE_ERROR: roll_rate,
-        PRESSURE_ERROR: change("dynamic_pressure") / flight.dynamic_pressure,
-        SPEED_ERROR: change("velocity") / flight.velocity,
-        RATIO_ERROR: change.share("inertia_ratio"),
-        MOMENT_SCALE_ERROR: change.share("moment_scale"),
-        FORCE_SCALE_ERROR: change.share("force_scale"),
+        PRESSURE_ERROR: change(lambda f: f.dynamic_pressure) / flight.dynamic_pressure,
+        SPEED_ERROR: change(lambda f: f.velocity) / flight.velocity,
+        RATIO_ERROR: share(lambda vehicle: vehicle.inertia_ratio),
+        MOMENT_SCALE_ERROR: share(lambda vehicle: vehicle.moment_scale),
+        FORCE_SCALE_ERROR: share(lambda vehicle: vehicle.reference_area / vehicle.mass),
     }
 
 
@@ -374,8 +321,7 @@ def _of_moments(
             continue
         terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
         for term, size in zip(terms, sizes, strict=True):
-            moment = motion.to_body(term.in_plane, term.out_of_plane)
-            moment = size * acceleration * moment
+            moment = size * acceleration * motion.to_body(term.in_plane, term.out_of_plane)
             value = Tolerated(mechanism.name, term.name, term.units, size)
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
 

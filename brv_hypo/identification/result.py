@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification.equations import Shapes, point
+from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.parameters import of_flight
 from brv_hypo.identification.problem import Problem
 from brv_hypo.likelihood import Delayed, FitResult
 from brv_hypo.likelihood.segment import Interpolator
-from brv_hypo.likelihood.uncertainty import Identifiability, Whiteness
+from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import RateFrame
 
 # ---- What an identification returns ----
@@ -32,17 +32,16 @@ OUTPUTS = ("q", "r", "ay", "az")
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter, in `units`.
-
-    `std_error` is the one to report: that for white residuals where they are white, else the larger of it and
-    `std_error_coloured`, which is corrected for the colour of the residuals.
-    """
+    """One parameter."""
 
     name: str
     value: float
+    """In `units`."""
     std_error: float
+    """The one to report: that for white residuals where they are white, else the larger of the two below."""
     std_error_white: float
     std_error_coloured: float
+    """Corrected for the colour of the residuals."""
     units: str
 
     @property
@@ -53,54 +52,47 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Identification:
-    """A regression model refined by maximum likelihood on the original measurements.
-
-    Attributes:
-        status: that of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or
-            "diverged"; "failed" where it could not be begun. `message` is cause and remedy.
-        columns: the regression's columns with delays and knots at their estimates.
-        values: coefficients (columns,), in the units of the columns.
-        covariance: (columns, columns), all other parameters accounted for; at the reported standard errors.
-        terms: the coefficients. nonlinear: delays and knots. forces: normal-force slope (1/rad) and its
-            drift.
-        instruments: what is known to a tolerance only, errors of the record and moments, each with its
-            prior in the estimate. environment: gravity (m/s^2) in de-rolled axes of the first sample.
-        prior_misfit: sum over all parameters with a Gaussian prior of the square of estimate less mean over sigma.
-        log_likelihood: minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample.
-        iterations: of all searches together. cost_history: NLLF at the nodes after each iteration of the last
-            search.
-        identifiability: near-null directions by name.
-        innovations: by segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at
-            `times` (s).
-        whiteness: test of each output's innovations, in the order of OUTPUTS.
-        block: samples to a node. seconds: wall clock.
-        frame: the regression's frame, C_mw of Eq. 5.1 brought up to date.
-        problem, fit: what was solved, and the likelihood's own result; None where it could not be begun.
-    """
+    """A regression model refined by maximum likelihood on the original measurements."""
 
     status: str
+    """That of the likelihood: "converged", "iteration limit", "stalled", "undetermined" or "diverged"; "failed" where
+    it could not be begun."""
     message: str
+    """Cause and remedy."""
     columns: tuple[Regressor, ...]
+    """The regression's columns with delays and knots at their estimates."""
     values: FloatArray
+    """Coefficients (columns,), in the units of the columns."""
     covariance: FloatArray
-    terms: tuple[Estimate, ...]
-    nonlinear: tuple[Estimate, ...]
-    forces: tuple[Estimate, ...]
-    instruments: tuple[Estimate, ...]
-    environment: tuple[Estimate, ...]
-    log_likelihood: float
-    iterations: int
-    cost_history: tuple[float, ...]
-    identifiability: Identifiability | None
-    innovations: tuple[FloatArray, ...]
-    times: tuple[FloatArray, ...]
-    whiteness: tuple[Whiteness, ...]
-    prior_misfit: float
-    block: int
-    seconds: float
+    """(columns, columns), all other parameters accounted for; at the reported standard errors."""
     frame: RateFrame
-    problem: Problem | None
-    fit: FitResult | None
+    """The regression's frame, C_mw of Eq. 5.1 brought up to date."""
+    terms: tuple[Estimate, ...] = ()
+    """The coefficients."""
+    nonlinear: tuple[Estimate, ...] = ()
+    """Delays and knots."""
+    forces: tuple[Estimate, ...] = ()
+    """Normal-force slope (1/rad) and its drift."""
+    instruments: tuple[Estimate, ...] = ()
+    """What is known to a tolerance only, errors of the record and moments, each with its prior in the estimate."""
+    environment: tuple[Estimate, ...] = ()
+    """Gravity (m/s^2) in de-rolled axes of the first sample."""
+    log_likelihood: float = float("nan")
+    """Minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample."""
+    iterations: int = 0
+    """Of all searches together."""
+    innovations: tuple[FloatArray, ...] = ()
+    """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at `times`."""
+    times: tuple[FloatArray, ...] = ()
+    """By segment, s."""
+    whiteness: tuple[Whiteness, ...] = ()
+    """Test of each output's innovations, in the order of OUTPUTS."""
+    seconds: float = 0.0
+    """Wall clock."""
+    problem: Problem | None = None
+    """What was solved; None where it could not be begun."""
+    fit: FitResult | None = None
+    """The likelihood's own result."""
 
     @property
     def converged(self) -> bool:
@@ -113,15 +105,16 @@ class Identification:
 
 @dataclass(frozen=True)
 class CoefficientHistory:
-    """A coefficient over time (n,) s of one segment of one flight: `value` and `std_error`, (n,); the band is
-    2 sigma.
-    """
+    """A coefficient over time, of one segment of one flight."""
 
     name: str
     flight: int
     time: FloatArray
+    """(n,), s."""
     value: FloatArray
+    """(n,)."""
     std_error: FloatArray
+    """(n,); the band is 2 sigma."""
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
@@ -130,8 +123,7 @@ class CoefficientHistory:
 
 
 def coefficient_histories(found: Identification) -> tuple[CoefficientHistory, ...]:
-    """In-plane and out-of-plane moment and their derivatives by alpha, and the normal-force slope, of every
-    segment.
+    """In-plane and out-of-plane moment, their derivatives by alpha, and the normal-force slope, of every segment.
 
     "C_N'", "C_Z'", "C_N' by alpha" (1/rad), "C_Z' by alpha" (1/rad), "C_Nalpha_force" (1/rad). The derivative
     by alpha is that at the motion as flown, meridian and rates held; knots stand where they were estimated.
@@ -139,93 +131,60 @@ def coefficient_histories(found: Identification) -> tuple[CoefficientHistory, ..
     """
     if found.problem is None or found.fit is None:
         return ()
-    histories: list[CoefficientHistory] = []
-    for segment in range(len(found.problem.records)):
-        histories += _of_segment(found, found.problem, segment)
-    return tuple(histories)
+    segments = range(len(found.problem.records))
+    return tuple(each for k in segments for each in _of_segment(found, found.problem, found.fit, k))
 
 
-def _of_segment(found: Identification, problem: Problem, segment: int) -> list[CoefficientHistory]:
-    assert found.fit is not None
-    record, states = problem.records[segment], found.fit.states[segment]
-    theta, flight, time = found.fit.theta, record.context.flight, record.segment.t
-    step = 1e-4
-    here, low, high = (
-        _planes(
-            problem, record.segment.u, states * np.array([[1.0], [1.0], [scale], [scale]]), theta, segment
-        )
-        for scale in (1.0, 1.0 - step, 1.0 + step)
-    )
+def _of_segment(found: Identification, problem: Problem, fit: FitResult, segment: int) -> list[CoefficientHistory]:
+    record, theta, step = problem.records[segment], fit.theta, 1e-4
+    flight, time = record.context.flight, record.segment.t
     common_time = record.context.coefficient_time(time)
-    bases = np.array([column.time_basis(common_time) for column in found.columns])
-    names, sizes = _bends(problem, flight)
-    planes = np.vstack([here.in_plane * bases, *_bent(problem, here.motion)])
-    risen = np.vstack([(high.in_plane - low.in_plane) * bases, *_bent(problem, high.motion, low.motion)])
-    slopes = risen / (high.motion.alpha - low.motion.alpha)
-    whole = np.append(found.values, [size * theta[name] for name, size in zip(names, sizes, strict=True)])
-    both = _with_bends(found, names, sizes)
-    rows = {
-        "C_N'": planes.real,
-        "C_Z'": planes.imag,
-        "C_N' by alpha": slopes.real,
-        "C_Z' by alpha": slopes.imag,
-    }
-    out = [_history(name, flight, time, f, whole, both) for name, f in rows.items()]
-    index = [found.fit.names.index(name) for name in problem.model.force_names]
-    force = np.asarray(legvander(problem.model.scaled(common_time), len(index) - 1).T, dtype=float)
-    values = np.array([theta[name] for name in problem.model.force_names])
-    covariance = found.fit.covariance[np.ix_(index, index)]
-    return [*out, _history("C_Nalpha_force", flight, time, force, values, covariance)]
-
-
-def _bends(problem: Problem, flight: int) -> tuple[list[str], list[float]]:
-    """Parameters that are the bend of the static moment, in units of their sizes (1/rad^3), and these."""
-    own = [value for value, number in problem.tolerated if number == flight and value.name.startswith(StaticBend.name)]
-    return [of_flight(value.name, flight) for value in own], [value.size for value in own]
-
-
-def _bent(problem: Problem, motion: Motion, less: Motion | None = None) -> list[FloatArray]:
-    """Moments in plane (n,) of each term of the bend per unit of its coefficient, less those at another motion."""
     bend = problem.frame.mechanisms.get(StaticBend.name)
-    if bend is None:
-        return []
-    here = [term.in_plane for term in bend.terms(motion, {})]
-    if less is None:
-        return here
-    return [one - term.in_plane for one, term in zip(here, bend.terms(less, {}), strict=True)]
+    bends = [v for v, number in problem.tolerated if number == flight and v.name.startswith(StaticBend.name)]
+    names = [of_flight(value.name, flight) for value in bends]
+    sizes = np.array([value.size for value in bends])
 
+    def at(scale: float) -> tuple[ComplexArray, FloatArray]:
+        """C_N' + i C_Z' per unit of each coefficient and of the bend's (rows, n), and alpha, with the states scaled."""
+        states = fit.states[segment] * np.array([[1.0], [1.0], [scale], [scale]])
+        shapes = _shapes(problem, record, states, theta)
+        bent = [] if bend is None else [term.in_plane for term in bend.terms(shapes.motion, {})]
+        return np.vstack([shapes.in_plane, *bent]), shapes.motion.alpha
 
-def _with_bends(found: Identification, names: list[str], sizes: list[float]) -> FloatArray:
-    """Covariance of the coefficients and, after them, of the bend's."""
-    assert found.fit is not None
+    (here, _), (low, less), (high, more) = (at(scale) for scale in (1.0, 1.0 - step, 1.0 + step))
+    bases = np.array([*(c.time_basis(common_time) for c in found.columns), *np.ones((len(bends), time.size))])
+    moments, slopes = here * bases, (high - low) * bases / (more - less)
+    values = np.append(found.values, sizes * [theta[name] for name in names])
+    # The bend's covariance beside that of the coefficients, which is at the reported standard errors.
     count = found.values.size
-    out = np.zeros((count + len(names), count + len(names)))
-    out[:count, :count] = found.covariance
-    known = {name: k for k, name in enumerate(found.fit.names)}
-    terms = [known.get(estimate.name, -1) for estimate in found.terms]
-    for j, (name, size) in enumerate(zip(names, sizes, strict=True)):
-        own = found.fit.covariance[known[name]]
-        out[count + j, :count] = out[:count, count + j] = [size * own[k] if k >= 0 else 0.0 for k in terms]
-        for i, (other, scale) in enumerate(zip(names, sizes, strict=True)):
-            out[count + j, count + i] = size * scale * own[known[other]]
-    return out
+    index = [fit.names.index(name) for name in (*(term.name for term in found.terms), *names)]
+    scale = np.append(np.ones(count), sizes)
+    covariance = fit.covariance[np.ix_(index, index)] * np.outer(scale, scale)
+    covariance[:count, :count] = found.covariance
+    forces = list(problem.model.force_names)
+    index = [fit.names.index(name) for name in forces]
+    drift = np.asarray(legvander(problem.model.scaled(common_time), len(index) - 1).T, dtype=float)
+    own = np.array([theta[name] for name in forces]), fit.covariance[np.ix_(index, index)]
+    rows = {
+        "C_N'": (moments.real, values, covariance),
+        "C_Z'": (moments.imag, values, covariance),
+        "C_N' by alpha": (slopes.real, values, covariance),
+        "C_Z' by alpha": (slopes.imag, values, covariance),
+        "C_Nalpha_force": (drift, *own),
+    }
+    histories = []
+    for name, (f, estimates, errors) in rows.items():
+        sigma = np.sqrt(np.maximum(np.einsum("jn,jk,kn->n", f, errors, f), 0.0))
+        histories.append(CoefficientHistory(name=name, flight=flight, time=time, value=estimates @ f, std_error=sigma))
+    return histories
 
 
-def _planes(
-    problem: Problem, u: FloatArray, states: FloatArray, theta: Mapping[str, float], segment: int
-) -> Shapes:
-    """The columns at the nodes, C_N' + i C_Z' per unit, with the states scaled."""
-    time = problem.records[segment].segment.t
+def _shapes(problem: Problem, record: NodeRecord, states: FloatArray, theta: Mapping[str, float]) -> Shapes:
+    """The columns at the nodes with these states."""
+    time, u = record.segment.t, record.segment.u
     interpolator = Interpolator(time)
     delayed = {}
     for name in problem.structure.delays:
         stencil = interpolator.stencil(time - theta[name])
         delayed[name] = Delayed(stencil.apply(states), stencil.apply(u))
     return problem.model.shapes(point(states, u, time), theta, delayed)
-
-
-def _history(
-    name: str, flight: int, time: FloatArray, f: FloatArray, values: FloatArray, covariance: FloatArray
-) -> CoefficientHistory:
-    variance = np.einsum("jn,jk,kn->n", f, covariance, f)
-    return CoefficientHistory(name, flight, time, values @ f, np.sqrt(np.maximum(variance, 0.0)))

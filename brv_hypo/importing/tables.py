@@ -8,7 +8,6 @@ Entrances: `read_columns`, `column_names`.
 from __future__ import annotations
 
 import csv
-import difflib
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib.util import find_spec
@@ -22,6 +21,7 @@ from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.io.hdf5 import Tree, read_tree
 from brv_hypo.io.reading import check_regular
 from brv_hypo.io.sandbox import READ_BUDGET, Content, read_table
+from brv_hypo.io.text import nearest as nearest_names
 from brv_hypo.io.text import one_line, refusal
 
 # ---- Text tables: the wanted columns of a csv, read line by line within a budget ----
@@ -75,7 +75,7 @@ def find_columns(names: Iterable[str], available: list[str], path: Path) -> dict
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """A hint at the names that are like it, for a refusal; empty where none is."""
-    guess = difflib.get_close_matches(name, list(known), n=2, cutoff=0.5)
+    guess = nearest_names(name, known, 0.5, most=2)
     return f" (is {' or '.join(one_line(repr(one)) for one in guess)} meant?)" if guess else ""
 
 

@@ -42,10 +42,17 @@ def counted(count: int, thing: str) -> str:
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
-def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6) -> str:
-    """A question after the known name that an unknown one is most like, or `otherwise`, for a refusal."""
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
-    return f"is '{near[0]}' meant?" if near else otherwise
+def nearest(name: str, known: Iterable[str], cutoff: float = 0.6, most: int = 1) -> list[str]:
+    """The known names that an unknown one is like, the most alike first."""
+    return difflib.get_close_matches(name, list(known), n=most, cutoff=cutoff)
+
+
+def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6, most: int = 1) -> str:
+    """A question after the known names, `most` at most, that an unknown one is like, or `otherwise`; for a refusal."""
+    near = nearest(name, known, cutoff, most)
+    if not near:
+        return otherwise
+    return f"is '{near[0]}' meant?" if most == 1 else f"did you mean {' or '.join(near)}?"
 
 
 def _is_control(character: str) -> bool:

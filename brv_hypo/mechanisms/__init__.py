@@ -5,7 +5,7 @@ contract.py        what a mechanism and a record effect are
 registry.py        finds what is installed, by name, and the nuisances of every hypothesis
 checked.py         calls of plugins, whose answers are checked
 yaml_mechanism.py  mechanisms that a YAML file defines
-conformance.py     named checks that every plugin must pass, on conformance_samples.py
+conformance.py       named checks that every plugin must pass
 template/          a plugin package to start from
 """
 

@@ -4,8 +4,8 @@
     def test_keeps_the_contract(check):
         check(Ablation())
 
-A check is a function whose docstring is the requirement; it raises Nonconformity with what was found. They run
-on the motion and the record of conformance_samples.py. `conformance(item)` runs all that apply,
+A check is a function whose docstring is the requirement; it raises Nonconformity with what was found. They run on
+a closed-form motion and record (`sample_motion`, `sample_flight`). `conformance(item)` runs all that apply,
 `relied_on(item)` has those without which an analysis could not use the plugin, and `renamed` gives a mechanism
 under other names and units of its parameters, with which every result must be the same.
 """
@@ -14,21 +14,112 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, Generic, NamedTuple, TypeVar, get_args
+from typing import Any, Generic, NamedTuple, TypeVar, cast, get_args
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.record import CHANNELS, Flight
+from brv_hypo.flight.record import CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import is_unit
-from brv_hypo.mechanisms.checked import read_only, unchecked
-from brv_hypo.mechanisms.conformance_samples import sample_flight, sample_motion, uniform_time
+from brv_hypo.mechanisms.checked import Wrapped, read_only, unchecked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, RecordEffect, Term, TimeVariation
+from brv_hypo.motion.kinematics import angle_of_attack, angle_rates
 from brv_hypo.motion.motion import Motion
+
+__all__ = [
+    "EFFECT_CHECKS",
+    "MECHANISM_CHECKS",
+    "Alias",
+    "Check",
+    "Nonconformity",
+    "Outcome",
+    "conformance",
+    "relied_on",
+    "renamed",
+    "sample_flight",
+    "sample_motion",
+    "uniform_time",
+]
+
+# ---- The motion and the record that plugins are checked on: closed-form, so that the past is exact ----
+
+DURATION = 6.0
+"""Seconds of the sample motion and of the sample record."""
+
+# Crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero.
+_SLOW, _FAST = 0.05, 0.012
+_SLOW_RATE, _FAST_RATE = 7.3, -11.9  # rad/s
+_FORCE_SLOPE, _MOMENT_SLOPE = 2.0, -0.3  # 1/rad
+
+
+def sample_motion(time: FloatArray) -> Motion:
+    """An epicyclic entry motion at `time` (s, any shape), 0 to DURATION; `delayed` is exact.
+
+    alpha goes from 2 to 4 deg, the meridian turns at 5 to 12 rad/s, Mach falls from 22 and Reynolds grows
+    from 1e5, so that a mechanism of any of these has something to act on.
+    """
+    arm = _FAST / _SLOW * np.exp(1j * (_FAST_RATE - _SLOW_RATE) * time)
+    turn = np.exp(1j * _SLOW_RATE * time)
+    crossflow = _SLOW * turn * (1.0 + arm)
+    crossflow_rate = 1j * _SLOW * turn * (_SLOW_RATE + _FAST_RATE * arm)
+    alpha = angle_of_attack(crossflow)
+    alpha_rate, meridian_rate = angle_rates(crossflow, crossflow_rate)
+    velocity = 6900.0 - 40.0 * time
+    return Motion(
+        time=time,
+        alpha=alpha,
+        alpha_rate=alpha_rate,
+        windward_meridian=0.5 * np.pi - (_SLOW_RATE * time + np.angle(1.0 + arm)),
+        windward_meridian_rate=meridian_rate,
+        p=12.0 + 0.1 * time,
+        q=0.4 * np.cos(7.0 * time),
+        r=0.4 * np.sin(7.0 * time),
+        velocity=velocity,
+        dynamic_pressure=2e4 * np.exp(0.3 * time),
+        mach=velocity / 310.0,
+        reynolds=1e5 * np.exp(0.8 * time),
+        in_plane_moment=-0.001 + _MOMENT_SLOPE * alpha,
+        reference_length=0.4,
+        history=lambda tau: sample_motion(time - tau),
+    )
+
+
+def uniform_time(samples: int = 600) -> FloatArray:
+    """Sample times over the whole sample motion, s."""
+    return np.linspace(0.0, DURATION, samples, endpoint=False)
+
+
+def sample_flight() -> Flight:
+    """A short record of the sample motion: what its instruments would read, without noise."""
+    motion = sample_motion(uniform_time())
+    vehicle = Vehicle(
+        mass=100.0,
+        ixx=1.5,
+        iyy=10.0,
+        reference_length=motion.reference_length,
+        reference_area=0.125,
+        accelerometer_position=(0.1, 0.02, -0.01),
+    )
+    normal = motion.dynamic_pressure * vehicle.reference_area * _FORCE_SLOPE * motion.alpha / vehicle.mass
+    return Flight(
+        time=motion.time,
+        p=motion.p,
+        q=motion.q,
+        r=motion.r,
+        ax=-0.1 * motion.dynamic_pressure * vehicle.reference_area / vehicle.mass,
+        ay=-normal * np.sin(motion.windward_meridian),
+        az=-normal * np.cos(motion.windward_meridian),
+        velocity=motion.velocity,
+        dynamic_pressure=motion.dynamic_pressure,
+        mach=motion.mach,
+        reynolds=motion.reynolds,
+        vehicle=vehicle,
+        title="sample of the conformance kit",
+    )
+
 
 # ---- What a check is, and what comes of it ----
 
@@ -51,10 +142,8 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Check(Generic[Item]):
-    """One named requirement; calling it raises Nonconformity where the item breaks it."""
+    """One requirement, by the name of the function that tests it; raises Nonconformity where the item breaks it."""
 
-    name: str
-    requirement: str
     test: Callable[[Item], None]
 
     def __call__(self, item: Item) -> None:
@@ -62,7 +151,7 @@ class Check(Generic[Item]):
         self.test(item)
 
     def __str__(self) -> str:
-        return self.name
+        return self.test.__name__
 
     def outcome(self, item: Item) -> Outcome:
         """Run the check; whatever it raises is a failure, an error in the plugin's own code included."""
@@ -70,19 +159,13 @@ class Check(Generic[Item]):
             with np.errstate(all="ignore"):  # what is not finite is a finding, not a warning
                 self.test(item)
         except Nonconformity as broken:
-            return Outcome(self.name, False, str(broken))
+            return Outcome(str(self), False, str(broken))
         except Exception as error:  # any error of foreign code is a finding, and the other checks go on
-            return Outcome(self.name, False, f"it raised {type(error).__name__}: {error}")
-        return Outcome(self.name, True)
+            return Outcome(str(self), False, f"it raised {type(error).__name__}: {error}")
+        return Outcome(str(self), True)
 
 
-def named(test: Callable[[Item], None]) -> Check[Item]:
-    """The check that a function is: its name, and its docstring's first line as the requirement."""
-    requirement = (test.__doc__ or "").strip().splitlines()[0].rstrip(".")
-    return Check(test.__name__, requirement, test)
-
-
-def expect(condition: bool, found: str) -> None:
+def expect(condition: bool | np.bool_, found: str) -> None:
     """Raise Nonconformity with `found` unless `condition` holds."""
     if not condition:
         raise Nonconformity(found)
@@ -92,55 +175,60 @@ def expect(condition: bool, found: str) -> None:
 
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_RESERVED = ("none",)
 # What times at which coefficients change are called, and what parts `mechanisms.0.theta.NAME`.
 _KNOTS, _OF_A_PATH = ("knot", "start", "stop"), (".", "/")
+_SHORT = 60  # samples where few will do
+
+
+def _product(mechanism: Mechanism, values: Callable[[Parameter], Sequence[float]]) -> list[dict[str, float]]:
+    """Every theta that these values of the parameters make."""
+    parameters = mechanism.parameters()
+    names = [parameter.name for parameter in parameters]
+    return [dict(zip(names, point, strict=True)) for point in itertools.product(*map(values, parameters))]
 
 
 def _thetas(mechanism: Mechanism) -> list[dict[str, float]]:
     """Every theta at the ends and the middle of the bounds of each parameter."""
-    axes = [
-        [(p.name, value) for value in (p.bounds[0], p.grid[len(p.grid) // 2], p.bounds[1])]
-        for p in mechanism.parameters()
-    ]
-    return [dict(point) for point in itertools.product(*axes)]
+    return _product(mechanism, lambda p: (p.bounds[0], p.grid[len(p.grid) // 2], p.bounds[1]))
 
 
 def _grid(mechanism: Mechanism) -> list[dict[str, float]]:
     """Every theta that the engine searches."""
-    axes = [[(p.name, value) for value in p.grid] for p in mechanism.parameters()]
-    return [dict(point) for point in itertools.product(*axes)]
+    return _product(mechanism, lambda p: p.grid)
 
 
-def _columns(terms: tuple[Term, ...]) -> FloatArray:
+def _columns(terms: Sequence[Term]) -> FloatArray:
     """In-plane and out-of-plane columns, (terms, 2, *shape)."""
     return np.array([(term.in_plane, term.out_of_plane) for term in terms], dtype=float)
 
 
-def is_declared(mechanism: Mechanism) -> None:
-    """It has a name, a title, claims and a source, and its class says what it computes."""
-    kind = type(mechanism)
+def is_declared(item: Mechanism | RecordEffect) -> None:
+    """It has a name, a title, claims, a source and a kind."""
     for attribute in ("name", "title", "claims", "source"):
-        value = getattr(kind, attribute, None)
-        expect(
-            isinstance(value, str) and bool(value.strip()), f"`{attribute}` is {value!r}: set a line of text"
-        )
+        value = getattr(item, attribute, None)
+        expect(isinstance(value, str) and bool(value.strip()), f"`{attribute}` is {value!r}: set a line of text")
     expect(
-        _NAME.fullmatch(mechanism.name) is not None and mechanism.name not in _RESERVED,
-        f"the name {mechanism.name!r}: use lower case letters, digits and _, and not 'none'",
+        _NAME.fullmatch(item.name) is not None and item.name != "none",
+        f"the name {item.name!r}: use lower case letters, digits and _, and not 'none'",
     )
-    expect(
-        bool(kind.__dict__.get("__doc__")), "the class has no docstring: state the equation and its source"
-    )
+    kinds = ("mechanism", "aerodynamic") if isinstance(item, Mechanism) else ("instrument", "environment")
+    kind = getattr(item, "kind", None)
+    expect(kind in kinds, f"`kind` is {kind!r}, expected one of {kinds}")
+
+
+def documents_its_terms(mechanism: Mechanism) -> None:
+    """Its class says what it computes, and `terms` which terms it gives, in their docstrings."""
+    kind = mechanism.__class__
+    expect(bool(vars(kind).get("__doc__")), "the class has no docstring: state the equation and its source")
+    expect(bool(kind.terms.__doc__), "`terms` has no docstring of its own")
 
 
 def is_configurable(mechanism: Mechanism) -> None:
     """Its options have defaults, and a configuration can set them."""
-    again = type(mechanism).model_validate(mechanism.model_dump())
-    expect(
-        again == mechanism, f"its options do not survive being written and read: {again!r} for {mechanism!r}"
-    )
-    type(mechanism)()
+    options, kind = mechanism.model_dump(), mechanism.__class__
+    again = kind.model_validate(options).model_dump()
+    expect(again == options, f"its options do not survive being written and read: {again} for {options}")
+    kind()
 
 
 def varies_in_known_ways(mechanism: Mechanism) -> None:
@@ -151,49 +239,39 @@ def varies_in_known_ways(mechanism: Mechanism) -> None:
 
 def has_sane_parameters(mechanism: Mechanism) -> None:
     """Its nonlinear parameters have names, units, and an increasing grid inside their bounds."""
-    parameters = mechanism.parameters()
-    names = [parameter.name for parameter in parameters]
+    names = [parameter.name for parameter in mechanism.parameters()]
     expect(len(set(names)) == len(names), f"two parameters share a name: {names}")
-    for parameter in parameters:
+    for parameter in mechanism.parameters():
+        name, units, (low, high) = parameter.name, parameter.units, parameter.bounds
         expect(
-            parameter.name.isprintable() and parameter.name.strip() == parameter.name != "",
-            f"the parameter {parameter.name!r}: a name is one or more characters that can be printed",
+            name.isprintable() and name.strip() == name != "",
+            f"the parameter {name!r}: a name is one or more characters that can be printed",
         )
         expect(
-            parameter.name not in _KNOTS and not set(parameter.name) & set(_OF_A_PATH),
-            f"the parameter '{parameter.name}': every name will do but {', '.join(_KNOTS)}, which are what times of "
+            name not in _KNOTS and not set(name) & set(_OF_A_PATH),
+            f"the parameter '{name}': every name will do but {', '.join(_KNOTS)}, which are what times of "
             f"change are called, and any with {' or '.join(_OF_A_PATH)}, which parts the names of a path",
         )
-        low, high = parameter.bounds
         grid = np.asarray(parameter.grid, dtype=float)
-        expect(grid.size > 0, f"the grid of '{parameter.name}' is empty")
-        expect(
-            bool(np.all(np.isfinite([low, high, *grid]))),
-            f"'{parameter.name}': grid or bounds are not finite",
-        )
-        expect(bool(np.all(np.diff(grid) > 0)), f"the grid of '{parameter.name}' does not increase: {grid}")
+        expect(grid.size > 0, f"the grid of '{name}' is empty")
+        expect(np.all(np.isfinite([low, high, *grid])), f"'{name}': grid or bounds are not finite")
+        expect(np.all(np.diff(grid) > 0), f"the grid of '{name}' does not increase: {grid}")
         expect(
             low < high and low <= grid[0] and grid[-1] <= high,
-            f"the grid of '{parameter.name}', {grid[0]} to {grid[-1]}, leaves its bounds {low} to {high}",
+            f"the grid of '{name}', {grid[0]} to {grid[-1]}, leaves its bounds {low} to {high}",
         )
-        expect(is_unit(parameter.units), f"'{parameter.name}': '{parameter.units}' is not a unit")
-        expect(
-            not parameter.is_delay or _is_of_time(parameter),
-            f"the delay '{parameter.name}' is in '{parameter.units}': use a unit of time",
-        )
-        expect(bool(parameter.meaning.strip()), f"'{parameter.name}' does not say what it means")
-
-
-def _is_of_time(parameter: Parameter) -> bool:
-    try:
-        return parameter.seconds > 0.0
-    except FlightRecordError:
-        return False
+        expect(is_unit(units), f"'{name}': '{units}' is not a unit")
+        if parameter.is_delay:
+            try:
+                expect(parameter.seconds > 0.0, f"the delay '{name}' is in '{units}', which is no time")
+            except FlightRecordError:
+                raise Nonconformity(f"the delay '{name}' is in '{units}': use a unit of time") from None
+        expect(bool(parameter.meaning.strip()), f"'{name}' does not say what it means")
 
 
 def keeps_the_shape(mechanism: Mechanism) -> None:
     """Its columns have the motion's shape: (n,) over a record, (batch,) and (batch, 1) in a simulation."""
-    time = uniform_time(60)
+    time = uniform_time(_SHORT)
     for sampled in (time, time[:1], time[:, np.newaxis]):
         for term in mechanism.terms(sample_motion(sampled), _thetas(mechanism)[0]):
             for side in ("in_plane", "out_of_plane"):
@@ -209,19 +287,15 @@ def is_finite(mechanism: Mechanism) -> None:
     motion = sample_motion(uniform_time())
     for theta in [*_grid(mechanism), *_thetas(mechanism)]:
         for term in mechanism.terms(motion, theta):
-            finite = np.isfinite(term.in_plane) & np.isfinite(term.out_of_plane)
-            expect(
-                bool(finite.all()),
-                f"'{term.name}' has {np.sum(~finite)} values that are not finite at {theta}",
-            )
+            bad = np.sum(~np.isfinite(term.in_plane) | ~np.isfinite(term.out_of_plane))
+            expect(bad == 0, f"'{term.name}' has {bad} values that are not finite at {theta}")
 
 
 def has_the_same_terms_for_every_theta(mechanism: Mechanism) -> None:
     """The number, order, names and units of its terms do not depend on theta."""
-    motion = sample_motion(uniform_time(60))
+    motion = sample_motion(uniform_time(_SHORT))
     signatures = {
-        tuple((term.name, term.units) for term in mechanism.terms(motion, theta))
-        for theta in _grid(mechanism)
+        tuple((term.name, term.units) for term in mechanism.terms(motion, theta)) for theta in _grid(mechanism)
     }
     expect(len(signatures) == 1, f"the terms change with theta: {sorted(signatures)}")
     names = [name for name, _ in signatures.pop()]
@@ -232,114 +306,98 @@ def has_the_same_terms_for_every_theta(mechanism: Mechanism) -> None:
 
 def states_its_units(mechanism: Mechanism) -> None:
     """The unit of every coefficient can be read."""
-    for term in mechanism.terms(sample_motion(uniform_time(60)), _thetas(mechanism)[0]):
-        expect(
-            is_unit(term.units), f"'{term.name}': '{term.units}' is not a unit; '1' is that of a pure number"
-        )
+    for term in mechanism.terms(sample_motion(uniform_time(_SHORT)), _thetas(mechanism)[0]):
+        expect(is_unit(term.units), f"'{term.name}': '{term.units}' is not a unit; '1' is that of a pure number")
 
 
 def is_elementwise(mechanism: Mechanism) -> None:
     """A part of the motion gives that part of the columns, so a simulated instant agrees with the record."""
-    time = uniform_time(90)
-    chosen = np.array([3, 4, 40, 77])
+    time, chosen = uniform_time(90), np.array([3, 4, 40, 77])
     for theta in _thetas(mechanism):
         whole = _columns(mechanism.terms(sample_motion(time), theta))
         part = _columns(mechanism.terms(sample_motion(time[chosen]), theta))
-        scale = np.max(np.abs(whole)) or 1.0
-        worst = float(np.max(np.abs(whole[..., chosen] - part))) / scale
+        apart = _apart(whole, whole[..., chosen], part)
         expect(
-            worst < 1e-9,
-            f"four samples alone differ from the same four in a record by {worst:.1e} of the largest value; "
+            apart < 1e-9,
+            f"four samples alone differ from the same four in a record by {apart:.1e} of the largest value; "
             "use each sample alone, and `motion.delayed` for the past",
         )
 
 
+def _apart(whole: FloatArray, one: FloatArray, other: FloatArray) -> float:
+    """The largest difference of two, over the largest value of `whole`."""
+    return float(np.max(np.abs(one - other)) / (np.max(np.abs(whole)) or 1.0))
+
+
 def is_pure(mechanism: Mechanism) -> None:
     """The same motion gives the same columns, and the motion is left as it was."""
-    motion = read_only(sample_motion(uniform_time(60)))
+    motion = read_only(sample_motion(uniform_time(_SHORT)))
     for theta in _thetas(mechanism):
-        first = _columns(mechanism.terms(motion, theta))
-        again = _columns(mechanism.terms(motion, theta))
-        expect(
-            bool(np.array_equal(first, again)),
-            "two calls with the same motion differ: let nothing be remembered",
-        )
+        first, again = (_columns(mechanism.terms(motion, theta)) for _ in range(2))
+        expect(np.array_equal(first, again), "two calls with the same motion differ: let nothing be remembered")
 
 
 def takes_the_meridian_as_an_angle(mechanism: Mechanism) -> None:
     """A whole turn of the windward meridian changes nothing."""
-    motion = sample_motion(uniform_time(60))
+
+    def turned(motion: Motion) -> Motion:
+        meridian = motion.windward_meridian + 2.0 * np.pi
+        return replace(motion, windward_meridian=meridian, history=lambda tau: turned(motion.delayed(tau)))
+
+    motion = sample_motion(uniform_time(_SHORT))
     for theta in _thetas(mechanism):
-        before = _columns(mechanism.terms(motion, theta))
-        after = _columns(mechanism.terms(_turned(motion), theta))
-        worst = float(np.max(np.abs(before - after)))
+        before, after = (_columns(mechanism.terms(each, theta)) for each in (motion, turned(motion)))
+        apart = _apart(before, before, after)
         expect(
-            worst <= 1e-9 * (float(np.max(np.abs(before))) or 1.0),
-            f"adding 2 pi to the windward meridian moves a column by {worst:.1e}; "
+            apart <= 1e-9,
+            f"adding 2 pi to the windward meridian moves a column by {apart:.1e} of its size; "
             "use its sine, its cosine or differences",
         )
 
 
-def _turned(motion: Motion) -> Motion:
-    """The same motion with its meridian counted from one turn further on."""
-    return replace(
-        motion,
-        windward_meridian=motion.windward_meridian + 2.0 * np.pi,
-        history=lambda tau: _turned(motion.delayed(tau)),
-    )
-
-
 def acts_on_the_moments(mechanism: Mechanism) -> None:
     """Every term moves a moment somewhere in the sample motion."""
-    for theta in _thetas(mechanism)[-1:]:
-        for term in mechanism.terms(sample_motion(uniform_time()), theta):
-            expect(
-                bool(np.any(term.in_plane) or np.any(term.out_of_plane)),
-                f"'{term.name}' is zero throughout a motion of 2 to 4 deg, Mach 22, Reynolds 1e5 to 1e7",
-            )
+    for term in mechanism.terms(sample_motion(uniform_time()), _thetas(mechanism)[-1]):
+        expect(
+            bool(np.any(term.in_plane) or np.any(term.out_of_plane)),
+            f"'{term.name}' is zero throughout a motion of 2 to 4 deg, Mach 22, Reynolds 1e5 to 1e7",
+        )
 
 
 def flags_its_delays(mechanism: Mechanism) -> None:
     """A parameter that reaches into the past is flagged as a delay, in a unit of time, and never into the future."""
+
+    def requested(theta: Mapping[str, float]) -> list[float]:
+        """The delays (s) at which `terms` requests the motion."""
+        found: list[float] = []
+        motion = sample_motion(uniform_time(_SHORT))
+
+        def past(tau: float) -> Motion:
+            found.append(tau)
+            return motion.delayed(tau)
+
+        mechanism.terms(replace(motion, history=past), theta)
+        return found
+
     theta = _thetas(mechanism)[0]
-    requested = _delays_requested(mechanism, theta)
-    expect(
-        all(tau >= 0.0 for tau in requested), f"it requests the motion {-min(requested, default=0.0)} s in the future"
-    )
+    at_first = requested(theta)
+    expect(min(at_first, default=0.0) >= 0.0, f"it requests the motion {-min(at_first, default=0.0)} s in the future")
     for parameter in mechanism.parameters():
-        moved = _delays_requested(mechanism, {**theta, parameter.name: parameter.bounds[1]}) != requested
+        name, value = parameter.name, parameter.bounds[1]
+        found = requested({**theta, name: value})
+        moved = found != at_first
         expect(
             moved == parameter.is_delay,
-            f"'{parameter.name}' {'sets a delay: flag it' if moved else 'sets no delay but is flagged'} "
-            "(`is_delay`)",
+            f"'{name}' {'sets a delay: flag it' if moved else 'sets no delay but is flagged'} (`is_delay`)",
         )
         if parameter.is_delay:
-            _check_delay(mechanism, parameter, theta)
-
-
-def _check_delay(mechanism: Mechanism, parameter: Parameter, theta: Mapping[str, float]) -> None:
-    """The past that it requests is earlier by the parameter's value in its unit."""
-    expect(parameter.bounds[0] >= 0.0, f"the delay '{parameter.name}' may become negative")
-    value, seconds = parameter.bounds[1], parameter.seconds
-    requested = _delays_requested(mechanism, {**theta, parameter.name: value})
-    expect(
-        any(np.isclose(tau, value * seconds, rtol=1e-9, atol=0.0) for tau in requested),
-        f"at '{parameter.name}' = {value:g} {parameter.units} it requests the motion "
-        f"{', '.join(f'{tau:g}' for tau in requested)} s earlier, not {value * seconds:g} s",
-    )
-
-
-def _delays_requested(mechanism: Mechanism, theta: Mapping[str, float]) -> list[float]:
-    """The delays at which `terms` requests the motion."""
-    requested: list[float] = []
-    motion = sample_motion(uniform_time(60))
-
-    def past(tau: float) -> Motion:
-        requested.append(tau)
-        return motion.delayed(tau)
-
-    mechanism.terms(replace(motion, history=past), theta)
-    return requested
+            expect(parameter.bounds[0] >= 0.0, f"the delay '{name}' may become negative")
+            seconds = value * parameter.seconds
+            expect(
+                any(np.isclose(tau, seconds, rtol=1e-9, atol=0.0) for tau in found),
+                f"at '{name}' = {value:g} {parameter.units} it requests the motion "
+                f"{', '.join(f'{tau:g}' for tau in found)} s earlier, not {seconds:g} s",
+            )
 
 
 def has_sane_knots(mechanism: Mechanism) -> None:
@@ -351,47 +409,40 @@ def has_sane_knots(mechanism: Mechanism) -> None:
     expect(np.ndim(knots) == 1, f"knots of shape {np.shape(knots)}: give a vector of times")
     inside = (knots >= motion.time[0]) & (knots <= motion.time[-1])
     expect(
-        bool(np.all(np.diff(knots) > 0) and np.all(inside)),
-        f"knots outside the record or out of order: {knots}",
+        np.all(np.diff(knots) > 0) and np.all(inside), f"knots outside the record or out of order: {knots}"
     )
 
 
 def derives_with_uncertainty(mechanism: Mechanism) -> None:
     """What it derives from coefficients is finite, has a unit, and its sigma follows the covariance."""
-    terms = mechanism.terms(sample_motion(uniform_time(60)), _thetas(mechanism)[0])
+    terms = mechanism.terms(sample_motion(uniform_time(_SHORT)), _thetas(mechanism)[0])
     draw = np.random.default_rng(7)
-    values = {
-        term.name: float(value) for term, value in zip(terms, draw.normal(size=len(terms)), strict=True)
-    }
+    values = {t.name: float(value) for t, value in zip(terms, draw.normal(size=len(terms)), strict=True)}
     root = draw.normal(size=(len(terms), len(terms)))
-    covariance = 1e-4 * root @ root.T
-    for one, four in zip(
-        mechanism.derived(values, covariance), mechanism.derived(values, 4.0 * covariance), strict=True
-    ):
-        expect(bool(np.isfinite(one.value)), f"'{one.name}' is {one.value}")
+    once, twice = (mechanism.derived(values, scale * root @ root.T) for scale in (1e-4, 4e-4))
+    for one, four in zip(once, twice, strict=True):
+        expect(np.isfinite(one.value), f"'{one.name}' is {one.value}")
         expect(is_unit(one.units), f"'{one.name}': '{one.units}' is not a unit")
         expect(
-            one.std_error >= 0.0 and bool(np.isclose(four.std_error, 2.0 * one.std_error)),
+            one.std_error >= 0.0 and np.isclose(four.std_error, 2.0 * one.std_error),
             f"'{one.name}': four times the covariance takes sigma from {one.std_error} "
             f"to {four.std_error}, where twice is expected",
         )
 
 
-def has_a_sane_likelihood(mechanism: Mechanism) -> None:
-    """Its likelihood is finite and falls as the innovations grow."""
-    innovations = np.random.default_rng(7).normal(size=200)
-    near, far = (mechanism.log_likelihood(scale * innovations, 1.0) for scale in (1.0, 3.0))
-    expect(bool(np.isfinite([near, far]).all()), f"log-likelihoods of {near} and {far}")
-    expect(far < near, f"innovations three times as large are likelier: {far} against {near}")
-
-
-def documents_its_terms(mechanism: Mechanism) -> None:
-    """`terms` says in its docstring which terms it gives."""
-    expect(bool(type(mechanism).terms.__doc__), "`terms` has no docstring of its own")
+def has_a_sane_tolerance(mechanism: Mechanism) -> None:
+    """Its tolerance, if it has one, is a finite size of each term's coefficient, and no term has a parameter."""
+    sizes = mechanism.tolerance(sample_flight())
+    if sizes is None:
+        return
+    expect(not mechanism.parameters(), "a mechanism with a tolerance is linear: give it no parameters")
+    terms = mechanism.terms(sample_motion(uniform_time(_SHORT)), {})
+    sound = len(sizes) == len(terms) and all(np.isfinite(size) and size >= 0.0 for size in sizes)
+    expect(sound, f"a tolerance of {sizes} for {len(terms)} terms: give each its 1-sigma size")
 
 
 MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = tuple(
-    named(check)
+    Check(check)
     for check in (
         is_declared,
         documents_its_terms,
@@ -409,7 +460,7 @@ MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = tuple(
         flags_its_delays,
         has_sane_knots,
         derives_with_uncertainty,
-        has_a_sane_likelihood,
+        has_a_sane_tolerance,
     )
 )
 """Every check of a mechanism, in the order in which an author wants to read them."""
@@ -425,37 +476,33 @@ class Alias(NamedTuple):
 
 def renamed(mechanism: Mechanism, aliases: Mapping[str, Alias]) -> Mechanism:
     """The same mechanism with those of its parameters under other names and in other units."""
-    own = unchecked(mechanism)
-    known = {parameter.name: aliases.get(parameter.name) for parameter in own.parameters()}
-
-    def parameters(_: Mechanism) -> tuple[Parameter, ...]:
-        return tuple(_under(parameter, aliases.get(parameter.name)) for parameter in own.parameters())
-
-    def terms(_: Mechanism, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        return own.terms(
-            motion,
-            {name: theta[name] if a is None else theta[a.name] * a.scale for name, a in known.items()},
-        )
-
-    kind: type[Any] = type(own)
-    terms.__doc__ = kind.terms.__doc__
-    attributes = {"__module__": kind.__module__, "__doc__": kind.__doc__, "parameters": parameters, "terms": terms}
-    made: type[Mechanism] = type(kind.__name__, (kind,), attributes)
-    return made.model_validate(own.model_dump())
+    return cast(Mechanism, Renamed(unchecked(mechanism), aliases))
 
 
-def _under(parameter: Parameter, alias: Alias | None) -> Parameter:
-    if alias is None:
-        return parameter
-    low, high = parameter.bounds
-    return Parameter(
-        alias.name,
-        alias.units,
-        tuple(value / alias.scale for value in parameter.grid),
-        (low / alias.scale, high / alias.scale),
-        parameter.meaning,
-        parameter.is_delay,
-    )
+class Renamed(Wrapped):
+    """A mechanism of whose parameters some have an alias."""
+
+    def __init__(self, item: Mechanism, aliases: Mapping[str, Alias]) -> None:
+        super().__init__(item)
+        self.aliases = aliases
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the mechanism, by their aliases."""
+        return tuple(self._aliased(parameter) for parameter in self.item.parameters())
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """Those of the mechanism, at the same values."""
+        own = {}
+        for parameter in self.item.parameters():
+            alias = self.aliases.get(parameter.name, Alias(parameter.name, parameter.units))
+            own[parameter.name] = theta[alias.name] * alias.scale
+        return tuple(self.item.terms(motion, own))
+
+    def _aliased(self, parameter: Parameter) -> Parameter:
+        alias = self.aliases.get(parameter.name, Alias(parameter.name, parameter.units))
+        low, high = (bound / alias.scale for bound in parameter.bounds)
+        grid = tuple(value / alias.scale for value in parameter.grid)
+        return replace(parameter, name=alias.name, units=alias.units, grid=grid, bounds=(low, high))
 
 
 # ---- The checks of a record effect: a perturbation of the record that is small, pure and linear ----
@@ -467,23 +514,20 @@ _WIND, _PLACE = 10.0, 0.1
 
 def _channels(flight: Flight) -> FloatArray:
     """All that an effect may act on, (rows, samples): channels by their size in the sample, wind, place, inertia."""
-    channels = np.array([getattr(flight, name) for name in CHANNELS], dtype=float)
-    sizes = np.array([np.max(np.abs(getattr(sample_flight(), name))) for name in CHANNELS], dtype=float)
+    known = sample_flight()
+    channels = [getattr(flight, name) / np.max(np.abs(getattr(known, name))) for name in CHANNELS]
     wind = np.zeros((3, flight.samples)) if flight.wind is None else flight.wind.T / _WIND
-    place = np.array(flight.vehicle.accelerometer_position)[:, np.newaxis] * np.ones(flight.samples) / _PLACE
-    known = sample_flight().vehicle
-    inertia = np.array([[flight.vehicle.ixx / known.ixx], [flight.vehicle.iyy / known.iyy]])
-    return np.concatenate([channels / sizes[:, np.newaxis], wind, place, inertia * np.ones(flight.samples)])
+    place = [value / _PLACE for value in flight.vehicle.accelerometer_position]
+    inertia = [flight.vehicle.ixx / known.vehicle.ixx, flight.vehicle.iyy / known.vehicle.iyy]
+    constant = np.array([*place, *inertia])[:, np.newaxis] * np.ones(flight.samples)
+    return np.concatenate([np.array(channels, dtype=float), wind, constant])
 
 
-def declares_itself(effect: RecordEffect) -> None:
-    """It has a name, a title, claims, a source and a kind."""
-    for attribute in ("name", "title", "claims", "source"):
-        value = getattr(type(effect), attribute, None)
-        expect(
-            isinstance(value, str) and bool(value.strip()), f"`{attribute}` is {value!r}: set a line of text"
-        )
-    expect(effect.kind in ("instrument", "environment"), f"`kind` is {effect.kind!r}")
+def _changes(effect: RecordEffect, share: float) -> Iterator[tuple[str, float, FloatArray]]:
+    """Name and size of each component, and what a share of that changes in the sample's channels."""
+    for name, _, size in effect.components(sample_flight()):
+        changed = _channels(effect.perturb(sample_flight(), name, share * size))
+        yield name, size, changed - _channels(sample_flight())
 
 
 def has_sane_components(effect: RecordEffect) -> None:
@@ -493,34 +537,27 @@ def has_sane_components(effect: RecordEffect) -> None:
     expect(bool(names) and len(set(names)) == len(names), f"components need names, each its own: {names}")
     for name, units, size in components:
         expect(is_unit(units), f"'{name}': '{units}' is not a unit")
-        expect(bool(np.isfinite(size)) and size > 0.0, f"'{name}': the typical size is {size}")
+        expect(np.isfinite(size) and size > 0.0, f"'{name}': the typical size is {size}")
 
 
 def leaves_the_record_alone_at_zero(effect: RecordEffect) -> None:
     """The value zero changes nothing."""
-    flight = sample_flight()
-    for name, _, _ in effect.components(sample_flight()):
-        change = np.max(np.abs(_channels(effect.perturb(flight, name, 0.0)) - _channels(flight)))
-        expect(bool(change < 1e-12), f"'{name}' = 0 changes the record by {change:.1e} of its size")
+    for name, _, change in _changes(effect, 0.0):
+        largest = np.max(np.abs(change))
+        expect(largest < 1e-12, f"'{name}' = 0 changes the record by {largest:.1e} of its size")
 
 
 def changes_the_record(effect: RecordEffect) -> None:
-    """The typical size changes the record, keeps the number of samples and leaves all finite."""
-    flight = sample_flight()
-    for name, _, size in effect.components(sample_flight()):
-        changed = _channels(effect.perturb(flight, name, size))
-        expect(changed.shape == _channels(flight).shape, f"'{name}' changes the number of samples")
-        expect(bool(np.isfinite(changed).all()), f"'{name}' leaves values that are not finite")
-        expect(bool(np.any(changed != _channels(flight))), f"'{name}' = {size} changes nothing")
+    """The typical size changes the record and leaves all finite; the number of samples stays."""
+    for name, size, change in _changes(effect, 1.0):
+        expect(np.isfinite(change).all(), f"'{name}' leaves values that are not finite")
+        expect(np.any(change), f"'{name}' = {size} changes nothing")
 
 
 def is_linear_for_small_values(effect: RecordEffect) -> None:
     """Half the typical size does half of what the typical size does, within 5 %."""
-    flight = sample_flight()
-    for name, _, size in effect.components(sample_flight()):
-        whole = _channels(effect.perturb(flight, name, size)) - _channels(flight)
-        half = _channels(effect.perturb(flight, name, 0.5 * size)) - _channels(flight)
-        off = float(np.max(np.abs(whole - 2.0 * half)) / np.max(np.abs(whole)))
+    for (name, size, whole), (_, _, half) in zip(_changes(effect, 1.0), _changes(effect, 0.5), strict=True):
+        off = _apart(whole, whole, 2.0 * half)
         expect(off < 0.05, f"'{name}' departs from linear by {100 * off:.0f} % at its typical size {size}")
 
 
@@ -529,17 +566,14 @@ def leaves_its_input_alone(effect: RecordEffect) -> None:
     flight = sample_flight()
     for name, _, size in effect.components(sample_flight()):
         first, again = (_channels(effect.perturb(flight, name, size)) for _ in range(2))
-        expect(bool(np.array_equal(first, again)), f"two calls with the same '{name}' differ")
-        expect(
-            bool(np.array_equal(_channels(flight), _channels(sample_flight()))),
-            f"'{name}' writes into its input",
-        )
+        expect(np.array_equal(first, again), f"two calls with the same '{name}' differ")
+        expect(np.array_equal(_channels(flight), _channels(sample_flight())), f"'{name}' writes into its input")
 
 
 EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = tuple(
-    named(check)
+    Check(check)
     for check in (
-        declares_itself,
+        is_declared,
         has_sane_components,
         leaves_the_record_alone_at_zero,
         changes_the_record,
@@ -550,45 +584,22 @@ EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = tuple(
 """Every check of a record effect."""
 
 
-# ---- Runs the checks that apply to an item ----
+# ---- The checks that apply to an item ----
 
 
 # What an analysis relies on; the other checks are for the author.
-_MECHANISM_RELIED_ON = (
-    has_sane_parameters,
-    keeps_the_shape,
-    has_the_same_terms_for_every_theta,
-    is_finite,
-    has_sane_knots,
-    has_a_sane_likelihood,
+_RELIED_ON = (
+    *(is_declared, has_sane_parameters, keeps_the_shape, has_the_same_terms_for_every_theta, is_finite),
+    *(has_sane_knots, has_a_sane_tolerance),
 )
-_EFFECT_RELIED_ON = (has_sane_components, changes_the_record)
 
 
-def relied_on(item: Mechanism | RecordEffect) -> tuple[Callable[[], None], ...]:
-    """The checks that an analysis relies on, bound to the item; each raises Nonconformity where it is broken."""
-    if isinstance(item, Mechanism):
-        return tuple(partial(check, item) for check in _MECHANISM_RELIED_ON)
-    return tuple(partial(check, item) for check in _EFFECT_RELIED_ON)
+def relied_on(item: Mechanism | RecordEffect) -> tuple[Callable[[Any], None], ...]:
+    """The checks that an analysis relies on; each raises Nonconformity where the item breaks it."""
+    return _RELIED_ON if isinstance(item, Mechanism) else (is_declared, has_sane_components, changes_the_record)
 
 
 def conformance(item: Mechanism | RecordEffect) -> tuple[Outcome, ...]:
     """The outcome of every check, in order; none stops the others."""
-    tested = unchecked(item)
-    if isinstance(tested, Mechanism):
-        return tuple(check.outcome(tested) for check in MECHANISM_CHECKS)
-    return tuple(check.outcome(tested) for check in EFFECT_CHECKS)
-
-__all__ = [
-    "EFFECT_CHECKS",
-    "MECHANISM_CHECKS",
-    "Alias",
-    "Check",
-    "Nonconformity",
-    "Outcome",
-    "conformance",
-    "relied_on",
-    "renamed",
-    "sample_flight",
-    "sample_motion",
-]
+    checks: tuple[Check[Any], ...] = MECHANISM_CHECKS if isinstance(item, Mechanism) else EFFECT_CHECKS
+    return tuple(check.outcome(unchecked(item)) for check in checks)

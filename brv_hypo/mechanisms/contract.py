@@ -36,17 +36,20 @@ def current_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`, both in `units`.
-
-    `name` and `units` are the mechanism's own affair; `is_delay` says that `terms` uses the motion so much earlier.
-    """
+    """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`."""
 
     name: str
+    """Its key in theta; any but 'knot', 'start' and 'stop'."""
     units: str
+    """What grid, bounds and theta are in; any unit."""
     grid: tuple[float, ...]
+    """Values to search, increasing, inside `bounds`."""
     bounds: tuple[float, float]
+    """Least and greatest value."""
     meaning: str
+    """One line for a reader."""
     is_delay: bool = False
+    """Whether `terms` uses the motion so much earlier."""
 
     @property
     def seconds(self) -> float:
@@ -56,17 +59,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Term:
-    """One column: C_N' and C_Z' per unit of its coefficient, on the motion's shape.
-
-    `units` are those of the coefficient; the columns times the coefficient are dimensionless. `vector`: terms with the
-    same name here are components of one vector and enter together.
-    """
+    """One column: C_N' and C_Z' per unit of its coefficient, on the motion's shape."""
 
     name: str
     in_plane: FloatArray
     out_of_plane: FloatArray
     units: str = "1"
+    """Of the coefficient; the columns times the coefficient are dimensionless."""
     vector: str | None = None
+    """Terms with the same name here are components of one vector and enter together."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,25 @@ class Derived:
     value: float
     std_error: float
     units: str
+
+    @classmethod
+    def polar(
+        cls, size: str, angle: str, pair: tuple[float, float], covariance: FloatArray, sense: float = 1.0
+    ) -> tuple[Derived, ...]:
+        """Size and direction (rad, counted in `sense`) of a vector of two coefficients without unit, by these names.
+
+        To first order in the covariance (2, 2); nothing where both are 0.
+        """
+        x, y = pair
+        length = float(np.hypot(x, y))
+        if length == 0.0:
+            return ()
+        along, across = np.array([x, y]) / length, np.array([-y, x]) / length
+        turn = float(np.sqrt(across @ covariance @ across)) / length
+        return (
+            cls(size, length, float(np.sqrt(along @ covariance @ along)), "1"),
+            cls(angle, float(np.arctan2(sense * y, x)), turn, "rad"),
+        )
 
 
 class Component(NamedTuple):
@@ -137,7 +157,8 @@ class Mechanism(BaseModel, ABC):
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """1-sigma of each term's coefficient that the record's tolerances of the vehicle allow; None: not a tolerance.
 
-        A mechanism with one is part of every hypothesis, with that Gaussian prior.
+        A mechanism with one is part of every hypothesis, with that Gaussian prior; one of another distribution where
+        its file (`--plugin`) or its name is given.
         """
         return None
 
@@ -147,12 +168,6 @@ class Mechanism(BaseModel, ABC):
         What changes at times of the record is of its flight in any case.
         """
         return self.tolerance(flight) is not None
-
-    def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
-        """Log-likelihood of whitened innovations (n,) of sigma `std_error`: Gaussian by default."""
-        n = innovations.size
-        normalisation = n * (np.log(std_error) + 0.5 * np.log(2 * np.pi))
-        return float(-0.5 * np.sum((innovations / std_error) ** 2) - normalisation)
 
 
 class RecordEffect(BaseModel, ABC):
@@ -170,8 +185,9 @@ class RecordEffect(BaseModel, ABC):
     source: ClassVar[str]
     kind: ClassVar[Literal["instrument", "environment"]]
     carried: ClassVar[bool] = True
-    """Whether it is part of every hypothesis, with the prior that the record's tolerances give it; False for events
-    that are hypotheses of their own, as a step of the wind."""
+    """Whether it is part of every hypothesis, with the prior that the tolerances in `components` give it; of another
+    distribution where its file (`--plugin`) or its name is given. False for events that are hypotheses of their own,
+    as a step of the wind."""
 
     def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
         """The effect with each setting to try on this flight, such as an unknown time; itself by default."""

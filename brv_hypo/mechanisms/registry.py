@@ -3,20 +3,23 @@
 A plugin is a module (entry point or .py file) with the hooks of hookspecs.py, or one mechanism in a .yaml file.
 Each is loaded and checked on its own: one that breaks the contract is left out with a reason that names its
 package, file and line, and changes nothing else. `installed` has all that were found; `find`, `find_installed`
-and `parse_hypothesis` look them up. Those of this distribution that are nuisances, record effects and mechanisms
-with a tolerance, are in every hypothesis: `nuisance_effects`, `nuisance_mechanisms`, `perturbations`.
+and `parse_hypothesis` look them up.
+
+Nuisances, record effects and mechanisms with a tolerance, are in every hypothesis: those of this distribution, and
+of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`). What is installed
+and not asked for changes no result. `nuisance_effects`, `nuisance_mechanisms` and `perturbations` have them.
 """
 
 from __future__ import annotations
 
-import difflib
 import importlib.util
-import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +28,8 @@ from pydantic import ValidationError
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.reading import check_regular
-from brv_hypo.io.text import one_line
-from brv_hypo.mechanisms.checked import answer, checked, fault, known_as, unchecked
+from brv_hypo.io.text import meant, one_line
+from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, known_as, unchecked
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
@@ -37,12 +40,6 @@ from brv_hypo.motion.responses import Perturbation, superposed
 
 OWN = "brv-hypo"  # this project's distribution: its plugins pass the conformance kit before every release
 HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
-
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
-_KINDS: dict[type[Any], tuple[str, ...]] = {
-    Mechanism: ("mechanism", "aerodynamic"),
-    RecordEffect: ("instrument", "environment"),
-}
 
 Item = Mechanism | RecordEffect
 Found = tuple[list[Item], list[str]]
@@ -90,57 +87,32 @@ def load_file(path: str) -> Found:
         )
     module = f"brv_hypo_plugin_{file.stem}"
     known_as(module, path)
-    return items_of(file.stem, path, lambda: _imported(module, file))
 
+    def imported() -> Any:
+        specification = importlib.util.spec_from_file_location(module, file)
+        assert specification is not None
+        assert specification.loader is not None
+        loaded = sys.modules[module] = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(loaded)
+        return loaded
 
-def _imported(module: str, file: Path) -> Any:
-    specification = importlib.util.spec_from_file_location(module, file)
-    assert specification is not None
-    assert specification.loader is not None
-    loaded = importlib.util.module_from_spec(specification)
-    sys.modules[module] = loaded
-    specification.loader.exec_module(loaded)
-    return loaded
+    return items_of(file.stem, path, imported)
 
 
 def _check(item: Any, plugin: str, package: str) -> None:
-    """Raise MechanismError unless the item is declared as the contract asks and, if foreign, answers as it should."""
-    kind = next((kind for kind in _KINDS if isinstance(item, kind)), None)
-    if kind is None:
-        raise fault(
-            plugin, package, f"a hook gave {one_line(repr(item))}, expected a Mechanism or RecordEffect"
-        )
-    name = getattr(item, "name", None)
-    if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "none":
-        raise fault(
-            plugin,
-            package,
-            f"the name {name!r}, expected lower case letters, digits and _, not 'none'",
-            type(item),
-        )
-    for attribute in ("title", "claims", "source"):
-        if not isinstance(getattr(item, attribute, None), str):
-            raise fault(name, package, f"`{attribute}` is not text", type(item))
-    if getattr(item, "kind", None) not in _KINDS[kind]:
-        raise fault(
-            name,
-            package,
-            f"`kind` is {getattr(item, 'kind', None)!r}, expected one of {_KINDS[kind]}",
-            type(item),
-        )
-    if package != OWN:
-        _check_answers(checked(item), name, package)
-
-
-def _check_answers(item: Item, name: str, package: str) -> None:
-    """Raise MechanismError unless the item passes those checks of the conformance kit that an analysis relies on."""
+    """Raise MechanismError unless a foreign item passes those checks of the kit that an analysis relies on."""
+    if not isinstance(item, Mechanism | RecordEffect):
+        raise fault(plugin, package, f"a hook gave {one_line(repr(item))}, expected a Mechanism or RecordEffect")
+    if package == OWN:
+        return
     from brv_hypo.mechanisms.conformance import Nonconformity, relied_on
 
     for check in relied_on(item):
         try:
-            check()
+            check(checked(item))
         except Nonconformity as broken:
-            raise fault(name, package, str(broken), type(unchecked(item))) from None
+            name = getattr(item, "name", plugin)
+            raise fault(name, package, str(broken), unchecked(item).__class__) from None
 
 
 # ---- Finds the installed plugins, each on its own, and looks their mechanisms up by name ----
@@ -158,14 +130,6 @@ class Installed:
     version: str
 
 
-@dataclass(frozen=True)
-class Loaded:
-    """What was found, by name, and why some of it was left out."""
-
-    items: Mapping[str, Installed]
-    left_out: tuple[str, ...]
-
-
 def use_plugin_files(paths: Sequence[str | Path]) -> None:
     """Load these .py and .yaml files beside what is installed, instead of those of an earlier call."""
     global _files
@@ -180,25 +144,31 @@ def plugin_files() -> tuple[str, ...]:
 
 def installed() -> Mapping[str, Installed]:
     """Every mechanism and record effect of every plugin that keeps its contract, by name; loaded once."""
-    return _loaded().items
+    return _loaded()[0]
 
 
 def left_out() -> tuple[str, ...]:
     """Why plugins were left out when they were loaded, with package, file and line; empty before that."""
-    return _loaded().left_out if _loaded.cache_info().currsize else ()
+    return _loaded()[1] if _loaded.cache_info().currsize else ()
 
 
 @lru_cache(maxsize=1)
-def _loaded() -> Loaded:
+def _loaded() -> tuple[Mapping[str, Installed], tuple[str, ...]]:
+    """What was found, by name, and why some of it was left out."""
+    # Each entry point once, of this project first, then by package and name.
+    points: dict[tuple[bool, str, str], tuple[EntryPoint, str]] = {}
+    for point in entry_points(group=ENTRY_POINT_GROUP):
+        metadata = {"Name": point.module, "Version": ""} if point.dist is None else point.dist.metadata
+        package = metadata["Name"]
+        points[package != OWN, package, point.name] = point, metadata["Version"]
     found: dict[str, Installed] = {}
     left: list[str] = []
-    for point in _entry_points():
-        package, version = _distribution(point)
+    for (_, package, name), (point, version) in sorted(points.items(), key=lambda each: each[0]):
         known_as(point.module, package)
-        _add(found, left, package, version, partial(items_of, point.name, package, point.load))
+        _add(found, left, package, version, partial(items_of, name, package, point.load))
     for path in _files:
         _add(found, left, path, "", partial(load_file, path))
-    return Loaded(dict(sorted(found.items())), tuple(left))
+    return dict(sorted(found.items())), tuple(left)
 
 
 def _add(
@@ -209,33 +179,15 @@ def _add(
         items, problems = load()
     except MechanismError as error:
         items, problems = [], [str(error)]
-    left += [f"a plugin is left out: {problem}" for problem in problems]
     for item in items:
         if item.name in found:
-            left.append(
-                f"a plugin is left out: '{item.name}' of {package} has the name of one of "
-                f"{found[item.name].package}, which is kept. Uninstall or rename one of them."
+            problems.append(
+                f"'{item.name}' of {package} has the name of one of {found[item.name].package}, which is kept. "
+                "Uninstall or rename one of them."
             )
-            continue
-        found[item.name] = Installed(item if package == OWN else checked(item), package, version)
-
-
-def _entry_points() -> list[EntryPoint]:
-    """Those of the group, each once: this project's own first, then by package and name."""
-    unique = {(_distribution(point)[0], point.name): point for point in entry_points(group=ENTRY_POINT_GROUP)}
-    return [unique[key] for key in sorted(unique, key=lambda key: (key[0] != OWN, key))]
-
-
-def _distribution(point: EntryPoint) -> tuple[str, str]:
-    """Name and version of what brought the entry point."""
-    return (point.module, "") if point.dist is None else _name_and_version(point.dist)
-
-
-@lru_cache(maxsize=64)
-def _name_and_version(distribution: Distribution) -> tuple[str, str]:
-    """As the distribution's metadata say, which are read anew each time that they are asked for."""
-    metadata = distribution.metadata
-    return metadata["Name"], metadata["Version"]
+        else:
+            found[item.name] = Installed(item if package == OWN else checked(item), package, version)
+    left += [f"a plugin is left out: {problem}" for problem in problems]
 
 
 def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
@@ -254,22 +206,18 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
 
     Raises UsageError with the nearest names, or with what is wrong in the file.
     """
-    if is_mechanism_file(name):
-        return read_mechanism(name)
-    items = {key: entry.item for key, entry in installed().items() if isinstance(entry.item, Mechanism)}
-    if name not in items:
-        raise _unknown(name, items)
-    item = items[name]
-    if not options:
+    item = _found(name, [key for key, entry in installed().items() if isinstance(entry.item, Mechanism)])
+    assert isinstance(item, Mechanism)
+    if not options or is_mechanism_file(name):
         return item
+    package, plain = installed()[name].package, unchecked(item)
     try:
-        return answer(
-            name, installed()[name].package, type(item).model_validate, {**item.model_dump(), **options}
-        )
+        made = answer(name, package, plain.__class__.model_validate, {**plain.model_dump(), **options})
     except MechanismError as error:
         if isinstance(error.__cause__, ValidationError):
             raise UsageError(f"bad options for mechanism '{name}': {error.__cause__}") from None
         raise
+    return checked(made) if is_checked(item) else made
 
 
 def find_installed(name: str) -> Mechanism | RecordEffect:
@@ -277,20 +225,17 @@ def find_installed(name: str) -> Mechanism | RecordEffect:
 
     Raises UsageError with the nearest names, or with what is wrong in the file.
     """
+    return _found(name, list(installed()))
+
+
+def _found(name: str, known: Sequence[str]) -> Item:
     if is_mechanism_file(name):
         return read_mechanism(name)
-    if name not in installed():
-        raise _unknown(name, installed())
-    return installed()[name].item
-
-
-def _unknown(name: str, known: Iterable[str]) -> UsageError:
-    near = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"installed: {', '.join(known)}."
+    if name in known:
+        return installed()[name].item
+    hint = meant(name, known, f"installed: {', '.join(known)}.", cutoff=0.4, most=3)
     reasons = "".join(f" {reason}" for reason in left_out() if f"'{name}'" in reason)
-    return UsageError(
-        f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.{reasons}"
-    )
+    raise UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.{reasons}")
 
 
 def parse_hypothesis(
@@ -305,36 +250,59 @@ def parse_hypothesis(
     return tuple(find(name, (options or {}).get(name)) for name in names)
 
 
-def nuisance_effects() -> tuple[RecordEffect, ...]:
-    """The record effects of this distribution that are part of every hypothesis.
+# ---- Nuisances: what every hypothesis has, within its tolerance ----
 
-    Those of other distributions are hypotheses, tried where asked for: what is installed changes no result.
-    """
-    return tuple(item for item in _own() if isinstance(item, RecordEffect) and item.carried)
+
+_NONE: frozenset[str] = frozenset()
+_requested: ContextVar[tuple[frozenset[str], frozenset[str]]] = ContextVar("requested", default=(_NONE, _NONE))
+"""Names that a comparison requests, and those of plugins that broke their contract in it."""
+
+
+@contextmanager
+def requested(names: Iterable[str], faulty: Iterable[str] = ()) -> Iterator[None]:
+    """In the block, nuisances of other distributions are those of `names` and of files, without the `faulty`."""
+    token = _requested.set((frozenset(names), frozenset(faulty)))
+    try:
+        yield
+    finally:
+        _requested.reset(token)
+
+
+def nuisance_effects() -> tuple[RecordEffect, ...]:
+    """The record effects that are part of every hypothesis."""
+    return tuple(item for item in _nuisances() if isinstance(item, RecordEffect) and item.carried)
 
 
 def nuisance_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
-    """The mechanisms of this distribution whose coefficients the record's tolerances of the vehicle bound."""
-    return tuple(item for item in _own() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+    """The mechanisms whose coefficients the record's tolerances of the vehicle bound."""
+    return tuple(item for item in _nuisances() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+
+
+def _nuisances() -> list[Item]:
+    """All of which a tolerance may be known: of this distribution, or asked for."""
+    names, faulty = _requested.get()
+    return [
+        entry.item
+        for name, entry in installed().items()
+        if (entry.package == OWN or entry.package in _files or name in names) and name not in faulty
+    ]
 
 
 def perturbations(flight: Flight) -> tuple[Perturbation, ...]:
-    """Every component of every carried effect, with the size that the tolerances of `flight` give it."""
+    """Every component of every nuisance effect, with the size that the tolerances of `flight` give it."""
+
+    def applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
+        return effect.perturb(flight, component, value)
+
     return tuple(
-        Perturbation(
-            effect.name,
-            component.name,
-            component.units,
-            component.size,
-            partial(_applied, effect, component.name),
-        )
+        Perturbation(effect.name, name, units, size, partial(applied, effect, name))
         for effect in nuisance_effects()
-        for component in effect.components(flight)
+        for name, units, size in effect.components(flight)
     )
 
 
 def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
-    """The record with what is known of carried effects' components (SI) taken out; other names are passed over."""
+    """The record with what is known of nuisance effects' components (SI) taken out; other names are passed over."""
     changed = (
         effect.perturb(flight, component.name, -errors[effect.name, component.name])
         for effect in nuisance_effects()
@@ -342,12 +310,3 @@ def without(flight: Flight, errors: Mapping[tuple[str, str], float]) -> Flight:
         if (effect.name, component.name) in errors
     )
     return superposed(flight, changed)
-
-
-def _own() -> list[Mechanism | RecordEffect]:
-    """All that this distribution brings."""
-    return [entry.item for entry in installed().values() if entry.package == OWN]
-
-
-def _applied(effect: RecordEffect, component: str, flight: Flight, value: float) -> Flight:
-    return effect.perturb(flight, component, value)

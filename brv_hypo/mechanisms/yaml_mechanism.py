@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import yaml
@@ -53,22 +53,22 @@ class _Part(BaseModel):
 
 
 class Factor(_Part):
-    """One function of one quantity x (SI, rad; `log_reynolds` is log10 of the Reynolds number).
-
-    `power`: ((x - at) / scale)^power. `cos`, `sin`: of rate * x. `step`: half of (1 + tanh((x - at) /
-    width)); for width 0 sharp, as a jump in time. `ramp`: x - at from `at` on, at its last value after `width`, which
-    is 0 where it goes on. `bump`: a linear B-spline, 1 at `at` and 0 `width` away. `schedule`: straight lines through
-    `values` at `places`, constant beyond.
-    """
+    """One function of one quantity x (SI, rad; `log_reynolds` is log10 of the Reynolds number)."""
 
     of: Quantity
     function: Literal["power", "cos", "sin", "step", "ramp", "bump", "schedule"] = "power"
     power: int = Field(default=1, ge=-3, le=6)
+    """Of `power`: ((x - at) / scale)^power."""
     rate: float = 1.0
+    """Of `cos` and `sin`: of rate * x."""
     at: float = 0.0
+    """Where a step or ramp begins, a bump has its middle, a power is 0."""
     scale: float = Field(default=1.0, gt=0.0)
     width: float = Field(default=0.0, ge=0.0)
+    """Of a `step`, half of (1 + tanh((x - at) / width)), 0 for a sharp one; of a `ramp`, after which it stays, 0 where
+    it goes on; of a `bump`, a linear B-spline that is 1 at `at` and 0 so far away."""
     places: tuple[float, ...] = ()
+    """Of a `schedule`: straight lines through `values` there, constant beyond."""
     values: tuple[float, ...] = ()
 
     @model_validator(mode="after")
@@ -84,22 +84,22 @@ class Factor(_Part):
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """The factor at the quantity's values, of any shape."""
-        if self.function == "schedule":
-            return np.asarray(np.interp(x, self.places, self.values), dtype=float)
-        if self.function == "ramp":
-            return np.clip(x - self.at, 0.0, self.width or np.inf)
-        if self.function in ("cos", "sin"):
-            return np.asarray(getattr(np, self.function)(self.rate * x), dtype=float)
-        if self.function == "step":
-            sharp = self.width == 0.0
-            return np.asarray(
-                x >= self.at if sharp else 0.5 + 0.5 * np.tanh((x - self.at) / self.width), float
-            )
-        if self.function == "bump":
-            return np.asarray(
-                np.maximum(1.0 - np.abs(x - self.at) / max(self.width, 1e-300), 0.0), dtype=float
-            )
-        return np.asarray(((x - self.at) / self.scale) ** self.power, dtype=float)
+        since = x - self.at
+        match self.function:
+            case "power":
+                value = (since / self.scale) ** self.power
+            case "cos" | "sin":
+                value = getattr(np, self.function)(self.rate * x)
+            case "step":
+                sharp = np.asarray(since >= 0.0, dtype=float)
+                value = sharp if self.width == 0.0 else 0.5 + 0.5 * np.tanh(since / self.width)
+            case "ramp":
+                value = np.clip(since, 0.0, self.width or np.inf)
+            case "bump":
+                value = np.maximum(1.0 - np.abs(since) / max(self.width, 1e-300), 0.0)
+            case "schedule":
+                value = np.interp(x, self.places, self.values)
+        return np.asarray(value, dtype=float)
 
 
 class Turn(_Part):
@@ -110,19 +110,19 @@ class Turn(_Part):
 
 
 class YamlTerm(_Part):
-    """A moment along `axis`, turned if `turn` is set, times its factors; `value` is as it was found.
-
-    With a `delay` (s) it is the moment that the motion so much earlier had, left where it stood in the body; functions
-    of time are of the present.
-    """
+    """A moment along `axis`, turned if `turn` is set, times its factors."""
 
     name: str
     axis: Axis
     turn: Turn | None = None
     factors: tuple[Factor, ...] = ()
     units: str = "1"
+    """Of its coefficient."""
     delay: float = Field(default=0.0, ge=0.0)
+    """s: the moment is that of the motion so much earlier, left where it stood in the body; functions of time are of
+    the present."""
     value: float | None = None
+    """The coefficient as it was found."""
 
     @property
     def follows_time(self) -> bool:
@@ -164,10 +164,10 @@ class MechanismFile(_Part):
 class YamlMechanism(Mechanism):
     """A mechanism that a file defines: C_N' and C_Z' are sums of its terms; see the module's description."""
 
-    name = "filed"
-    title = "mechanism of a file"
-    claims = "what its file says"
-    source = "a mechanism file"
+    name: str = "by_file"  # type: ignore[misc]
+    title: str = "mechanism of a file"  # type: ignore[misc]
+    claims: str = "what its file says"  # type: ignore[misc]
+    source: str = "a mechanism file"  # type: ignore[misc]
     time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant",)
 
     definition: tuple[YamlTerm, ...] = ()
@@ -183,11 +183,8 @@ class YamlMechanism(Mechanism):
 
 def mechanism_of(content: MechanismFile) -> YamlMechanism:
     """The mechanism that a file's content defines."""
-    labels: dict[str, Any] = {name: getattr(content, name) for name in ("name", "title", "claims", "source")}
-    own = type(
-        "YamlMechanism", (YamlMechanism,), {**labels, "__module__": __name__, "__doc__": content.claims}
-    )
-    return own(definition=content.terms)  # type: ignore[no-any-return]
+    labels = content.model_dump(include={"name", "title", "claims", "source"})
+    return YamlMechanism(definition=content.terms, **labels)
 
 
 def is_mechanism_file(name: str) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,9 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.checked import checked_terms, without_faulty
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.registry import installed, parse_hypothesis, requested
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
-from brv_hypo.mechanisms.registry import parse_hypothesis
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
@@ -151,7 +152,7 @@ def compare(
         return refused(tried, [trial for _, trial in trials], config.method)
     analysed = [averaged(flight) for flight in tried]
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found, reasons = without_faulty(lambda faulty: _compare(analysed, config, say, faulty))
+        found, reasons = without_faulty(partial(_compare_without, analysed, config, say))
     about_record = {
         "record": record,
         "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
@@ -160,10 +161,19 @@ def compare(
     return found.model_copy(update=about_record)
 
 
+def _compare_without(
+    flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]
+) -> Comparison:
+    """The comparison with those nuisances of other distributions that it names."""
+    compared = {mechanism.name for mechanisms in _hypotheses(config).values() for mechanism in mechanisms}
+    with requested({*compared, *(config.mechanisms or ())}, faulty):
+        return _compare(flights, config, say, faulty)
+
+
 def _compare(
     flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]
 ) -> Comparison:
-    """The comparison without the mechanisms that broke their contract."""
+    """The comparison without the mechanisms and effects that broke their contract."""
     hypotheses = {
         name: mechanisms
         for name, mechanisms in _hypotheses(config).items()
@@ -260,5 +270,8 @@ def answerable(
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
-    names = config.mechanisms or tuple(mechanism.name for mechanism in installed_mechanisms())
+    """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
+    known = {name: entry.item for name, entry in installed().items() if isinstance(entry.item, RecordEffect)}
+    names = [name for name in config.mechanisms or () if not (name in known and known[name].carried)]
+    names = names or [mechanism.name for mechanism in installed_mechanisms()]
     return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *names])}

@@ -19,8 +19,9 @@ from brv_hypo.motion.config import Method
 class CompareConfig(BaseModel):
     """Settings of `compare`.
 
-    `mechanisms`: hypotheses, a plus joining several; None compares all that are installed. `options`: options
-    by mechanism name. `method`: of reconstruction, as in `reconstruct`. `knots` s: where coefficients may change; None
+    `mechanisms`: hypotheses, a plus joining several; None compares all that are installed; the name of a nuisance
+    effect of another package puts it into every hypothesis. `options`: options by mechanism name. `method`: of
+    reconstruction, as in `reconstruct`. `knots` s: where coefficients may change; None
     spreads knots evenly. `knot_count`: how many. `max_terms`: columns that a hypothesis may add. `exact_terms`: up to
     so many the search is exact, then it goes on from the best refined model. `offset_degree`, `slope_degree`: Legendre
     degree of the slow drift of C_m0 and C_malpha; None is 1 and 3. `refine`: delays and knots become continuous.

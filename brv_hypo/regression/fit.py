@@ -113,21 +113,10 @@ class HypothesisFit:
     @property
     def information(self) -> float:
         """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
-        own = self._own_likelihood() + self.bound_cost
         chosen = len({column.choice for column in self.selected})
-        return own + extended_bic(
+        return self.bound_cost + extended_bic(
             self.rss, self.samples, self.effective, self.parameters, self.searched, chosen
         )
-
-    def _own_likelihood(self) -> float:
-        """What a plugin's likelihood in place of the Gaussian one adds to the criterion; 0 where none has its own."""
-        sigma = math.sqrt(self.rss / self.samples)
-        gain = 0.0
-        for mechanism in self.mechanisms:
-            if type(mechanism).log_likelihood is not Mechanism.log_likelihood:
-                gaussian = Mechanism.log_likelihood(mechanism, self.residual, sigma)
-                gain += mechanism.log_likelihood(self.residual, sigma) - gaussian
-        return -2.0 * self.efficiency * gain
 
 
 def extended_bic(

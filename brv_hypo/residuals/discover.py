@@ -248,7 +248,7 @@ def _with_courses(
 class _Changing(YamlMechanism):
     """An entry of the dictionary, constant or with jumps, its terms the components of one vector."""
 
-    name = "changing"
+    name: str = "changing"  # type: ignore[misc]
     time_variation = ("constant", "jump")
     terms_enter_together = True
 

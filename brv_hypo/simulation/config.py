@@ -7,7 +7,6 @@ one number of each.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
@@ -22,7 +21,7 @@ from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.reading import kind_of
-from brv_hypo.io.text import one_line
+from brv_hypo.io.text import meant, nearest, one_line
 from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.thresholds import MINIMUM_SAMPLES
@@ -378,8 +377,7 @@ def config_path(name: str | Path, folder: str = "") -> Path:
             if kind_of(candidate) == "a file":
                 return candidate
     known = config_names(folder)
-    near = difflib.get_close_matches(Path(name).stem, known, n=2, cutoff=0.4)
-    hint = f"did you mean {' or '.join(near)}?" if near else f"those that come along: {', '.join(known)}."
+    hint = meant(Path(name).stem, known, f"those that come along: {', '.join(known)}.", 0.4, most=2)
     raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")
 
 
@@ -438,15 +436,16 @@ def _nearest_key(location: Sequence[str | int]) -> str:
     """The known key that is most like an unknown one; of an error beside an instrument's noise its record effect."""
     schema = SimulationConfig.model_json_schema()
     known = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", ())}
-    near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.6)
-    if near and near[0] != location[-1]:
+    leaf = str(location[-1])
+    near = nearest(leaf, known)
+    if near and near[0] != leaf:
         return f" (is '{near[0]}' meant?)"
     if location[0] != "instruments":
         return ""
     effects = [effect.name for effect in record_effects()]
-    near = difflib.get_close_matches("_".join(map(str, location[1:])), effects, n=1, cutoff=0.7)
-    effect = f"is the record effect '{near[0]}' meant? " if near else ""
-    return f" ({effect}errors are written under `instruments.errors`, by effect and component)"
+    near = nearest("_".join(map(str, location[1:])), effects, 0.7)
+    hint = f"is the record effect '{near[0]}' meant? " if near else ""
+    return f" ({hint}errors are written under `instruments.errors`, by effect and component)"
 
 
 # ---- Flights that differ in a few numbers: dotted paths into the configuration, one value per flight ----

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -56,110 +57,89 @@ class CubicStiffness(Mechanism):
 # ---- Static and damping moments that change with Mach or Reynolds number along the flight ----
 
 
-_SOURCE = "standard similarity of aerodynamic coefficients"
+class Similar(Mechanism):
+    """A coefficient that is a polynomial, without its constant, in a similarity parameter."""
+
+    source = "standard similarity of aerodynamic coefficients"
+    kind = "aerodynamic"
+    time_variation = ("constant",)
+    parameter: ClassVar[str]
+    """The similarity parameter, as terms are named by it."""
+
+    degree: int = 1
+
+    def powers(self, motion: Motion) -> dict[str, FloatArray]:
+        """Powers of the parameter up to `degree`, by name; Mach number in tens, Reynolds number in decades."""
+        scaled = motion.mach / 10.0 if "Mach" in self.parameter else np.log10(motion.reynolds / 1e6)
+        return {f"{self.parameter}^{k}": np.asarray(scaled**k, dtype=float) for k in range(1, self.degree + 1)}
 
 
-def _mach(motion: Motion) -> FloatArray:
-    """Mach number in tens."""
-    return np.asarray(motion.mach / 10.0, dtype=float)
+class SimilarStiffness(Similar):
+    """C_N' += alpha sum_k c_k x^k."""
+
+    wind_fixed = True
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term for each power of the similarity parameter."""
+        nothing = np.zeros_like(motion.alpha)
+        powers = self.powers(motion).items()
+        return tuple(Term(f"C_malpha * {name}", motion.alpha * x, nothing, "1/rad") for name, x in powers)
 
 
-def _reynolds(motion: Motion) -> FloatArray:
-    """Decades of Reynolds number above a million."""
-    return np.asarray(np.log10(motion.reynolds / 1e6), dtype=float)
+class SimilarDamping(Similar):
+    """C_m + i C_n += c x (q + i r) d / 2V."""
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term: the change of C_mq per unit of the similarity parameter."""
+        (x,) = self.powers(motion).values()
+        rate = motion.to_plane(np.asarray((motion.q + 1j * motion.r) * motion.rate_factor * x, dtype=complex))
+        return (Term(f"C_mq * {self.parameter}", rate.real, rate.imag, "1/rad"),)
 
 
-def _stiffness(motion: Motion, quantity: FloatArray, name: str) -> Term:
-    return Term(f"C_malpha * {name}", motion.alpha * quantity, np.zeros_like(motion.alpha), "1/rad")
-
-
-def _damping(motion: Motion, quantity: FloatArray, name: str) -> Term:
-    body = np.asarray((motion.q + 1j * motion.r) * motion.rate_factor * quantity, dtype=complex)
-    rate = motion.to_plane(body)
-    return Term(f"C_mq * {name}", rate.real, rate.imag, "1/rad")
-
-
-class MachStiffness(Mechanism):
+class MachStiffness(SimilarStiffness):
     """C_N' += alpha sum_k c_k (Mach / 10)^k, k to `degree`."""
 
     name = "mach_stiffness"
     title = "static moment that changes with Mach number"
     claims = "a slope of the in-plane moment that follows the Mach number"
-    source = _SOURCE
-    kind = "aerodynamic"
-    time_variation = ("constant",)
-    wind_fixed = True
+    parameter = "(Mach/10)"
     follows = "mach"
 
     degree: int = 3
 
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """One term for each power of the Mach number."""
-        return tuple(
-            _stiffness(motion, _mach(motion) ** k, f"(Mach/10)^{k}") for k in range(1, self.degree + 1)
-        )
 
-
-class ReynoldsStiffness(Mechanism):
+class ReynoldsStiffness(SimilarStiffness):
     """C_N' += alpha sum_k c_k log10(Re / 1e6)^k, k to `degree`."""
 
     name = "reynolds_stiffness"
     title = "static moment that changes with Reynolds number"
     claims = "a slope of the in-plane moment that follows the logarithm of the Reynolds number"
-    source = _SOURCE
-    kind = "aerodynamic"
-    time_variation = ("constant",)
-    wind_fixed = True
+    parameter = "log10(Re/1e6)"
     follows = "reynolds"
 
     degree: int = 2
 
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """One term for each power of the decades of Reynolds number."""
-        return tuple(
-            _stiffness(motion, _reynolds(motion) ** k, f"log10(Re/1e6)^{k}")
-            for k in range(1, self.degree + 1)
-        )
 
-
-class MachDamping(Mechanism):
+class MachDamping(SimilarDamping):
     """C_m + i C_n += c (Mach / 10) (q + i r) d / 2V."""
 
     name = "mach_damping"
     title = "pitch damping that changes with Mach number"
     claims = "a moment against the transverse rates whose coefficient follows the Mach number"
-    source = _SOURCE
-    kind = "aerodynamic"
-    time_variation = ("constant",)
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """One term: the change of C_mq per ten Mach numbers."""
-        return (_damping(motion, _mach(motion), "Mach/10"),)
+    parameter = "Mach/10"
 
 
-class ReynoldsDamping(Mechanism):
+class ReynoldsDamping(SimilarDamping):
     """C_m + i C_n += c log10(Re / 1e6) (q + i r) d / 2V."""
 
     name = "reynolds_damping"
     title = "pitch damping that changes with Reynolds number"
     claims = "a moment against the transverse rates whose coefficient follows the log of the Reynolds number"
-    source = _SOURCE
-    kind = "aerodynamic"
-    time_variation = ("constant",)
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """One term: the change of C_mq per decade of Reynolds number."""
-        return (_damping(motion, _reynolds(motion), "log10(Re/1e6)"),)
+    parameter = "log10(Re/1e6)"
 
 
 @hookimpl
 def brv_hypo_mechanisms() -> Sequence[Mechanism]:
     """The effects of this module."""
-    return [
-        Magnus(),
-        CubicStiffness(),
-        MachStiffness(),
-        ReynoldsStiffness(),
-        MachDamping(),
-        ReynoldsDamping(),
-    ]
+    stiffness = [CubicStiffness(), MachStiffness(), ReynoldsStiffness()]
+    return [Magnus(), *stiffness, MachDamping(), ReynoldsDamping()]

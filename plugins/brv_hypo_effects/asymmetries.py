@@ -72,18 +72,8 @@ class Trim(Mechanism):
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
         """Size and meridian of the moment, to first order in the covariance (2, 2)."""
-        pitch, yaw = values["C_m0"], values["C_n0"]
-        size = float(np.hypot(pitch, yaw))
-        along, across = np.array([pitch, yaw]) / size, np.array([-yaw, pitch]) / size
-        return (
-            Derived("C_trim", size, float(np.sqrt(along @ covariance @ along)), "1"),
-            Derived(
-                "phi_trim",
-                float(np.arctan2(-yaw, pitch)),
-                float(np.sqrt(across @ covariance @ across)) / size,
-                "rad",
-            ),
-        )
+        pair = values["C_m0"], values["C_n0"]
+        return Derived.polar("C_trim", "phi_trim", pair, covariance, sense=-1.0)
 
 
 class DynamicImbalance(Mechanism):

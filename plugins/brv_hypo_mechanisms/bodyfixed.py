@@ -43,20 +43,8 @@ class BodyFixed(Mechanism):
 
     def derived(self, values: Mapping[str, float], covariance: FloatArray) -> tuple[Derived, ...]:
         """C_b and phi_b with standard errors, to first order in the covariance (2, 2); nothing where both are 0."""
-        cosine, sine = values["C_b cos(phi_b)"], values["C_b sin(phi_b)"]
-        size = float(np.hypot(cosine, sine))
-        if size == 0.0:
-            return ()
-        along, across = np.array([cosine, sine]) / size, np.array([-sine, cosine]) / size
-        return (
-            Derived("C_b", size, float(np.sqrt(along @ covariance @ along)), "1"),
-            Derived(
-                "phi_b",
-                float(np.arctan2(sine, cosine)),
-                float(np.sqrt(across @ covariance @ across)) / size,
-                "rad",
-            ),
-        )
+        pair = values["C_b cos(phi_b)"], values["C_b sin(phi_b)"]
+        return Derived.polar("C_b", "phi_b", pair, covariance)
 
 
 @hookimpl

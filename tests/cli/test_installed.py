@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import sys
 
 import pytest
 
 from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.mechanisms import use_plugin_files
+from tests.mechanisms.test_registry import plugin
 
 # A mechanism that would explain any moment, an effect that would explain any rate, and both ask to be carried along.
 GREEDY = """
@@ -51,16 +55,29 @@ compare: {{mechanisms: [bodyfixed], maximum_likelihood: none}}
 
 @pytest.fixture(scope="module")
 def greedy(tmp_path_factory):
-    path = tmp_path_factory.mktemp("plugin") / "greedy.py"
-    path.write_text(GREEDY)
-    return path
+    """A folder that holds the plugin as an installed distribution."""
+    folder = tmp_path_factory.mktemp("plugin")
+    plugin(folder, "greedy", GREEDY)
+    return folder
+
+
+@contextlib.contextmanager
+def installed_in(folder):
+    """With the distributions of a folder, which are forgotten afterwards."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        use_plugin_files(())
+        yield
+    sys.modules.pop("greedy", None)
+    use_plugin_files(())
 
 
 def both(brv_hypo, greedy, *arguments):
     """JSON of a command without and with the plugin, less the seconds that it took."""
     results = []
-    for plugin in ((), ("--plugin", greedy)):
-        done = brv_hypo(*arguments, "--json", "-", *plugin)
+    for there in (contextlib.nullcontext(), installed_in(greedy)):
+        with there:
+            done = brv_hypo(*arguments, "--json", "-")
         assert done.returncode == 0, done.stderr
         assert "greedy" not in done.stderr  # it is sound: nothing is left out for it
         results.append(without_seconds(json.loads(done.stdout)))
@@ -74,7 +91,8 @@ def without_seconds(value):
 
 
 def test_the_plugin_is_known_where_it_is_named(brv_hypo, greedy):
-    listed = brv_hypo("mechanisms", "--plugin", greedy, "--json", "-").stdout
+    with installed_in(greedy):
+        listed = brv_hypo("mechanisms", "--json", "-").stdout
     assert {"greedy", "greedy_gyros"} <= {entry["name"] for entry in entries(json.loads(listed))}
 
 
@@ -107,8 +125,9 @@ def test_a_simulated_flight_is_the_same(brv_hypo, greedy, tmp_path):
         "base: research_cone\nduration: 0.5\nsample_rate: 100.0\ninstruments: {grade: tactical, draw: 1.0}\n"
     )
     flights = []
-    for name, plugin in (("alone.h5", ()), ("beside.h5", ("--plugin", greedy))):
-        done = brv_hypo("simulate", drawn, "-o", tmp_path / name, "--seed", 3, *plugin)
+    for name, there in (("alone.h5", contextlib.nullcontext()), ("beside.h5", installed_in(greedy))):
+        with there:
+            done = brv_hypo("simulate", drawn, "-o", tmp_path / name, "--seed", 3)
         assert done.returncode == 0, done.stderr
         flights.append((load_flight(tmp_path / name), load_truth(tmp_path / name)))
     (one, truth), (other, other_truth) = flights
@@ -121,9 +140,9 @@ def test_a_simulated_flight_is_the_same(brv_hypo, greedy, tmp_path):
 def test_a_study_is_the_same(brv_hypo, greedy, short_config, tmp_path):
     (tmp_path / "study.yaml").write_text(STUDY.format(vehicle=short_config))
     results = []
-    for name, plugin in (("alone", ()), ("beside", ("--plugin", greedy))):
-        arguments = ("study", tmp_path / "study.yaml", "-o", tmp_path / name, "--jobs", 1, "--json", "-")
-        done = brv_hypo(*arguments, *plugin)
+    for name, there in (("alone", contextlib.nullcontext()), ("beside", installed_in(greedy))):
+        with there:
+            done = brv_hypo("study", tmp_path / "study.yaml", "-o", tmp_path / name, "--jobs", 1, "--json", "-")
         assert done.returncode == 0, done.stderr
         results.append(without_seconds(json.loads(done.stdout)))
     assert results[0] == results[1]

@@ -121,6 +121,7 @@ def test_a_knot_that_was_held_has_no_error_and_stays_where_it_was(moved: float, 
         records=(record,),
         structure=SimpleNamespace(nonlinear_parameters=nonlinear_parameters),
         theta=places,
+        seconds_to_node=0.1,
     )
     found: Any = SimpleNamespace(
         theta={"held": 1.0, "free": 2.0 + moved}, std_error={"free": 1e-3}, change_by=lambda _: {"free": brought}

@@ -10,8 +10,13 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Derived, Mechanism, Parameter, RecordEffect, Term, installed
-from brv_hypo.mechanisms.conformance import EFFECT_CHECKS, MECHANISM_CHECKS, conformance, sample_motion
-from brv_hypo.mechanisms.conformance_samples import uniform_time
+from brv_hypo.mechanisms.conformance import (
+    EFFECT_CHECKS,
+    MECHANISM_CHECKS,
+    conformance,
+    sample_motion,
+    uniform_time,
+)
 from brv_hypo.motion.motion import Motion
 
 
@@ -237,11 +242,21 @@ class ConstantSigma(Sound):
         return (Derived("k again", values["k"], 0.1, "1"),)
 
 
-class Perverse(Sound):
-    """Broken: a likelihood that grows with the misfit."""
+class HalfKnown(Sound):
+    """Broken: a tolerance of two coefficients for one term."""
 
-    def log_likelihood(self, innovations, std_error):
-        return float(np.sum(innovations**2))
+    def tolerance(self, flight):
+        return (0.1, 0.2)
+
+
+class BentTolerance(Sound):
+    """Broken: a tolerance of what is not linear."""
+
+    def parameters(self):
+        return (Parameter("power", "1", (1.0, 2.0), (1.0, 3.0), "power of alpha"),)
+
+    def tolerance(self, flight):
+        return (0.1,)
 
 
 class Raising(Sound):
@@ -258,7 +273,7 @@ def failed(item):
 
 def test_a_sound_mechanism_passes_every_check():
     outcomes = conformance(Sound())
-    assert [outcome.check for outcome in outcomes] == [check.name for check in MECHANISM_CHECKS]
+    assert [outcome.check for outcome in outcomes] == [str(check) for check in MECHANISM_CHECKS]
     assert failed(Sound()) == {}
 
 
@@ -288,7 +303,8 @@ def test_a_sound_mechanism_passes_every_check():
         (LateKnots, "has_sane_knots"),
         (OddVariation, "varies_in_known_ways"),
         (ConstantSigma, "derives_with_uncertainty"),
-        (Perverse, "has_a_sane_likelihood"),
+        (HalfKnown, "has_a_sane_tolerance"),
+        (BentTolerance, "has_a_sane_tolerance"),
         (Raising, "is_finite"),
     ],
 )
@@ -344,7 +360,7 @@ class InPlaceBias(GyroBias):
 
 
 def test_a_sound_effect_passes_every_check():
-    assert [outcome.check for outcome in conformance(GyroBias())] == [check.name for check in EFFECT_CHECKS]
+    assert [outcome.check for outcome in conformance(GyroBias())] == [str(check) for check in EFFECT_CHECKS]
     assert failed(GyroBias()) == {}
 
 

@@ -15,8 +15,7 @@ import pytest
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.mechanisms import checked as apart
 from brv_hypo.mechanisms import find, installed, left_out, registry, use_plugin_files
-from brv_hypo.mechanisms.conformance import sample_flight, sample_motion
-from brv_hypo.mechanisms.conformance_samples import uniform_time
+from brv_hypo.mechanisms.conformance import sample_flight, sample_motion, uniform_time
 
 PLUGIN = """
 import sys, time

@@ -5,23 +5,18 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
-from brv_hypo.mechanisms import Mechanism, Term, find
+from brv_hypo.mechanisms import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.preparation import prepare
-from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import simulate
-from tests.chains import compared_nominal, reconstructed
+from tests.chains import compared_nominal
 from tests.flights import nominal
 from tests.shared_data import shared_file
 
@@ -211,27 +206,3 @@ def test_a_regression_that_was_asked_for_needs_no_note() -> None:
     first = compare([flight], CompareConfig(mechanisms=("bodyfixed",), **REGRESSION)).ranking[0]
     assert first.ml is None
     assert not any("maximum_likelihood" in note for note in first.notes)
-
-
-@cache
-def few_terms() -> Problem:
-    settings = CompareConfig(refine=False, max_terms=2, exact_terms=2, knot_count=3)
-    return prepare([reconstructed()], settings)
-
-
-class Confident(find("damping").__class__):  # type: ignore[misc]
-    name = "confident"
-
-    def log_likelihood(self, innovations: FloatArray, std_error: float) -> float:
-        return super().log_likelihood(innovations, std_error) + 25.0
-
-
-@pytest.mark.parametrize("efficiency", [1.0, 0.4])
-def test_a_plugin_may_replace_the_gaussian_likelihood(efficiency: float) -> None:
-    """A likelihood 25 higher lowers the criterion by 50 a real sample; everything else is the same mechanism."""
-    problem = replace(few_terms(), efficiency=efficiency)
-    own, plain = (
-        fit_hypothesis(problem, mechanism.name, (mechanism,)) for mechanism in (Confident(), find("damping"))
-    )
-    assert own.rss == pytest.approx(plain.rss, rel=1e-12)
-    assert plain.information - own.information == pytest.approx(50.0 * efficiency, rel=1e-6)

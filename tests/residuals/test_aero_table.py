@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope, read_aero_table
 from brv_hypo.residuals import Trace, predict, trace
 from brv_hypo.residuals.saved import SavedModel

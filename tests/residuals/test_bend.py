@@ -10,7 +10,7 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.mechanisms.yaml_mechanism import Factor, YamlMechanism, YamlTerm
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticBend

@@ -4,7 +4,7 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import installed
-from brv_hypo.mechanisms.conformance_samples import sample_flight
+from brv_hypo.mechanisms.conformance import sample_flight
 from brv_hypo.mechanisms.contract import RecordEffect
 
 CONTRACT = {

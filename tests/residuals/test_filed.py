@@ -8,8 +8,7 @@ from pydantic import ValidationError
 
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS
-from brv_hypo.mechanisms.conformance_samples import sample_motion, uniform_time
+from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS, sample_motion, uniform_time
 from brv_hypo.mechanisms.yaml_mechanism import (
     Factor,
     MechanismFile,

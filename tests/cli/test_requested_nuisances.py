@@ -1,0 +1,134 @@
+"""A nuisance of another distribution, by a tolerance of its own, is in every hypothesis once it is asked for."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from brv_hypo.flight import load_flight, save_flight
+from tests.cli.test_installed import installed_in
+from tests.mechanisms.test_registry import plugin
+
+# All that is needed of an effect: one file.
+DRIFT = """
+from dataclasses import replace
+from brv_hypo.mechanisms import Component, RecordEffect
+
+class Drift(RecordEffect):
+    name, title, claims, source = "drift", "drift of a gyro", "a gyro reads ever more", "a test"
+    kind, carried = "instrument", True
+
+    def components(self, flight):
+        return (Component("q", "rad/s", {size}),)
+
+    def perturb(self, flight, component, value):
+        {early}
+        elapsed = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
+        return replace(flight, q=flight.q + value * elapsed)
+
+def brv_hypo_record_effects():
+    return [Drift()]
+"""
+SIZE, PLANTED = 0.02, 0.03  # rad/s
+SETTINGS = """
+mechanisms: [{names}]
+max_terms: 2
+exact_terms: 2
+knot_count: 3
+refine: false
+maximum_likelihood: {ml}
+"""
+
+
+@pytest.fixture(scope="module")
+def drifted(simulated_file, tmp_path_factory):
+    """A flight with the drift in its record."""
+    flight = load_flight(simulated_file)
+    elapsed = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
+    path = tmp_path_factory.mktemp("drifted") / "drifted.h5"
+    save_flight(replace(flight, q=flight.q + PLANTED * elapsed), path)
+    return path
+
+
+def compared(brv_hypo, folder, flight, *arguments, names="bodyfixed", ml="none"):
+    (folder / "compare.yaml").write_text(SETTINGS.format(names=names, ml=ml))
+    done = brv_hypo("compare", flight, "--config", folder / "compare.yaml", "--json", "-", *arguments)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def information(comparison):
+    return {row["mechanism"]: row["bic"] for row in comparison["ranking"]}
+
+
+def written(folder, **parts):
+    path = folder / "drift.py"
+    path.write_text(DRIFT.format(**{"size": SIZE, "early": "", **parts}))
+    return path
+
+
+def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo, drifted, tmp_path):
+    found = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path), ml="full")
+    blocks = [row["ml"] for row in found["ranking"] if row["ml"] is not None]
+    assert blocks
+    for block in blocks:
+        (estimate,) = (term for term in block["instrument"] if term["name"] == "drift q")
+        assert estimate["units"] == "rad/s"
+        assert 0.0 < estimate["std_error"] < SIZE
+        assert abs(estimate["value"] - PLANTED) < max(4.0 * estimate["std_error"], 0.1 * PLANTED)
+    without = information(compared(brv_hypo, tmp_path, drifted))
+    assert all(bic < without[name] for name, bic in information(found).items())
+
+
+@pytest.mark.thorough
+def test_its_name_in_the_comparison_asks_for_it(brv_hypo, drifted, tmp_path):
+    by_file = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path))
+    plugin(tmp_path, "drifting", written(tmp_path).read_text())
+    with installed_in(tmp_path):
+        unasked = compared(brv_hypo, tmp_path, drifted)
+        by_name = compared(brv_hypo, tmp_path, drifted, names="bodyfixed, drift")
+    assert information(by_name) == information(by_file) != information(unasked)
+    assert information(unasked) == information(compared(brv_hypo, tmp_path, drifted))
+
+
+def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, tmp_path):
+    """The kit's sample is of 600 samples: there it is sound."""
+    path = written(tmp_path, early="assert flight.samples == 600")
+    found = compared(brv_hypo, tmp_path, drifted, "--plugin", path)
+    assert information(found) == information(compared(brv_hypo, tmp_path, drifted))
+    (reason,) = (text for text in found["warnings"] if "drift" in text)
+    assert "AssertionError" in reason
+    assert str(path) in reason
+
+
+TILT = """
+import numpy as np
+from brv_hypo.mechanisms import Mechanism, Term
+
+class Tilt(Mechanism):
+    name, title, claims, source = "tilt", "tilt", "a constant moment in the body", "a test"
+
+    def terms(self, motion, theta):
+        return (Term("C_t", np.cos(motion.windward_meridian), np.sin(motion.windward_meridian), "1"),)
+
+    def tolerance(self, flight):
+        return ({size},)
+
+def brv_hypo_mechanisms():
+    return [Tilt()]
+"""
+
+
+@pytest.mark.thorough
+def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, tmp_path):
+    path = tmp_path / "tilt.py"
+    found = []
+    for size in (1e-12, 1e-2):
+        path.write_text(TILT.format(size=size))
+        found.append(information(compared(brv_hypo, tmp_path, drifted, "--plugin", path)))
+    own = information(compared(brv_hypo, tmp_path, drifted))
+    negligible, large = (max(abs(bic - own[name]) for name, bic in each.items()) for each in found)
+    assert negligible < 0.1
+    assert large > 10.0 * negligible
