@@ -67,9 +67,7 @@ def chart_figure(chart: Chart) -> ChartFigure:
 def _height(chart: Chart) -> float:
     if chart.path is not None:
         return WIDTH * chart.rows / chart.columns + FRAME / chart.columns
-    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
-    lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
-    return FRAME + (BAR * lines if lines else PANEL * max(len(chart.panels), 1.4))
+    return FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
 
 
 def _fill(figure: Figure, chart: Chart) -> None:

@@ -49,12 +49,11 @@ _FAR_WIDER = 5.0
 
 def framed(panel: Panel, floor: float = -np.inf) -> Panel:
     """The panel, with a range where outliers or a wide band would flatten its histories; nothing lies below `floor`."""
-    shown = _known([line.y for line in panel.layers if isinstance(line, Line)])
+    shown, edges = _values(panel, Line), _values(panel, Band)
     if not shown.size:
         return panel
     low, high = _of_bulk(shown)
     width = high - low
-    edges = _known([side for band in panel.layers if isinstance(band, Band) for side in (band.low, band.high)])
     if edges.size and np.ptp(edges) > _FAR_WIDER * width > 0.0:
         return replace(panel, range=(max(low - width, floor), high + width))
     if (low, high) != (np.min(shown), np.max(shown)):
@@ -64,10 +63,15 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
-    if any(_beyond(panel, Line) for panel in panels):
-        return "A few values far from all others lie beyond the frame: double-click shows them."
-    if any(_beyond(panel, Band) for panel in panels):
-        return "The band is far wider than what is drawn, and goes beyond the frame."
+    said = {
+        Line: "A few values far from all others lie beyond the frame: double-click shows them.",
+        Band: "The band is far wider than what is drawn, and goes beyond the frame.",
+    }
+    for kind, sentence in said.items():
+        for panel in panels:
+            values = _values(panel, kind)
+            if panel.range is not None and np.any((values < panel.range[0]) | (values > panel.range[1])):
+                return sentence
     return ""
 
 
@@ -81,29 +85,25 @@ def _of_bulk(values: FloatArray) -> tuple[float, float]:
     return max(low, first - _BESIDE * width), min(high, last + _BESIDE * width)
 
 
-def _beyond(panel: Panel, kind: type[Line] | type[Band]) -> bool:
-    """Whether layers of this kind reach beyond the range of the panel."""
-    if panel.range is None:
-        return False
+def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
+    """The finite values of the panel's lines, or of the edges of its bands."""
     layers = [layer for layer in panel.layers if isinstance(layer, kind)]
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
-    values = _known(sides)
-    return bool(values.size and (np.min(values) < panel.range[0] or np.max(values) > panel.range[1]))
-
-
-def _known(sides: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
-    values = np.concatenate([np.asarray(side, dtype=float) for side in sides]) if sides else np.zeros(0)
+    values = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
 
 
-# ---- Charts of a motion and of moments over time, angle and frequency, for whatever result has them ----
+# ---- Motion and moments over time, angle of attack and frequency ----
 
 
-IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′"
+IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
-BESIDE = "Errors of record and vehicle are fitted beside every model; one far behind has the leader's."
-_GYROS = "Band: white noise of the gyros; a verdict counts in the noise that the record shows, which may be more."
+BESIDE = (
+    "Errors of record and vehicle are fitted with every model; a model that fits far worse than the leader is drawn "
+    "with the leader's errors."
+)
+_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99
@@ -140,16 +140,18 @@ def scale_of(*histories: Values) -> Scale:
 
 @dataclass(frozen=True)
 class Setting:
-    """What all charts over time of one flight share: the span (s), knots to mark, faults that are masked.
-
-    `suffix` distinguishes the flights of one result.
-    """
+    """What all charts over time of one flight share."""
 
     span: tuple[float, float]
+    """Of the record, s."""
     knots: Sequence[float] = ()
+    """To mark, s."""
     masked: Sequence[tuple[float, float, str]] = ()
+    """Faults to shade: from, to (s), name."""
     suffix: str = ""
+    """Of file names, which distinguishes the flights of one result."""
     which: str = ""
+    """The same in headings."""
 
     def chart(self, name: str, heading: str, panels: Sequence[Panel], caption: str = "") -> Chart:
         """A chart over this flight's time."""
@@ -205,7 +207,7 @@ def residual_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     heading: str = "Residual moments",
 ) -> Chart:
-    """What models leave of the moments, before a band of two standard deviations; the last one on top."""
+    """Residual moments of models, before a band of two standard deviations; the last one on top."""
     scale = scale_of(*(values for m in models for values in m.moments))
     band = _band(time, np.zeros(len(time)), sigma, scale)
     panels = _panels(titles, scale, time, [[band] for _ in titles], models)
@@ -239,7 +241,7 @@ def caption(*sentences: str) -> str:
 
 
 def difference(measured: Moments, fitted: Moments) -> Moments:
-    """What a model leaves of the measured moments; or the model, of the moments and what it leaves."""
+    """The residual of a model; or the model, of the measured moments and its residual."""
     first, second = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
     return first, second
 
@@ -258,7 +260,7 @@ def motion_chart(
     below: list[Layer] = [Line(time, wrapped, "measured", "estimate")]
     if len(alpha_sigma) and len(meridian_sigma):
         wide, turn = 2.0 * np.degrees(np.asarray(alpha_sigma)), 2.0 * np.degrees(np.asarray(meridian_sigma))
-        turn = np.minimum(turn, 180.0)  # an angle that nothing tells lies anywhere, and no further
+        turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
         above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)))
         below.insert(0, Band(time, wrapped - turn, wrapped + turn))
     panels = [
@@ -266,7 +268,8 @@ def motion_chart(
         Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0)),
     ]
     knots = "Dashed lines: knots." if setting.knots else ""
-    read = caption("The meridian within half a turn: a break is where it goes on.", knots, cut_text(panels[:1]))
+    ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
+    read = caption(ends, knots, cut_text(panels[:1]))
     return setting.chart("motion", "Angle of attack and windward meridian", panels, read)
 
 
@@ -291,38 +294,29 @@ def spectrum_chart(
     setting: Setting, time: Values, histories: Mapping[str, tuple[Moments, Role]], rates: Mapping[str, float]
 ) -> Chart:
     """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
-    t = np.asarray(time, dtype=float)
-    sample_rate = 1.0 / float(np.median(np.diff(t)))
-    layers: list[Layer] = []
-    highest = 0.0
+    sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
     known = np.all([np.isfinite(values) for moments, _ in histories.values() for values in moments], axis=0)
-    spectra = {
-        name: _spectrum([np.asarray(values)[known] for values in moments], sample_rate)
-        for name, (moments, _) in histories.items()
-    }
-    for frequency, power in spectra.values():
-        highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
-    highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
-    for name, (frequency, power) in spectra.items():
-        shown = frequency <= highest
-        layers.append(Line(frequency[shown], power[shown], histories[name][1], name))
+    size = min(_SEGMENT, int(np.count_nonzero(known)))
+    spectra: dict[str, FloatArray] = {}
+    for name, (moments, _) in histories.items():
+        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in moments]
+        frequency, power = np.asarray(planes[0][0]), planes[0][1] + planes[1][1]
+        spectra[name] = np.stack([frequency, np.maximum(power, np.finfo(float).tiny)])[:, 1:]  # from above zero
+    frequency, power = next(iter(spectra.values()))
+    most = float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
+    marks = {name: at for name, at in rates.items() if np.isfinite(at)}
+    highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
+    shown = frequency <= highest
+    layers = [Line(frequency[shown], power[shown], histories[name][1], name) for name, (_, power) in spectra.items()]
     return Chart(
         f"spectrum{setting.suffix}",
         f"Spectrum{setting.which}",
         "frequency, Hz",
         [Panel("power density, 1/Hz", layers, log=True)],
         range=(0.0, highest),
-        marks=[Mark(at, name) for name, at in rates.items() if np.isfinite(at)],
+        marks=[Mark(at, name) for name, at in marks.items()],
         caption="Both planes together, Welch's method. Marked: median rates over the record.",
     )
-
-
-def _spectrum(moments: Sequence[FloatArray], sample_rate: float) -> tuple[FloatArray, FloatArray]:
-    """One-sided power density of both histories together, from the first line above zero."""
-    size = min(_SEGMENT, len(moments[0]))
-    parts = [welch(values, fs=sample_rate, nperseg=size) for values in moments]
-    frequency, power = np.asarray(parts[0][0], dtype=float), np.asarray(parts[0][1] + parts[1][1], dtype=float)
-    return frequency[1:], np.maximum(power[1:], np.finfo(float).tiny)
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
@@ -347,11 +341,15 @@ def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[f
 
 def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
     """Frequencies (Hz) of roll and of the windward meridian: medians of the rates' size (rad/s)."""
-    found = {}
-    for name, values in (("roll", roll_rate), ("meridian", meridian_rate)):
-        if len(values):
-            found[name] = float(np.median(np.abs(np.asarray(values)))) / (2.0 * np.pi)
-    return found
+    known = {name: rate for name, rate in (("roll", roll_rate), ("meridian", meridian_rate)) if len(rate)}
+    return {name: float(np.median(np.abs(np.asarray(rate)))) / (2.0 * np.pi) for name, rate in known.items()}
+
+
+def estimate(
+    x: Values, value: FloatArray, sigma: FloatArray, role: Role = "first", name: str = "estimate", band: str = ""
+) -> list[Layer]:
+    """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
+    return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
 
 
 def _band(time: Values, centre: Values, sigma: Values, scale: Scale) -> Band:
@@ -359,14 +357,14 @@ def _band(time: Values, centre: Values, sigma: Values, scale: Scale) -> Band:
     return Band(time, middle - wide, middle + wide)
 
 
-# ---- Pitch against yaw, stretch by stretch: many cycles over each other are a tangle that says nothing ----
+# ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----
 
 
 _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
     "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."
 )
-_SEVERAL = " Each stretch begins at the dot. Zoom a chart over time, and the stretches are of what it shows."
+_SEVERAL = " Each interval begins at the dot. After zooming a chart over time, the intervals are those of its range."
 
 
 def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:

@@ -14,6 +14,8 @@ from rich.text import Text
 from brv_hypo.io.text import printable
 
 NOT_A_NUMBER = "–"
+BASELINE_ONLY = "baseline only"
+"""What a person reads for the hypothesis `none`."""
 
 
 class _PlainConsole(Console):
@@ -43,13 +45,19 @@ def plain_table(title: str | None = None, *, close: bool = False) -> Table:
     )
 
 
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
+"""Numbers from the one to below the other are written without an exponent."""
+
+
 def number(value: float | None, digits: int = 3) -> str:
-    """At `digits` significant digits, with an exponent only below 1e-3 and from 1e6; a dash for no number."""
+    """At `digits` significant digits, as 0.00012, 6.90e6 or 2.6e-5; a dash for no number."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
-    if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
-        return f"{value:.{digits - 1}e}"
-    return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
+    rounded = f"{value:.{digits - 1}e}"
+    if value == 0.0 or LEAST_PLAIN <= abs(value) < MOST_PLAIN:
+        return f"{float(rounded):.{max(digits, 7)}g}"
+    mantissa, exponent = rounded.split("e")
+    return f"{mantissa}e{int(exponent)}"
 
 
 def known_to(value: float, sigma: float) -> str:
@@ -60,7 +68,7 @@ def known_to(value: float, sigma: float) -> str:
     if digits < 1:  # the estimate is less than the last digit of its error that is worth showing
         return "0"
     digits = min(digits, 9)
-    if not 1e-3 <= abs(value) < 1e6:
+    if not LEAST_PLAIN <= abs(value) < MOST_PLAIN:
         return number(value, digits)
     return f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
 
@@ -85,8 +93,12 @@ def probability(value: float | None) -> str:
 
 def p_value(value: float | None) -> str:
     """A probability under the null hypothesis at two digits; none is nought."""
-    least = 1e-99
-    return f"<{least:.0e}" if value is not None and value < least else number(value, 2)
+    return "<1e-99" if value is not None and value < 1e-99 else number(value, 2)
+
+
+def hypothesis(name: str) -> str:
+    """What a person reads for a hypothesis: `none` is the baseline only."""
+    return BASELINE_ONLY if name == "none" else name
 
 
 def share(value: float | None) -> str:

@@ -100,7 +100,10 @@ def test_a_difference_reads_as_a_sentence():
         mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2
     )
     (told,) = tables.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
-    assert told == "lag, 2 terms: stepwise (Efroymson) would take a, c for a, b, with 20 % more left over"
+    assert told == (
+        "lag, 2 terms: stepwise search (Efroymson) would choose a, c instead of a, b, with a residual sum of squares "
+        "20 % larger"
+    )
 
 
 def test_the_exact_search_stays_the_default():

@@ -139,8 +139,8 @@ def test_small_dots_are_seen_in_the_legend_of_a_figure() -> None:
 class TestPage:
     def test_a_high_section_has_several_rows_of_the_grid(self) -> None:
         high = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])] * 5)
-        rows = [("a",)] * 40
-        blocks = (Picture(high), Table(("term",), rows, "many"), Texts(("few",), "Notes"))
+        rows = [{"term": "a"}] * 40
+        blocks = (Picture(high), Table(rows, "many"), Texts(("few",), "Notes"))
         html = page(Document("t", (), "c", "words", True, blocks), Provenance())
         assert re.findall(r"<section[^>]*>", html) == [
             '<section class="" style="grid-row: span 3">',
@@ -216,5 +216,5 @@ def test_coefficients_of_one_and_more_are_not_drawn_in_thousandths(times, factor
         moment_by_alpha_chart(SETTING, TIME, (large, large), models),
     ):
         for panel in drawn.panels:
-            assert panel.title.endswith(f"′{suffix}")
+            assert panel.title.endswith(f"</sub>{suffix}")
             np.testing.assert_allclose(panel.layers[-1].y, factor * large)

@@ -96,7 +96,7 @@ def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction
     document = prediction_document(changed)
     tables = [block for block in document.blocks if isinstance(block, Table)]
     rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
-    assert [row[0] for row in rows] == ["C_malpha"]
+    assert [row["term"] for row in rows] == ["C_malpha"]
     assert Prediction.model_validate_json(changed.model_dump_json(by_alias=True)) == changed
 
 
@@ -238,6 +238,6 @@ def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flig
     assert [(fault.channel, fault.fault) for fault in turned.record.faults] == [("q", "sign")]
     document = prediction_document(turned)
     assert (document.conclusion_title, document.decided) == ("Record in doubt", False)
-    assert document.conclusion == f"{CONTRADICTED.format(reported='left')} {turned.reason}"
+    assert document.conclusion == f"{CONTRADICTED} {turned.reason}"
     (warning,) = (block for block in document.blocks if isinstance(block, Texts) and block.warning)
     assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]
