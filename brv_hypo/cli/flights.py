@@ -5,7 +5,6 @@ mechanism is known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,13 +33,13 @@ def inspect(
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.motion import try_record
-    from brv_hypo.report.listings import inspection_data, inspection_line, inspection_view
+    from brv_hypo.report.listings import inspection_blocks, inspection_data, inspection_line
 
     windowed = start is not None or stop is not None
     loaded = load_flight(flight, start=start, stop=stop)
     inspection = inspect_flight(loaded if windowed else flight)
     trial = try_record(loaded)[1]
-    session.tell(inspection_view(inspection, trial, verbose=session.verbose), conclusion=inspection_line(inspection))
+    session.tell(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
 
@@ -116,15 +115,6 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
 # ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
 
 
-class Method(StrEnum):
-    """The report's methods 3, 1 and 2, and Appendix A's."""
-
-    JOINT = "joint"
-    VELOCITY = "velocity"
-    RATES = "rates"
-    POLAR = "polar"
-
-
 @in_session("json", "report", "figures", "force")
 def reconstruct(
     session: Session,
@@ -133,7 +123,8 @@ def reconstruct(
         Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
     method: Annotated[
-        Method | None, typer.Option("--method", help="How to find the wind; joint if left out.")
+        str | None,
+        typer.Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar."),
     ] = None,
     config: options.Config = None,
     start: options.Start = None,
@@ -148,8 +139,7 @@ def reconstruct(
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import read_settings
 
-    chosen = {} if method is None else {"method": method.value}
-    settings = read_settings(ReconstructionConfig, config, **chosen)
+    settings = read_settings(ReconstructionConfig, config, **({} if method is None else {"method": method}))
     result = reconstructed(load_for_analysis(flight, start, stop, instruments), settings)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
@@ -165,14 +155,6 @@ def reconstruct(
 DEMO = "demo"
 DEFAULT_SEED = 1
 
-Plant = Annotated[
-    str | None,
-    typer.Option(
-        "--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."
-    ),
-]
-
-
 @in_session("json", "force", "plugin")
 def simulate(
     session: Session,
@@ -185,7 +167,10 @@ def simulate(
         ),
     ],
     output: options.Output,
-    plant: Plant = None,
+    plant: Annotated[
+        str | None,
+        typer.Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
+    ] = None,
     seed: options.Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""

@@ -67,11 +67,16 @@ class Session:
     """How one command talks: what was asked of the common options."""
 
     json: str | None = None
+    """File, or "-" for standard output."""
     report: Path | None = None
     figures: Path | None = None
+    """Folder of the picture files."""
     force: bool = False
+    """Whether files are overwritten."""
     quiet: bool = False
     verbose: bool = False
+    plugin: list[Path] | None = None
+    """Files whose mechanisms are used."""
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
@@ -90,7 +95,12 @@ class Session:
         for file in wanted:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
-            self._claim_one(file)
+            check_target(file, overwrite=self.force)
+            folder = Path(os.path.realpath(file)).parent
+            if not folder.is_dir():
+                raise UsageError(f"{file} cannot be written: {folder} does not exist. Create it, or choose another.")
+            if not os.access(folder, os.W_OK):
+                raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
         if self.figures is not None:
             self._claim_figures(self.figures, charts)
 
@@ -104,16 +114,6 @@ class Session:
 
         require_matplotlib()
         check_pictures(folder, charts, overwrite=self.force)
-
-    def _claim_one(self, file: Path) -> None:
-        check_target(file, overwrite=self.force)
-        folder = Path(os.path.realpath(file)).parent
-        if not folder.is_dir():
-            raise UsageError(
-                f"{file} cannot be written: {folder} does not exist. Create it, or choose another."
-            )
-        if not os.access(folder, os.W_OK):
-            raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
 
     def show(self, *renderables: Any) -> None:
         """Print for a human reader; silent with -q or where standard output belongs to JSON."""
@@ -129,9 +129,16 @@ class Session:
 
         self._print(terminal_view(document, verbose=self.verbose))
 
-    def tell(self, view: Any, conclusion: str) -> None:
-        """Print a view that is no document; with -q the conclusion alone."""
-        self._print(conclusion if self.quiet else view)
+    def tell(self, *blocks: Any, conclusion: str) -> None:
+        """Print blocks that are no document, or what rich renders; with -q the conclusion alone."""
+        if self.quiet:
+            self._print(conclusion)
+            return
+        from brv_hypo.report.document import Table, Texts
+        from brv_hypo.report.terminal import blocks_view
+
+        shown = (blocks_view((b,), self.verbose) if isinstance(b, Table | Texts) else b for b in blocks)
+        self._print(*shown)
 
     def _print(self, *renderables: Any) -> None:
         if self.json_only:
@@ -187,30 +194,20 @@ class Session:
     def progress(self, title: str) -> Iterator[Progress]:
         """A bar on standard error that a `Progress` moves; drawn only on a terminal, and never with -q."""
         if self.quiet or not sys.stderr.isatty():
-            yield _silent
+            yield lambda stage, fraction=None: None
             return
         from rich.console import Console
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bar
 
-        columns = (
-            BarColumn(bar_width=24),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}", markup=False),
-        )
+        columns = (BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
         with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=None)
 
             def advance(stage: str, fraction: float | None = None) -> None:
-                bar.update(
-                    task, description=stage, total=None if fraction is None else 1.0, completed=fraction
-                )
+                bar.update(task, description=stage, total=None if fraction is None else 1.0, completed=fraction)
 
             yield advance
-
-
-def _silent(stage: str, fraction: float | None = None) -> None:
-    """No bar."""
 
 
 def left_out() -> tuple[str, ...]:
@@ -229,17 +226,12 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
     """
     from pydantic_core import to_json
 
-    text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=_plain)
+    text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
     if warnings:
         content = json_format.loads(text)
         content["warnings"] = [*content.get("warnings", ()), *warnings]
         text = json_format.dumps(content, indent=2, ensure_ascii=False).encode()
     return text.decode() + "\n"
-
-
-def _plain(value: Any) -> Any:
-    """A NumPy array or scalar as Python numbers."""
-    return value.tolist()
 
 
 # ---- What makes a function a command: its `Session`, and the options that the session is made from ----
@@ -252,6 +244,7 @@ _SHARED = {
     "quiet": options.Quiet,
     "verbose": options.Verbose,
     "force": options.Force,
+    "plugin": options.Plugins,
 }
 
 
@@ -268,33 +261,20 @@ def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., N
     """Give a command its session as first argument, and the command line the options that the session needs.
 
     `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
-    everyone's. What was left out of the plugins is said on standard error, however quiet the command is to be.
+    everyone's. Plugins that could not be loaded are named on standard error, however quiet the command is to be.
     """
-    with_plugins = "plugin" in outputs
     names = [name for name in _SHARED if name in (*outputs, "quiet", "verbose")]
+    keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [
-        inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=getattr(Session, name),
-            annotation=_SHARED[name],
-        )
-        for name in names
+        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=_SHARED[name]) for name in names
     ]
-
-    if with_plugins:
-        shared.append(
-            inspect.Parameter(
-                "plugin", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=options.Plugins
-            )
-        )
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @functools.wraps(command)
         def run(**given: Any) -> None:
-            if with_plugins:
-                _use(given.pop("plugin"))
             session = Session(**{name: given.pop(name) for name in names})
+            if "plugin" in names:
+                _use(session.plugin)
             try:
                 # Nothing but the result may reach a standard output that belongs to JSON.
                 with redirect_stdout(sys.stderr) if session.json_only else nullcontext():

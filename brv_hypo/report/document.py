@@ -235,6 +235,8 @@ class Texts:
     warning: bool = False
     """Warnings stand out."""
     strong: bool = False
+    most: int | None = None
+    """Bullets that the terminal shows; all of them with -v."""
     shown: Shown = "always"
 
     @property

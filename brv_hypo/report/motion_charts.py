@@ -89,7 +89,7 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
     """The finite values of the panel's lines, or of the edges of its bands."""
     layers = [layer for layer in panel.layers if isinstance(layer, kind)]
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
-    values = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
+    values: FloatArray = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
 
 

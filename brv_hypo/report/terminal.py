@@ -10,7 +10,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.panel import Panel
 from rich.text import Text
 
-from brv_hypo.report.document import Document, Picture, Table, Texts
+from brv_hypo.report.document import Block, Document, Picture, Table, Texts
 from brv_hypo.report.style import bullets, plain_table
 
 _BETWEEN = 2
@@ -22,11 +22,11 @@ _LEAST_TEXT = 12
 def terminal_view(document: Document, *, verbose: bool = False) -> RenderableType:
     """What the terminal shows of a document; `verbose` adds every detail."""
     shown = ("always", "verbose") if verbose else ("always",)
-    parts: list[RenderableType] = [Text(line) for line in document.subtitle]
-    late: list[RenderableType] = []
+    parts: list[Block] = []
+    late: list[Block] = []
     for block in document.blocks:
-        if block.shown in shown and not isinstance(block, Picture):
-            (late if isinstance(block, Texts) and block.warning else parts).extend(block_view(block, verbose))
+        if block.shown in shown:
+            (late if isinstance(block, Texts) and block.warning else parts).append(block)
     panel = Panel(
         Text(document.conclusion),
         title=document.conclusion_title,
@@ -34,15 +34,24 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
         border_style="green" if document.decided else "yellow",
         expand=False,
     )
-    return Group(*parts, Text(), panel, *late)
+    return Group(
+        *map(Text, document.subtitle), blocks_view(parts, verbose), Text(), panel, blocks_view(late, verbose)
+    )
 
 
-def block_view(block: Table | Texts, verbose: bool) -> Iterator[RenderableType]:
-    """A table or texts under their heading; nothing of what is empty."""
-    if block.empty:
+def blocks_view(blocks: Sequence[Block], verbose: bool) -> Group:
+    """Tables and texts, each under its heading, without those that are empty."""
+    return Group(*(line for block in blocks for line in _lines(block, verbose)))
+
+
+def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
+    if block.empty or isinstance(block, Picture):
         return
     if isinstance(block, Texts) and block.bullets:
-        yield bullets(block.texts, block.heading, "yellow" if block.warning else "dim")
+        texts = list(dict.fromkeys(block.texts))
+        more = 0 if verbose or block.most is None else max(len(texts) - block.most, 0)
+        texts = [*texts[: len(texts) - more], *([f"and {more} more: -v"] if more else [])]
+        yield bullets(texts, block.heading, "yellow" if block.warning else "dim")
         return
     if block.heading or isinstance(block, Table):
         yield Text(f"\n{block.heading}" if block.heading else "", "bold")
