@@ -64,7 +64,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
         Table(faults, title, ("channel", "fault", "action")),
-        Texts(() if trial.sound else ("", _WHAT_THEN, ""), bullets=False),
+        Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
         Texts(inspection.warnings, "Warnings", warning=True),
