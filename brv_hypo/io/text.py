@@ -42,6 +42,11 @@ def counted(count: int, thing: str) -> str:
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
+def hypothesis(name: str) -> str:
+    """What a person reads for a hypothesis: `none` is the baseline only."""
+    return "baseline only" if name == "none" else name
+
+
 def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6) -> str:
     """A question after the known name that an unknown one is most like, or `otherwise`, for a refusal."""
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.io.text import counted
+from brv_hypo.io.text import counted, hypothesis
 from brv_hypo.ranking.result import (
     CoefficientSeries,
     Comparison,
@@ -38,7 +38,7 @@ from brv_hypo.report.document import (
     Values,
 )
 from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
-from brv_hypo.report.style import hypothesis, probability, share
+from brv_hypo.report.style import probability, share
 
 # ---- The charts of a comparison ----
 

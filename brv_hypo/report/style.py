@@ -14,8 +14,6 @@ from rich.text import Text
 from brv_hypo.io.text import printable
 
 NOT_A_NUMBER = "–"
-BASELINE_ONLY = "baseline only"
-"""What a person reads for the hypothesis `none`."""
 
 
 class _PlainConsole(Console):
@@ -94,11 +92,6 @@ def probability(value: float | None) -> str:
 def p_value(value: float | None) -> str:
     """A probability under the null hypothesis at two digits; none is nought."""
     return "<1e-99" if value is not None and value < 1e-99 else number(value, 2)
-
-
-def hypothesis(name: str) -> str:
-    """What a person reads for a hypothesis: `none` is the baseline only."""
-    return BASELINE_ONLY if name == "none" else name
 
 
 def share(value: float | None) -> str:

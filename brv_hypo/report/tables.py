@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from brv_hypo.io.text import counted
+from brv_hypo.io.text import counted, hypothesis
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import (
@@ -23,7 +23,6 @@ from brv_hypo.report.document import Block, Shown, Table, Texts
 from brv_hypo.report.style import (
     NOT_A_NUMBER,
     f_ratio,
-    hypothesis,
     interval,
     known_to,
     number,

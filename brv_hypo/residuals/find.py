@@ -155,7 +155,7 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
     ]
     away, name = min(found)
     near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
-    return name if near else "no multiple of roll or meridian rate"
+    return name if near else "not a multiple of the roll or meridian rate"
 
 
 def _correlations(

@@ -29,7 +29,8 @@ def test_each_criterion_is_told_with_what_it_puts_first():
     ranking = [row("lag", 40.0, 4.0, 1.5), row("damping", 90.0, 9.0, 2.0), row("none", None, 50.0, 1.0)]
     (told,) = criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.05})
     assert told == (
-        "criteria disagree on what comes first: F-ratio: damping; C_p and probability: lag; prediction error: none"
+        "the criteria put different hypotheses first: F-ratio: damping; C_p and probability: lag; "
+        "prediction error: baseline only"
     )
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, TRACE_CHARTS, comparison_names
 from brv_hypo.docs import text
+from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.comparison import comparison_charts, comparison_document
 from brv_hypo.report.document import (
@@ -34,7 +35,6 @@ from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import Provenance, page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
-from brv_hypo.report.style import hypothesis
 from brv_hypo.report.trace import trace_charts
 from brv_hypo.report.write import draw_into, drawn
 from brv_hypo.simulation import load_config, simulate_batch

@@ -102,11 +102,10 @@ def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction
 
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
     assert held.refitted == ()
-    values = {term.name: term for term in traced.model.terms}
+    values = {(term.mechanism, term.name): term for term in traced.model.terms}
     for term in held.frozen:
-        assert (term.value, term.std_error) == pytest.approx(
-            (values[term.name].value, values[term.name].std_error)
-        )
+        own = values[term.mechanism, term.name]
+        assert (term.value, term.std_error) == pytest.approx((own.value, own.std_error))
     assert held.error.frozen > predicted.error.frozen
 
 
@@ -229,7 +228,7 @@ def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
     assert {chart.name for chart in prediction_charts(predicted)} == set(PREDICTION_CHARTS)
     assert [panel.title for panel in chart.panels] == [f"{title}{THOUSANDTHS.suffix}" for title in BODY]
-    assert "95 % predictive band" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
+    assert "95 % prediction interval" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
 
 
 def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flight, held: Prediction) -> None:
