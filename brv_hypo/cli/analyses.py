@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from brv_hypo.cli import options
-from brv_hypo.cli.session import PREDICTION_CHARTS, TRACE_CHARTS, Session, comparison_names, in_session
+from brv_hypo.cli.session import Session, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.atomic import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
@@ -48,7 +48,7 @@ def compare(
     seed: options.Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
-    session.claim(charts=comparison_names(len(flights)))
+    session.claim()
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
@@ -138,8 +138,9 @@ def trace(
 
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
-    session.claim(mechanism_file, model_file, charts=TRACE_CHARTS)
+    session.claim(mechanism_file, model_file)
     from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
@@ -161,19 +162,13 @@ def trace(
         write_whole(model_file, model_text(result.model.definition))
         session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
     if mechanism_file is not None:
-        _write_mechanism(session, mechanism_file, result.discovered)
+        if result.discovered is None:
+            session.warn(f"nothing was discovered, so {mechanism_file} is not written")
+        else:
+            write_whole(mechanism_file, mechanism_text(result.discovered))
+            compared = f"brv-hypo compare FLIGHT.h5 --mechanisms {mechanism_file}"
+            session.show(f"Wrote {mechanism_file}: `{compared}` compares it.")
     session.write_report(document, settings, [record.path for record in records])
-
-
-def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:
-    """The discovered mechanism, where there is one."""
-    from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
-
-    if discovered is None:
-        session.warn(f"nothing was discovered, so {file} is not written")
-        return
-    write_whole(file, mechanism_text(discovered))
-    session.show(f"Wrote {file}: `brv-hypo compare FLIGHT.h5 --mechanisms {file}` compares it.")
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
@@ -255,7 +250,7 @@ def predict(
     instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
-    session.claim(charts=PREDICTION_CHARTS)
+    session.claim()
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.report.prediction import prediction_document
     from brv_hypo.residuals import TraceConfig

@@ -12,7 +12,7 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
-from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, Session, comparison_names, in_session
+from brv_hypo.cli.session import Session, in_session
 from brv_hypo.errors import UsageError
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def reconstruct(
     instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
-    session.claim(output, charts=RECONSTRUCTION_CHARTS)
+    session.claim(output)
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
@@ -191,7 +191,7 @@ def demo(
     seed: options.Seed = None,
 ) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
-    session.claim(charts=comparison_names(1))
+    session.claim()
     from brv_hypo.ranking import CompareConfig, compare
     from brv_hypo.report.listings import simulation_text
     from brv_hypo.settings import read_settings

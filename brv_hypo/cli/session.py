@@ -1,8 +1,7 @@
 """Where a command's results go: the terminal, JSON, an HTML report, files; and what makes a function a command.
 
 Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written whole
-or not at all. With `--json -` standard output holds JSON and nothing else. The charts that a command draws of
-every flight are named here: picture files of these names are known before the work begins.
+or not at all. With `--json -` standard output holds JSON and nothing else.
 
 `in_session` gives a command its `Session` and the command line the options that the session is made from.
 """
@@ -15,7 +14,7 @@ import json as json_format
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,25 +30,6 @@ if TYPE_CHECKING:
 
     from brv_hypo.report.document import Document
     from brv_hypo.report.html import Provenance
-
-
-RECONSTRUCTION_CHARTS = (
-    *("accelerations", "rates", "integrated-attitude"),
-    *("motion", "moments", "theta-psi", "moment-by-alpha", "spectrum"),
-)
-COMPARISON_CHARTS = ("probability", "limits")
-OF_A_COMPARED_FLIGHT = ("moments", "residuals", "motion", "moment-by-alpha", "spectrum")
-TRACE_CHARTS = ("moments", "residuals", "static-slope", "spectrum")
-PREDICTION_CHARTS = ("band", "errors", "regions")
-
-
-def comparison_names(flights: int) -> tuple[str, ...]:
-    """Those of a comparison of so many flights; of several, each chart of one has its number."""
-    suffixes = [""] if flights == 1 else [f"-{number}" for number in range(1, flights + 1)]
-    return (*COMPARISON_CHARTS, *(f"{name}{suffix}" for suffix in suffixes for name in OF_A_COMPARED_FLIGHT))
-
-
-# ---- Where a command's results go: the terminal, JSON, an HTML report, files ----
 
 
 STANDARD_OUTPUT = "-"
@@ -84,8 +64,8 @@ class Session:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
 
-    def claim(self, *files: Path | None, charts: Sequence[str] = ()) -> None:
-        """Refuse now what could not be written later: `files`, the report, the JSON file, pictures of `charts`.
+    def claim(self, *files: Path | None) -> None:
+        """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
 
         Raises UsageError where a file exists and `--force` was not given, or cannot be written.
         """
@@ -102,18 +82,19 @@ class Session:
             if not os.access(folder, os.W_OK):
                 raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
         if self.figures is not None:
-            self._claim_figures(self.figures, charts)
+            self._claim_figures(self.figures)
 
-    def _claim_figures(self, folder: Path, charts: Sequence[str]) -> None:
+    def _claim_figures(self, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
         existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
         if not existing.is_dir() or not os.access(existing, os.W_OK):
             raise UsageError(f"--figures {folder} cannot be made: no permission in {existing}. Choose another place.")
-        from brv_hypo.report.write import check_pictures, require_matplotlib
+        from brv_hypo.report.write import require_matplotlib
 
         require_matplotlib()
-        check_pictures(folder, charts, overwrite=self.force)
+        for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
+            check_target(picture, overwrite=self.force)
 
     def show(self, *renderables: Any) -> None:
         """Print for a human reader; silent with -q or where standard output belongs to JSON."""

@@ -13,7 +13,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.io.atomic import write_whole
 
 if TYPE_CHECKING:
-    from brv_hypo.study import Outcome, StudySummary
+    from brv_hypo.study import Outcome
     from brv_hypo.study.run import Progress as StudyProgress
 
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
@@ -50,6 +50,7 @@ def study(
     from brv_hypo.report.html import page
     from brv_hypo.report.many_flights import study_document
     from brv_hypo.study import read_study, run_study, summarise
+    from brv_hypo.study.store import results_csv
 
     settings = read_study(config, **({} if seed is None else {"seed": seed}))
     try:
@@ -67,7 +68,9 @@ def study(
         raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     document = study_document(summary, outcomes)
-    _write(output, outcomes, summary, page(document, session.provenance(settings)))
+    write_whole(output / RESULTS, results_csv(outcomes))
+    write_whole(output / SUMMARY, as_json(summary))
+    write_whole(output / REPORT, page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(
@@ -83,11 +86,3 @@ def _advance(progress: Progress) -> StudyProgress:
         progress(f"{done} of {total} flights, last {latest.draw.key}", done / total)
 
     return advance
-
-
-def _write(folder: Path, outcomes: tuple[Outcome, ...], summary: StudySummary, page: str) -> None:
-    from brv_hypo.study.store import results_csv
-
-    write_whole(folder / RESULTS, results_csv(outcomes))
-    write_whole(folder / SUMMARY, as_json(summary))
-    write_whole(folder / REPORT, page)

@@ -186,17 +186,12 @@ def moment_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
 ) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
-    scale = scale_of(*measured, *(values for m in models for values in m.moments))
-    under: list[list[Layer]] = [
-        [_band(time, values, sigma, scale), Line(time, scale.drawn(values), "measured", "measured", dots=True)]
-        for values in measured
-    ]
-    panels = _panels(titles, scale, time, under, models)
+    panels = _panels(titles, time, models, measured, sigma)
     heading = "Moments, measured and modelled" if models else "Moments"
-    beside = BESIDE if models else ""
     knots = "Dashed lines: knots of the model on top." if setting.knots else ""
     shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, caption(beside, knots, shaded, cut_text(panels)))
+    read = caption(BESIDE if models else "", knots, shaded, cut_text(panels))
+    return setting.chart("moments", heading, panels, read)
 
 
 def residual_chart(
@@ -208,31 +203,46 @@ def residual_chart(
     heading: str = "Residual moments",
 ) -> Chart:
     """Residual moments of models, before a band of two standard deviations; the last one on top."""
-    scale = scale_of(*(values for m in models for values in m.moments))
-    band = _band(time, np.zeros(len(time)), sigma, scale)
-    panels = _panels(titles, scale, time, [[band] for _ in titles], models)
+    panels = _panels(titles, time, models, sigma=sigma)
     knots = "Dashed lines: knots." if setting.knots else ""
     return setting.chart("residuals", heading, panels, caption(BESIDE, _GYROS, knots, cut_text(panels)))
 
 
+def moment_by_alpha_chart(
+    setting: Setting,
+    alpha: Values,
+    measured: Moments,
+    models: Sequence[Drawn],
+    name: str = "moment-by-alpha",
+    heading: str = "Moments",
+) -> Chart:
+    """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
+    panels = _panels((IN_PLANE, OUT_OF_PLANE), np.degrees(np.asarray(alpha)), models, measured, dots=True)
+    title = f"{heading} against angle of attack{setting.which}"
+    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
+
+
 def _panels(
     titles: Sequence[str],
-    scale: Scale,
     x: Values,
-    under: Sequence[Sequence[Layer]],
     models: Sequence[Drawn],
+    measured: Moments | None = None,
+    sigma: Values | None = None,
     dots: bool = False,
 ) -> list[Panel]:
-    """A panel for each moment: what lies `under` the models, and their moments over `x`."""
-    return [
-        framed(
-            Panel(
-                f"{title}{scale.suffix}",
-                [*layers, *(Line(x, scale.drawn(m.moments[k]), m.role, m.name, dots=dots) for m in models)],
-            )
-        )
-        for k, (title, layers) in enumerate(zip(titles, under, strict=True))
-    ]
+    """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
+    scale = scale_of(*(measured or ()), *(values for m in models for values in m.moments))
+    panels = []
+    for k, title in enumerate(titles):
+        layers: list[Layer] = []
+        if sigma is not None:
+            centre, wide = scale.drawn(measured[k] if measured else np.zeros(len(x))), 2.0 * scale.drawn(sigma)
+            layers.append(Band(x, centre - wide, centre + wide))
+        if measured is not None:
+            layers.append(Line(x, scale.drawn(measured[k]), "measured", "measured", dots=True))
+        layers += [Line(x, scale.drawn(m.moments[k]), m.role, m.name, dots=dots) for m in models]
+        panels.append(framed(Panel(f"{title}{scale.suffix}", layers)))
+    return panels
 
 
 def caption(*sentences: str) -> str:
@@ -271,23 +281,6 @@ def motion_chart(
     ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
     read = caption(ends, knots, cut_text(panels[:1]))
     return setting.chart("motion", "Angle of attack and windward meridian", panels, read)
-
-
-def moment_by_alpha_chart(
-    setting: Setting,
-    alpha: Values,
-    measured: Moments,
-    models: Sequence[Drawn],
-    name: str = "moment-by-alpha",
-    heading: str = "Moments",
-) -> Chart:
-    """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
-    degrees = np.degrees(np.asarray(alpha))
-    scale = scale_of(*measured, *(values for m in models for values in m.moments))
-    under = [[Line(degrees, scale.drawn(values), "measured", "measured", dots=True)] for values in measured]
-    panels = _panels((IN_PLANE, OUT_OF_PLANE), scale, degrees, under, models, dots=True)
-    title = f"{heading} against angle of attack{setting.which}"
-    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
 
 
 def spectrum_chart(
@@ -350,11 +343,6 @@ def estimate(
 ) -> list[Layer]:
     """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
     return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
-
-
-def _band(time: Values, centre: Values, sigma: Values, scale: Scale) -> Band:
-    middle, wide = scale.drawn(centre), 2.0 * scale.drawn(sigma)
-    return Band(time, middle - wide, middle + wide)
 
 
 # ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----

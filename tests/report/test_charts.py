@@ -11,7 +11,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, TRACE_CHARTS, comparison_names
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking import CompareConfig, Comparison, compare
@@ -35,10 +34,9 @@ from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import Provenance, page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
-from brv_hypo.report.trace import trace_charts
 from brv_hypo.report.write import draw_into, drawn
 from brv_hypo.simulation import load_config, simulate_batch
-from tests.chains import compared_nominal, reconstructed, traced_trim
+from tests.chains import compared_nominal, reconstructed
 from tests.flights import nominal
 
 
@@ -135,14 +133,6 @@ def test_a_record_is_drawn_as_it_was_measured() -> None:
     np.testing.assert_allclose(yaw, 0.0, atol=1e-9)
     np.testing.assert_allclose(drawn["rates"].panels[1].layers[0].y, np.degrees(0.1))
     np.testing.assert_allclose(drawn["accelerations"].panels[0].layers[0].y, flight.ax)
-
-
-def test_charts_that_are_known_before_the_work_are_drawn(charts) -> None:
-    """By their names a folder that holds them already is refused at once."""
-    assert set(comparison_names(2)) <= set(charts)
-    assert set(comparison_names(1)) <= {chart.name for chart in comparison_charts(compared_nominal())}
-    assert set(TRACE_CHARTS) <= {chart.name for chart in trace_charts(traced_trim())}
-    assert set(RECONSTRUCTION_CHARTS) == {chart.name for chart in reconstruction_charts(reconstructed())}
 
 
 def test_the_leader_is_drawn_last_and_none_first(charts) -> None:

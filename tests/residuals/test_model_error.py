@@ -143,7 +143,7 @@ def with_a_jump(result: Trace, found_on: str, elsewhere: float | None = None) ->
     """The model of a trace with a body-fixed moment from 2 s on."""
     definition = result.model.definition
     columns = tuple(
-        column.model_copy(update={"elsewhere": elsewhere if column.term == "C_m0" and column.mechanism != "trim" else None})
+        column.model_copy(update={"elsewhere": elsewhere if (column.mechanism, column.term) == ("static", "C_m0") else None})
         for column in definition.columns
     )
     zeros = tuple(0.0 for _ in columns)
