@@ -1,5 +1,5 @@
-"""`brv-hypo compare`, `trace` and `predict`: competing mechanisms ranked, the residual traced to its effects, a
-model of other flights on this one.
+"""`brv-hypo compare`, `trace`, `predict` and `study`: competing mechanisms ranked, the residual traced to its effects,
+a model of other flights on this one, many simulated flights.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from brv_hypo.cli import options
-from brv_hypo.cli.session import Session, in_session
+from brv_hypo.cli.session import Session, as_json, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.atomic import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 # ---- `brv-hypo compare`: competing mechanisms on one flight or several, ranked, with a verdict ----
-
 
 Mechanisms = Annotated[
     str | None,
@@ -91,8 +90,7 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
     return {"mechanisms": names}
 
 
-# ---- `brv-hypo trace`: what a model leaves over, traced to the effect that it lacks ----
-
+# ---- `brv-hypo trace`: the residual of a model, traced to the effect that it lacks ----
 
 Model = Annotated[
     Path | None,
@@ -134,7 +132,7 @@ def trace(
     instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
-    """Trace what a model leaves over to its effects, one by one.
+    """Trace the residual of a model to its effects, one by one.
 
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
@@ -226,7 +224,6 @@ def _say_found_anew(session: Session, errors: list[str]) -> None:
 
 # ---- `brv-hypo predict`: what a model found on other flights says of this one ----
 
-
 @in_session("json", "report", "figures", "force", "plugin")
 def predict(
     session: Session,
@@ -264,3 +261,72 @@ def predict(
     session.present(document)
     session.write_json(result)
     session.write_report(document, settings, [flight, model])
+
+
+# ---- `brv-hypo study`: how often is a planted mechanism found? ----
+
+RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
+
+
+@in_session("json", "force", "plugin")
+def study(
+    session: Session,
+    config: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY.yaml",
+            autocompletion=options.studies,
+            help="Study, or the name of one that comes along.",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."
+        ),
+    ],
+    jobs: Annotated[
+        int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
+    ] = -1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs."),
+    ] = None,
+    seed: options.Seed = None,
+) -> None:
+    """Fly many simulated flights, and judge the verdicts."""
+    session.claim()
+    from brv_hypo.report.html import page
+    from brv_hypo.report.many_flights import study_document
+    from brv_hypo.study import read_study, run_study, summarise
+    from brv_hypo.study.store import results_csv
+
+    settings = read_study(config, **({} if seed is None else {"seed": seed}))
+    try:
+        with session.progress("flying") as progress:
+            outcomes = run_study(
+                settings,
+                output,
+                jobs=jobs,
+                cluster=cluster,
+                overwrite=session.force,
+                progress=lambda done, total, last: progress(
+                    f"{done} of {total} flights, last {last.draw.key}", done / total
+                ),
+                note=session.warn,
+            )
+    except KeyboardInterrupt as interrupt:
+        raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
+    summary = summarise(settings, outcomes)
+    document = study_document(summary, outcomes)
+    write_whole(output / RESULTS, results_csv(outcomes))
+    write_whole(output / SUMMARY, as_json(summary))
+    write_whole(output / REPORT, page(document, session.provenance(settings)))
+    if not summary.compared:
+        first = summary.failures[0]
+        raise UnanswerableError(
+            f"none of {summary.flights} flights was compared. {first.key}: {first.reason}"
+        )
+    session.present(document)
+    session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
+    session.write_json(summary)

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 # ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
 
-
 @in_session("json", "force")
 def inspect(
     session: Session,
@@ -114,7 +113,6 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
 
 # ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
 
-
 @in_session("json", "report", "figures", "force")
 def reconstruct(
     session: Session,
@@ -150,7 +148,6 @@ def reconstruct(
 
 
 # ---- `brv-hypo simulate` and `brv-hypo demo`: flights whose mechanism is known ----
-
 
 DEMO = "demo"
 DEFAULT_SEED = 1

@@ -11,7 +11,6 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.session import Session, in_session
-from brv_hypo.cli.signals import guarded
 from brv_hypo.errors import UsageError
 from brv_hypo.io.atomic import check_target, make_folder, write_whole
 from brv_hypo.io.text import meant
@@ -22,12 +21,10 @@ if TYPE_CHECKING:
 
 # ---- `brv-hypo mechanisms`: what is installed; a new plugin; does a plugin keep the contract ----
 
-
 mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 
 @mechanisms_app.callback()
-@guarded
 @in_session("json", "force", "plugin")
 def listing(session: Session, context: typer.Context) -> None:
     """List what is installed; write or check a plugin."""
@@ -43,7 +40,6 @@ def listing(session: Session, context: typer.Context) -> None:
 
 
 @mechanisms_app.command("new")
-@guarded
 @in_session()
 def new_plugin(
     session: Session,
@@ -69,7 +65,6 @@ def new_plugin(
 
 
 @mechanisms_app.command("check")
-@guarded
 @in_session("json", "force", "plugin")
 def check(
     session: Session,
@@ -96,7 +91,6 @@ def check(
 
 # ---- `brv-hypo config`: commented files of settings to start from, and JSON schemas for editors ----
 
-
 config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
 VEHICLE, STUDY, MAP = "research_cone", "study_planted", "launch12"
@@ -115,7 +109,6 @@ def config() -> None:
 
 
 @config_app.command("new")
-@guarded
 @in_session("force")
 def new_settings(
     session: Session,
@@ -138,7 +131,6 @@ def new_settings(
 
 
 @config_app.command("schema")
-@guarded
 @in_session()
 def schema(
     session: Session,
@@ -177,7 +169,6 @@ def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
 
 
 # ---- `brv-hypo docs`: the manual, in the terminal or as an offline page ----
-
 
 NAME = "brv-hypo-manual.html"
 

@@ -18,9 +18,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from brv_hypo.cli import options
+from brv_hypo.cli.signals import guarded
 from brv_hypo.errors import UsageError
 from brv_hypo.io.atomic import check_target, write_whole
 from brv_hypo.io.text import printable
@@ -35,11 +36,8 @@ if TYPE_CHECKING:
 STANDARD_OUTPUT = "-"
 
 
-class Progress(Protocol):
-    """Reports the stage that long work has reached and, where known, the fraction (0 to 1) done."""
-
-    def __call__(self, stage: str, fraction: float | None = None) -> None:
-        """Show the stage."""
+Progress = Callable[..., None]
+"""Shows the stage (a text) that long work has reached and, where known, the fraction (0 to 1) done."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +215,6 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
 
 # ---- What makes a function a command: its `Session`, and the options that the session is made from ----
 
-
 _SHARED = {
     "json": options.Json,
     "report": options.Report,
@@ -229,17 +226,8 @@ _SHARED = {
 }
 
 
-def _use(files: list[Path] | None) -> None:
-    """Have the registry load the files named with `--plugin`; without any, leave it unimported."""
-    if files or "brv_hypo.mechanisms" in sys.modules:
-        from brv_hypo.mechanisms import plugin_files, use_plugin_files
-
-        if files or plugin_files():
-            use_plugin_files(files or ())
-
-
 def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command its session as first argument, and the command line the options that the session needs.
+    """Make a function a command: give it its session as first argument, and the command line the session's options.
 
     `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
     everyone's. Plugins that could not be loaded are named on standard error, however quiet the command is to be.
@@ -251,12 +239,17 @@ def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., N
     ]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @guarded
         @functools.wraps(command)
         def run(**given: Any) -> None:
             session = Session(**{name: given.pop(name) for name in names})
-            if "plugin" in names:
-                _use(session.plugin)
             try:
+                # without --plugin the registry stays unimported, unless an earlier command of this process had files
+                if "plugin" in names and (session.plugin or "brv_hypo.mechanisms" in sys.modules):
+                    from brv_hypo.mechanisms import plugin_files, use_plugin_files
+
+                    if session.plugin or plugin_files():
+                        use_plugin_files(session.plugin or ())
                 # Nothing but the result may reach a standard output that belongs to JSON.
                 with redirect_stdout(sys.stderr) if session.json_only else nullcontext():
                     command(session, **given)

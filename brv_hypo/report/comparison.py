@@ -42,7 +42,6 @@ from brv_hypo.report.style import probability, share
 
 # ---- The charts of a comparison ----
 
-
 LEADING = 2
 """Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
 CLOSE = 0.1
@@ -65,7 +64,23 @@ BY_MACH = ("C_N' by alpha", "C_Nalpha_force")
 
 def comparison_charts(comparison: Comparison) -> list[Chart]:
     """Every chart that the comparison has the data for, in the order of a page."""
-    drawn = [_probabilities(comparison), _limits(comparison), _sizes(comparison)]
+    verdict = comparison.verdict
+    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in verdict.probability]
+    chances = {name: verdict.probability[name] for name in (*ranked, *verdict.probability)}
+    likeliest = sorted(chances, key=lambda name: -chances[name])  # of equals as they are ranked
+    texts = [probability(chances[name]) for name in likeliest]
+    names, values = list(map(hypothesis, likeliest)), [chances[name] for name in likeliest]
+    over = "Over the hypotheses compared and other: something that is not on the list."
+    limits = {limit.mechanism: limit.share_of_moment_95 for limit in verdict.limits}
+    percent = [100.0 * value for value in limits.values()]
+    shares = Bars(list(limits), percent, list(map(share, limits.values())), "third")
+    title, read = "largest share of the moment's rms, %", "How large each mechanism may be, whatever won."
+    drawn = [
+        Chart("probability", "Probability", "probability", [Panel("", [Bars(names, values, texts)])] if names else [],
+              range=(0.0, 1.08), caption=over),
+        Chart("limits", "Limits at 95 %", title, [Panel("", [shares])] if limits else [], caption=read),
+        _sizes(comparison),
+    ]  # fmt: skip
     for index, series in enumerate(comparison.series):
         drawn += _of_flight(comparison, index, series)
     return [chart for chart in drawn if chart.panels]
@@ -76,27 +91,6 @@ def _leading(comparison: Comparison) -> list[tuple[str, Role]]:
     first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
     roles: tuple[Role, ...] = ("first", "second")
     return [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
-
-
-def _probabilities(comparison: Comparison) -> Chart:
-    chances = comparison.verdict.probability
-    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in chances]
-    names = sorted(dict.fromkeys([*ranked, *chances]), key=lambda name: -chances[name])  # of equals as ranked
-    values = [chances[name] for name in names]
-    bars = Bars([hypothesis(name) for name in names], values, [probability(value) for value in values])
-    panels = [Panel("", [bars])] if names else []
-    read = "Over the hypotheses compared and other: something that is not on the list."
-    return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08), caption=read)
-
-
-def _limits(comparison: Comparison) -> Chart:
-    known = comparison.verdict.limits
-    shares = [limit.share_of_moment_95 for limit in known]
-    names = [limit.mechanism for limit in known]
-    bars = Bars(names, [100.0 * value for value in shares], [share(value) for value in shares], "third")
-    title = "largest share of the moment's rms, %"
-    read = "How large each mechanism may be, whatever won."
-    return Chart("limits", "Limits at 95 %", title, [Panel("", [bars])] if known else [], caption=read)
 
 
 def _sizes(comparison: Comparison) -> Chart:
@@ -253,12 +247,13 @@ def _estimate(
 
 # ---- A comparison as a document ----
 
-
 def comparison_document(comparison: Comparison) -> Document:
     """Ranking, verdict and warnings; in detail every term, criterion and note; on a page the charts."""
     verdict, seconds = comparison.verdict, comparison.seconds
     faults = tables.fault_texts(comparison.record, verdict.reason)
     warnings = (*faults, *comparison.reconstruction.warnings, *comparison.warnings)
+    notes = [note for flight in comparison.flights for note in flight.notes]
+    notes += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
     took = (
         f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
         f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
@@ -278,7 +273,7 @@ def comparison_document(comparison: Comparison) -> Document:
             *(block for row in comparison.ranking for block in _of_hypothesis(row)),
             tables.criteria_table(comparison),
             Texts(tables.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),
-            Texts(tables.note_texts(comparison), "Notes", shown="verbose"),
+            Texts(notes, "Notes", shown="verbose"),
             Texts((took,), bullets=False, shown="verbose"),
         ),
     )
@@ -294,5 +289,9 @@ def _of_hypothesis(row: RankedHypothesis) -> list[Block]:
     ]
     if fit is not None:
         ended = f"{name} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
-        blocks += tables.likelihood_blocks(ended, fit)
+        blocks += [
+            tables.term_table(ended, fit.terms, knots=fit.knots),
+            Texts((*tables.derived_texts(fit.derived), *filter(None, (fit.message,))), shown="verbose"),
+            tables.term_table(f"{ended}: errors of the record", fit.instrument),
+        ]
     return blocks

@@ -194,7 +194,6 @@ def wrapped_degrees(angle: Values) -> FloatArray:
 
 # ---- A result as one document of blocks, which `terminal` and `html` render ----
 
-
 Shown = Literal["always", "verbose", "page"]
 
 

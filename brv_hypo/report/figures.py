@@ -57,17 +57,14 @@ class ChartFigure(Figure):
 
 def chart_figure(chart: Chart) -> ChartFigure:
     """The chart in the colours and the width of a paper's page; `.axes` are its panels, to add to or to change."""
+    height = FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
+    if chart.path is not None:
+        height = WIDTH * chart.rows / chart.columns + FRAME / chart.columns
     with mpl.rc_context(STYLE):
-        figure = ChartFigure(figsize=(WIDTH, _height(chart)), layout="constrained")
+        figure = ChartFigure(figsize=(WIDTH, height), layout="constrained")
         FigureCanvasAgg(figure)
         _fill(figure, chart)
     return figure
-
-
-def _height(chart: Chart) -> float:
-    if chart.path is not None:
-        return WIDTH * chart.rows / chart.columns + FRAME / chart.columns
-    return FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
 
 
 def _fill(figure: Figure, chart: Chart) -> None:

@@ -14,7 +14,7 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -38,13 +38,11 @@ from brv_hypo.report.document import (
     Line,
     Panel,
     Picture,
-    PlanePath,
     Table,
     Values,
     named,
     thinned,
 )
-from brv_hypo.report.style import LEAST_PLAIN, MOST_PLAIN
 from brv_hypo.version import version
 
 _UNEVEN = 1e-3
@@ -62,7 +60,8 @@ _AXIS = {
     "ticks": "outside",
     "showline": True,
     "automargin": True,
-    "exponentformat": "none",
+    "exponentformat": "power",
+    "minexponent": 4,  # an exponent below 1e-4 and from 1e5
 }
 _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
 """Of a band, which is drawn by its area."""
@@ -74,36 +73,28 @@ _NAME = 13
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
-    if chart.path is not None:
-        return _plotly_path(chart, chart.path)
+    shared = {"time": chart.over_time, "height": chart_height(chart)}
+    if (path := chart.path) is not None:
+        curve = {"t": path.time, "x": path.x, "y": path.y}
+        histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
+        rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
+        titles = {"xTitle": chart.x, "yTitle": path.y_title}
+        return {"path": {**histories, **rule, **titles, "axis": _AXIS}, **shared}
     traces: list[dict[str, Any]] = []
     in_legend: set[str] = set()
     for row, panel in enumerate(chart.panels, start=1):
+        place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}"}
         for layer in panel.layers:
-            for trace in _traces(layer):
+            group = "" if isinstance(layer, Bars) else layer.name
+            for trace in _TRACES[type(layer)](layer):
                 name = trace.get("name", "")
-                group = "" if isinstance(layer, Bars) else layer.name
-                place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}", "legendgroup": group}
-                traces.append({**trace, **place, "showlegend": bool(name) and name not in in_legend})
+                shown = bool(name) and name not in in_legend
+                traces.append({**trace, **place, "legendgroup": group, "showlegend": shown})
                 in_legend.add(name)
-    return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": chart_height(chart)}
+    return {"traces": traces, "layout": _layout(chart), **shared}
 
 
-def _plotly_path(chart: Chart, path: PlanePath) -> dict[str, Any]:
-    curve = {"t": path.time, "x": path.x, "y": path.y}
-    histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
-    rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
-    titles = {"xTitle": chart.x, "yTitle": path.y_title}
-    return {"path": {**histories, **rule, **titles, "axis": _AXIS}, "time": False, "height": chart_height(chart)}
-
-
-def _traces(layer: Layer) -> list[dict[str, Any]]:
-    if isinstance(layer, Band):
-        return _band(layer)
-    return [_bars(layer) if isinstance(layer, Bars) else _line(layer)]
-
-
-def _line(layer: Line) -> dict[str, Any]:
+def _line(layer: Line) -> list[dict[str, Any]]:
     colour = f"--{layer.role}"
     trace: dict[str, Any] = {
         **_over(layer.x),
@@ -124,7 +115,7 @@ def _line(layer: Line) -> dict[str, Any]:
         trace["error_y"] = {
             "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
         }  # fmt: skip
-    return trace
+    return [trace]
 
 
 def _band(layer: Band) -> list[dict[str, Any]]:
@@ -152,17 +143,13 @@ def _broken_band(layer: Band) -> dict[str, Any]:
     return {**_EDGE, **area, "fill": "toself", "fillcolor": f"--{layer.role}-band"}
 
 
-def _bars(layer: Bars) -> dict[str, Any]:
-    return {
-        "type": "bar",
-        "orientation": "h",
-        "x": [float(value) for value in layer.values],
-        "y": list(layer.names),
-        "text": list(layer.texts),
-        "textposition": "outside",
-        "cliponaxis": False,
-        "marker": {"color": f"--{layer.role}"},
-    }
+def _bars(layer: Bars) -> list[dict[str, Any]]:
+    bars = {"x": [float(value) for value in layer.values], "y": list(layer.names), "text": list(layer.texts)}
+    drawn = {"type": "bar", "orientation": "h", "textposition": "outside", "cliponaxis": False}
+    return [{**bars, **drawn, "marker": {"color": f"--{layer.role}"}}]
+
+
+_TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
 
 
 def _layout(chart: Chart) -> dict[str, Any]:
@@ -175,10 +162,9 @@ def _layout(chart: Chart) -> dict[str, Any]:
             **_AXIS,
             "title": {"text": chart.x},
             "anchor": "y" if count == 1 else f"y{count}",
-            **({"type": "log"} if chart.log else {}),
+            **({"type": "log", "exponentformat": "none"} if chart.log else {}),
             **({"dtick": 1} if chart.counted else {}),
             **({"range": list(across)} if across else {}),
-            **({"exponentformat": "power"} if across and across[1] < LEAST_PLAIN else {}),
         },
         "shapes": _shapes(chart),
         "annotations": _annotations(chart),
@@ -192,7 +178,6 @@ def _layout(chart: Chart) -> dict[str, Any]:
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
             "title": {"text": panel.title},
-            **({"exponentformat": "power"} if panel.log or not _plain(panel) else {}),
             **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
@@ -202,17 +187,6 @@ def _layout(chart: Chart) -> dict[str, Any]:
             axis |= {**ticks, "range": [len(names) - 0.5, -0.5]}
         layout["yaxis" if row == 0 else f"yaxis{row + 1}"] = axis
     return layout
-
-
-def _plain(panel: Panel) -> bool:
-    """True where the greatest value of the vertical axis is written without an exponent."""
-    sides: list[Values] = [layer.y for layer in panel.layers if isinstance(layer, Line)]
-    sides += [side for layer in panel.layers if isinstance(layer, Band) for side in (layer.low, layer.high)]
-    values = np.abs(np.concatenate([np.zeros(1), *(np.asarray(side, dtype=float) for side in sides)]))
-    greatest = float(np.nanmax(values))
-    if panel.range is not None:
-        greatest = min(greatest, max(map(abs, panel.range)))
-    return greatest == 0.0 or LEAST_PLAIN <= greatest < MOST_PLAIN
 
 
 def _decades(panel: Panel) -> dict[str, Any]:
@@ -277,7 +251,6 @@ def _bits(values: FloatArray) -> dict[str, str]:
 
 # ---- Where a page came from: version, settings, records by digest, and the command that makes it again ----
 
-
 @dataclass(frozen=True)
 class Provenance:
     """The command, the settings that differ from the defaults, and each record with its SHA-256."""
@@ -301,16 +274,13 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
     if settings is not None:
         changed = settings.model_dump(mode="json", exclude_defaults=True)
         text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip() if changed else "defaults"
-    return Provenance(command, text, tuple((str(path), _digest(path)) for path in paths if path.is_file()))
+    known = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()}
+    return Provenance(command, text, tuple(known.items()))
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 # ---- The page: templates in `page/`, and what they need ----
-
 
 _WHOLE = 9
 """A table of more columns takes the whole width of the page."""

@@ -20,7 +20,6 @@ from brv_hypo.version import version
 
 # ---- An inspected record ----
 
-
 NOTES = 5
 """Notes on how the record was made that the terminal shows; all of them with -v."""
 _WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
@@ -112,7 +111,6 @@ def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any
 
 # ---- The installed mechanisms and their conformance ----
 
-
 KINDS = ("mechanism", "aerodynamic", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
 
@@ -173,7 +171,6 @@ def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 # ---- A simulated flight in words and as data ----
-
 
 def simulation_text(flown: SimulatedFlight) -> str:
     """What was flown, what was planted, and how much of the moment that is."""

@@ -95,7 +95,6 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
 
 # ---- Motion and moments over time, angle of attack and frequency ----
 
-
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
@@ -346,7 +345,6 @@ def estimate(
 
 
 # ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----
-
 
 _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "

@@ -15,11 +15,10 @@ from brv_hypo.ranking.result import (
     DerivedEstimate,
     FlightSummary,
     Knot,
-    MaximumLikelihood,
     RecordSummary,
     TermEstimate,
 )
-from brv_hypo.report.document import Block, Shown, Table, Texts
+from brv_hypo.report.document import Shown, Table
 from brv_hypo.report.style import (
     NOT_A_NUMBER,
     f_ratio,
@@ -48,7 +47,6 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 
 
 # ---- The ranking ----
-
 
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
@@ -90,7 +88,6 @@ def criteria_table(comparison: Comparison) -> Table:
 
 # ---- Terms of a model ----
 
-
 def term_table(
     heading: str,
     terms: Iterable[TermEstimate],
@@ -122,16 +119,6 @@ def term_table(
     return Table(rows, heading, ("term", "plane", "unit"), most=most, shown=shown)
 
 
-def likelihood_blocks(heading: str, fit: MaximumLikelihood) -> list[Block]:
-    """Terms, errors of the record, and what follows from them, by maximum likelihood."""
-    derived = [*derived_texts(fit.derived), *([fit.message] if fit.message else [])]
-    return [
-        term_table(heading, fit.terms, knots=fit.knots),
-        Texts(derived, shown="verbose"),
-        term_table(f"{heading}: errors of the record", fit.instrument),
-    ]
-
-
 def knot_texts(knots: Sequence[Knot]) -> list[str]:
     """One line for each knot of several flights: its Mach number, and every flight's own time of it."""
     digits = decimals([knot.mach for knot in knots])
@@ -158,7 +145,6 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
 
 
 # ---- Records, and what limits a result ----
-
 
 def flight_line(flight: FlightSummary) -> str:
     """Title, samples, span and rate of a flight."""
@@ -204,9 +190,3 @@ def stepwise_texts(comparison: Comparison) -> list[str]:
         f"{share(each.rss_ratio - 1.0)} larger"
         for each in comparison.stepwise
     ]
-
-
-def note_texts(comparison: Comparison) -> list[str]:
-    """What reading changed in the records, and remarks on the fits."""
-    flights = [note for flight in comparison.flights for note in flight.notes]
-    return flights + [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]

@@ -17,7 +17,6 @@ from brv_hypo.residuals.result import Residual, StaticSlope, Step, Trace
 
 # ---- Charts ----
 
-
 def trace_charts(result: Trace) -> list[Chart]:
     """Every chart that the trace has the data for; none where the residual was not kept."""
     kept = result.picture
@@ -70,7 +69,6 @@ def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
 
 
 # ---- A trace as a document ----
-
 
 SHOWN_AT_FIRST = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""

@@ -142,8 +142,9 @@ def test_what_follows_the_records_time_does_not_last() -> None:
 def with_a_jump(result: Trace, found_on: str, elsewhere: float | None = None) -> SavedModel:
     """The model of a trace with a body-fixed moment from 2 s on."""
     definition = result.model.definition
+    own = ("static", "C_m0")
     columns = tuple(
-        column.model_copy(update={"elsewhere": elsewhere if (column.mechanism, column.term) == ("static", "C_m0") else None})
+        column.model_copy(update={"elsewhere": elsewhere if (column.mechanism, column.term) == own else None})
         for column in definition.columns
     )
     zeros = tuple(0.0 for _ in columns)
