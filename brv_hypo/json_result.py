@@ -63,16 +63,11 @@ class Result(Tabular, NullIsNaN):
 
         Raises UsageError where it is not one.
         """
-        text = source if isinstance(source, str) and source.lstrip().startswith("{") else _read(source)
         try:
-            return cls.model_validate_json(text)
+            is_text = isinstance(source, str) and source.lstrip().startswith("{")
+            return cls.model_validate_json(source if is_text else Path(source).read_text(encoding="utf-8"))
         except ValueError as error:
             raise UsageError(f"this is not the JSON of a {cls.__name__}: {str(error).splitlines()[0]}.") from None
-
-
-def _read(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or error
-        raise UsageError(f"{path} cannot be read: {reason}. Give the file that --json wrote.") from None
+        except OSError as error:
+            reason = error.strerror or error
+            raise UsageError(f"{source} cannot be read: {reason}. Give the file that --json wrote.") from None

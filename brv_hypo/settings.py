@@ -7,14 +7,13 @@ meaning, which is the description of the model's field.
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import PydanticUndefined
+from pydantic_core import to_json
 
 from brv_hypo.errors import UsageError
 from brv_hypo.io.mappings import read_yaml
@@ -59,21 +58,12 @@ def _problem(detail: Any, known: tuple[str, ...]) -> str:
     return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"
 
 
-_WIDTH = 100
-
-
 def commented(model: type[BaseModel], title: str) -> str:
     """A YAML file that sets nothing: each setting stands commented out at its default, below what it means."""
     lines = [f"# {title}", "# Every setting is at its default; take away the # before one to change it.", ""]
     for name, field in model.model_fields.items():
-        lines += [f"# {line}" for line in textwrap.wrap(field.description or "", _WIDTH)]
-        lines += [f"#{line}" for line in _setting(name, field.get_default(call_default_factory=True))]
-        lines.append("")
+        lines += [f"# {line}" for line in textwrap.wrap(field.description or "", 100)]
+        default = field.get_default(call_default_factory=True)
+        value = default if isinstance(default, str) else to_json(default).decode()
+        lines += [f"#{name}: {value}", ""]
     return "\n".join(lines)
-
-
-def _setting(name: str, default: object) -> list[str]:
-    if default is PydanticUndefined:
-        return [f"{name}:  # must be given"]
-    value = default.model_dump(mode="json") if isinstance(default, BaseModel) else default
-    return [f"{name}: {value if isinstance(value, str) else json.dumps(value)}"]

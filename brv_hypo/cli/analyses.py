@@ -92,40 +92,34 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
 
 # ---- `brv-hypo trace`: the residual of a model, traced to the effect that it lacks ----
 
-Model = Annotated[
-    Path | None,
-    typer.Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
-]
-MechanismFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
-    ),
-]
-
-
-ModelFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
-    ),
-]
-Aero = Annotated[
-    Path | None,
-    typer.Option(
-        "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
-    ),
-]
-
-
 @in_session("json", "report", "figures", "force", "plugin")
 def trace(
     session: Session,
     flights: options.FlightFiles,
-    model: Model = None,
-    aero: Aero = None,
-    mechanism_file: MechanismFile = None,
-    model_file: ModelFile = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."
+        ),
+    ] = None,
+    aero: Annotated[
+        Path | None,
+        typer.Option(
+            "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
+        ),
+    ] = None,
+    mechanism_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
+        ),
+    ] = None,
+    model_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
+        ),
+    ] = None,
     config: options.Config = None,
     start: options.Start = None,
     stop: options.Stop = None,
@@ -176,6 +170,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Raises UsageError where the file is neither.
     """
     from brv_hypo.residuals.model_file import is_model, read_structure
+    from brv_hypo.residuals.saved import SavedModel
 
     if path.suffix in YAML_ENDINGS:
         return read_structure(path)
@@ -184,42 +179,27 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
         return read_structure(path)
     try:
         if content["schema"] == "brv-hypo/compare/1":
-            return _of_comparison(content, session)
-        if content["schema"] == "brv-hypo/trace/1":
-            return _of_trace(content["model"], session)
+            start = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
+            ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == start), {})
+            errors = [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())]
+        elif content["schema"] != "brv-hypo/trace/1":
+            schema = one_line(repr(content["schema"]))
+            raise UsageError(f"{path} holds {schema}, expected the JSON of a comparison or of a trace.")
+        elif "definition" in content["model"]:
+            return SavedModel.model_validate(content["model"]["definition"])
+        else:  # of an earlier version
+            terms = content["model"]["terms"]
+            errors = [term["mechanism"] for term in terms if term["channel"] == "record"]
+            moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
+            start = "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise UsageError(
             f"{path} is not a model ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
             "`trace --json` wrote."
         ) from None
-    raise UsageError(
-        f"{path} holds {one_line(repr(content['schema']))}, expected the JSON of a comparison or of a trace."
-    )
-
-
-def _of_comparison(content: dict[str, Any], session: Session) -> str:
-    """The winner or, where there is none, the leader; what its likelihood says of the instruments is found anew."""
-    name = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
-    ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == name), {})
-    _say_found_anew(session, [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())])
-    return name
-
-
-def _of_trace(model: dict[str, Any], session: Session) -> str | SavedModel:
-    """The model itself, where the file holds its definition; else its mechanisms, fitted anew."""
-    from brv_hypo.residuals.saved import SavedModel
-
-    if "definition" in model:
-        return SavedModel.model_validate(model["definition"])
-    terms = model["terms"]
-    _say_found_anew(session, [term["mechanism"] for term in terms if term["channel"] == "record"])
-    moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
-    return "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
-
-
-def _say_found_anew(session: Session, errors: list[str]) -> None:
     if errors:
-        session.warn(f"errors of the record are found anew: {', '.join(sorted(set(errors)))}")
+        session.warn(f"errors of the record are estimated anew: {', '.join(sorted(set(errors)))}")
+    return start
 
 
 # ---- `brv-hypo predict`: what a model found on other flights says of this one ----

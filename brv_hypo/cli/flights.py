@@ -14,6 +14,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session, in_session
 from brv_hypo.errors import UsageError
+from brv_hypo.io.atomic import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
@@ -23,10 +24,7 @@ if TYPE_CHECKING:
 
 @in_session("json", "force")
 def inspect(
-    session: Session,
-    flight: options.FlightFile,
-    start: options.Start = None,
-    stop: options.Stop = None,
+    session: Session, flight: options.FlightFile, start: options.Start = None, stop: options.Stop = None
 ) -> None:
     """Show what a record holds, its faults, and what is usable."""
     session.claim()
@@ -84,12 +82,11 @@ def import_(
 def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
     session.claim(output)
     from brv_hypo.importing.guess import guess_map
-    from brv_hypo.io.atomic import write_whole
-    from brv_hypo.report.style import bullets
+    from brv_hypo.report.document import Texts
 
     found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
-    session.show(bullets(found.unsure, "Missing or unsure", "yellow"))
+    session.tell(Texts(found.unsure, "Missing or unsure", warning=True))
     session.show(
         f"Wrote {output}. Read it, fill in the vehicle, then:\n"
         f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
@@ -100,14 +97,14 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     session.claim(output)
     from brv_hypo.flight import save_flight
     from brv_hypo.importing import bring_in
+    from brv_hypo.report.document import Texts
     from brv_hypo.report.listings import phase_texts
-    from brv_hypo.report.style import bullets
 
     found = bring_in(data, mapping)
     flight = found.flight
     save_flight(flight, output, raw=found.raw, overwrite=session.force)
-    session.show(bullets(flight.notes, "Notes"))
-    session.show(bullets(phase_texts(found.phases), "Phases (a map's window names one)"))
+    phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
+    session.tell(Texts(flight.notes, "Notes"), phases)
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 

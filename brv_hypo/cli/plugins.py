@@ -199,20 +199,14 @@ def docs(
     if show or output is not None:
         _as_page(session, topic, output, show)
         return
+    from brv_hypo.docs import topics
     from brv_hypo.docs.manual import ManualText
 
-    page = _topics() if topic is None else text(topic)
-    session.tell(ManualText(page), conclusion=page)
-
-
-def _topics() -> str:
-    from brv_hypo.docs import topics
-
     listed = "\n".join(f"- `{name}`: {title}" for name, title in topics().items())
-    return (
-        f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
-        "`brv-hypo docs --open` opens all of it as a page."
-    )
+    contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
+    opened = "`brv-hypo docs --open` opens all of it as a page."
+    page = contents + opened if topic is None else text(topic)
+    session.tell(ManualText(page), conclusion=page)
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:

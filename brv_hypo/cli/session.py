@@ -79,10 +79,8 @@ class Session:
                 raise UsageError(f"{file} cannot be written: {folder} does not exist. Create it, or choose another.")
             if not os.access(folder, os.W_OK):
                 raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
-        if self.figures is not None:
-            self._claim_figures(self.figures)
-
-    def _claim_figures(self, folder: Path) -> None:
+        if (folder := self.figures) is None:
+            return
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
         existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
@@ -108,10 +106,10 @@ class Session:
 
         self._print(terminal_view(document, verbose=self.verbose))
 
-    def tell(self, *blocks: Any, conclusion: str) -> None:
+    def tell(self, *blocks: Any, conclusion: str = "") -> None:
         """Print blocks that are no document, or what rich renders; with -q the conclusion alone."""
         if self.quiet:
-            self._print(conclusion)
+            self._print(*filter(None, (conclusion,)))
             return
         from brv_hypo.report.document import Table, Texts
         from brv_hypo.report.terminal import blocks_view

@@ -124,13 +124,9 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             if isinstance(fault, OSError) and fault.errno in FULL:
                 # let the interpreter end without another attempt to write what cannot be written
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                _end(
-                    f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another.",
-                    UsageError.exit_code,
-                )
-            message = (
-                f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
-            )
+                reason = f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another."
+                _end(reason, UsageError.exit_code)
+            message = f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
             if kwargs.get("verbose"):
                 traceback.print_exc()
                 _end(f"{message}the traceback above.", PROGRAM_FAULT)

@@ -25,11 +25,11 @@ from brv_hypo.ranking.result import (
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import (
+    Band,
     Bars,
     Block,
     Chart,
     Document,
-    Layer,
     Line,
     Panel,
     Picture,
@@ -192,8 +192,8 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
         return []
     roles: tuple[Role, ...] = ("none", "third", "second", "first")  # the fewest terms below
     scale = charts.scale_of(*(each.at_zero for each in series))
-    at_zero: list[Layer] = []
-    slopes: list[Layer] = []
+    at_zero: list[Line] = []
+    slopes: list[Line] = []
     for each, role in zip(series, roles, strict=False):
         name = counted(each.n_terms, "term") + (", chosen" if each.chosen else "")
         shown: Role = "first" if each.chosen else role
@@ -203,7 +203,7 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
     panels = [framed(Panel(title, layers)) for title, layers in zip(titles, (at_zero, slopes), strict=True)]
     heading = f"In-plane moment of {series[-1].mechanism} by its terms"
     read = "Above: at no angle of attack. Where two sizes differ by much, do not rely on the smaller."
-    return [setting.chart("coefficients-by-size", heading, panels, caption(read, cut_text(panels)))]
+    return [setting.chart("coefficients-by-size", heading, panels, read, cut_text(panels))]
 
 
 def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> list[Chart]:
@@ -218,11 +218,8 @@ def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion:
         layers = [layer for s in shown if s.name == name for layer in _estimate(s, s.time_s, own)]
         panels.append(framed(Panel(f"{COEFFICIENTS.get(name, name)}{own.suffix}", layers)))
     heading = f"Coefficients of {hypothesis(shown[0].mechanism)}"
-    knots = "Dashed lines: its knots." if setting.knots else ""
-    bands = "Bands: two standard deviations."
-    read = caption(bands, knots, cut_text(panels))
-    stem = shown[0].mechanism
-    drawn = [setting.chart(f"coefficients-{stem}", f"{heading} by {shown[0].method}", panels, read)]
+    bands, stem, by = "Bands: two standard deviations.", shown[0].mechanism, shown[0].method
+    drawn = [setting.chart(f"coefficients-{stem}", f"{heading} by {by}", panels, bands, cut_text(panels))]
     by_mach = [s for s in shown if s.name in BY_MACH]
     if by_mach and len(motion.mach) and np.all(np.isfinite(motion.mach)) and np.ptp(motion.mach) > 0.0:
         panels = []
@@ -240,7 +237,7 @@ def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion:
 
 def _estimate(
     series: CoefficientSeries, x: Values, scale: Scale, order: IntArray | slice = slice(None)
-) -> list[Layer]:
+) -> list[Band | Line]:
     value, sigma = scale.drawn(series.value)[order], scale.drawn(series.std_error)[order]
     return charts.estimate(x, value, sigma, band="± 2 sigma")
 

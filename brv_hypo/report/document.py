@@ -119,15 +119,10 @@ class PlanePath:
     """Intervals at most, which is what a column of a page holds legibly."""
 
     @property
-    def stretches(self) -> int:
+    def intervals(self) -> int:
         """How many intervals there are: in full rows where there is more than one row."""
         count = min(max(round((self.time[-1] - self.time[0]) / (self.cycle * self.cycles)), 1), self.most)
         return count if count < self.columns else -(-count // self.columns) * self.columns
-
-    @property
-    def limit(self) -> float:
-        """The common scale goes so far to all sides."""
-        return 1.05 * float(np.nanmax(np.abs(np.concatenate([self.x, self.y]))) or 1.0)
 
 
 @dataclass(frozen=True)
@@ -218,11 +213,6 @@ class Table:
         """Those of the columns."""
         return tuple(self.rows[0]) if self.rows else ()
 
-    @property
-    def empty(self) -> bool:
-        """True where there is no row."""
-        return not self.rows
-
 
 @dataclass(frozen=True)
 class Texts:
@@ -238,11 +228,6 @@ class Texts:
     """Bullets that the terminal shows; all of them with -v."""
     shown: Shown = "always"
 
-    @property
-    def empty(self) -> bool:
-        """True where nothing is said."""
-        return not self.texts
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -252,17 +237,18 @@ class Picture:
     shown: Shown = "page"
 
     @property
-    def empty(self) -> bool:
-        """True where nothing would be drawn."""
-        return not self.chart.panels
-
-    @property
     def heading(self) -> str:
         """The chart's."""
         return self.chart.heading
 
 
 Block = Table | Texts | Picture
+
+
+def shown_of(blocks: Sequence[Block]) -> list[Block]:
+    """The blocks that have something to show: a row, a sentence, a panel."""
+    held = {Table: lambda b: b.rows, Texts: lambda b: b.texts, Picture: lambda b: b.chart.panels}
+    return [block for block in blocks if held[type(block)](block)]
 
 
 @dataclass(frozen=True)
@@ -282,4 +268,4 @@ class Document:
     @property
     def charts(self) -> tuple[Chart, ...]:
         """The charts that have something to show."""
-        return tuple(block.chart for block in self.blocks if isinstance(block, Picture) and not block.empty)
+        return tuple(block.chart for block in shown_of(self.blocks) if isinstance(block, Picture))

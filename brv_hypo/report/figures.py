@@ -100,16 +100,17 @@ def _fill(figure: Figure, chart: Chart) -> None:
                 handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))
 
 
-def _frame_path(figure: Figure, stretches: Sequence[Axes], chart: Chart, path: PlanePath) -> None:
+def _frame_path(figure: Figure, intervals: Sequence[Axes], chart: Chart, path: PlanePath) -> None:
     """Squares at one scale, each under its title, with the titles of the axes once."""
-    for axes, panel in zip(stretches, chart.panels, strict=True):
+    for axes, panel in zip(intervals, chart.panels, strict=True):
         axes.set_title(panel.title, fontsize="medium")
         axes.set_ylabel("")
         axes.set_aspect("equal")
         axes.axhline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
         axes.axvline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
-    stretches[0].set_xlim(-path.limit, path.limit)
-    stretches[0].set_ylim(-path.limit, path.limit)
+    limit = 1.05 * float(np.nanmax(np.abs(np.concatenate([path.x, path.y]))) or 1.0)
+    intervals[0].set_xlim(-limit, limit)
+    intervals[0].set_ylim(-limit, limit)
     figure.supxlabel(_plain(chart.x), fontsize="medium")
     figure.supylabel(_plain(path.y_title), fontsize="medium")
 

@@ -41,6 +41,7 @@ from brv_hypo.report.document import (
     Table,
     Values,
     named,
+    shown_of,
     thinned,
 )
 from brv_hypo.version import version
@@ -199,15 +200,10 @@ def _decades(panel: Panel) -> dict[str, Any]:
 
 def _shapes(chart: Chart) -> list[dict[str, Any]]:
     whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
-    marks = [
-        {**whole, "type": "line", "x0": m.at, "x1": m.at, "line": {"color": "--mark", "width": 1, "dash": "dash"}}
-        for m in chart.marks
-    ]
-    spans = [
-        {**whole, "type": "rect", "x0": s.start, "x1": s.stop, "line": {"width": 0}, "fillcolor": "--masked"}
-        for s in chart.spans
-    ]
-    return [*spans, *marks]
+    dashed = {**whole, "type": "line", "line": {"color": "--mark", "width": 1, "dash": "dash"}}
+    shaded = {**whole, "type": "rect", "line": {"width": 0}, "fillcolor": "--masked"}
+    spans = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
+    return [*spans, *({**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks)]
 
 
 def _annotations(chart: Chart) -> list[dict[str, Any]]:
@@ -324,7 +320,7 @@ def resource(name: str) -> bytes:
 def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
     groups: list[list[Block]] = []
-    for block in (block for block in blocks if not block.empty):
+    for block in shown_of(blocks):
         alone = block.heading or isinstance(block, Picture)
         if alone or not groups or isinstance(groups[-1][-1], Picture):
             groups.append([block])

@@ -134,28 +134,19 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
 def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
     """The same as data for JSON."""
     described = ("kind", "title", "claims", "source")
-    mechanisms = [
-        {
-            "name": name,
-            **{key: getattr(entry.item, key) for key in described},
-            "package": entry.package,
-            "version": entry.version,
-        }
-        for name, entry in found.items()
-    ]
+    mechanisms = []
+    for name, entry in found.items():
+        item = {key: getattr(entry.item, key) for key in described}
+        mechanisms.append({"name": name, **item, "package": entry.package, "version": entry.version})
     return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms}
 
 
 def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
     """One row for each check, with what was found where it failed."""
-    rows = [
-        {
-            "check": outcome.check.replace("_", " "),
-            "": "passed" if outcome.passed else "failed",
-            "found": outcome.detail,
-        }
-        for outcome in outcomes
-    ]
+    rows = []
+    for outcome in outcomes:
+        passed = "passed" if outcome.passed else "failed"
+        rows.append({"check": outcome.check.replace("_", " "), "": passed, "found": outcome.detail})
     failed = [i for i, outcome in enumerate(outcomes) if not outcome.passed]
     return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 

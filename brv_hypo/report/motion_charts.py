@@ -152,7 +152,7 @@ class Setting:
     which: str = ""
     """The same in headings."""
 
-    def chart(self, name: str, heading: str, panels: Sequence[Panel], caption: str = "") -> Chart:
+    def chart(self, name: str, heading: str, panels: Sequence[Panel], *read: str) -> Chart:
         """A chart over this flight's time."""
         return Chart(
             f"{name}{self.suffix}",
@@ -163,7 +163,7 @@ class Setting:
             range=self.span,
             marks=[Mark(knot) for knot in self.knots],
             spans=[Span(*fault) for fault in self.masked],
-            caption=caption,
+            caption=caption(*read, "Dashed lines: knots." if self.knots else ""),
         )
 
 
@@ -187,10 +187,8 @@ def moment_chart(
     """Measured moments within two standard deviations, and the models, the last one on top."""
     panels = _panels(titles, time, models, measured, sigma)
     heading = "Moments, measured and modelled" if models else "Moments"
-    knots = "Dashed lines: knots of the model on top." if setting.knots else ""
     shaded = "Shaded: masked." if setting.masked else ""
-    read = caption(BESIDE if models else "", knots, shaded, cut_text(panels))
-    return setting.chart("moments", heading, panels, read)
+    return setting.chart("moments", heading, panels, BESIDE if models else "", shaded, cut_text(panels))
 
 
 def residual_chart(
@@ -203,8 +201,7 @@ def residual_chart(
 ) -> Chart:
     """Residual moments of models, before a band of two standard deviations; the last one on top."""
     panels = _panels(titles, time, models, sigma=sigma)
-    knots = "Dashed lines: knots." if setting.knots else ""
-    return setting.chart("residuals", heading, panels, caption(BESIDE, _GYROS, knots, cut_text(panels)))
+    return setting.chart("residuals", heading, panels, BESIDE, _GYROS, cut_text(panels))
 
 
 def moment_by_alpha_chart(
@@ -276,10 +273,8 @@ def motion_chart(
         framed(Panel("α, deg", above), floor=0.0),
         Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0)),
     ]
-    knots = "Dashed lines: knots." if setting.knots else ""
     ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
-    read = caption(ends, knots, cut_text(panels[:1]))
-    return setting.chart("motion", "Angle of attack and windward meridian", panels, read)
+    return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
 def spectrum_chart(
@@ -339,7 +334,7 @@ def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
 
 def estimate(
     x: Values, value: FloatArray, sigma: FloatArray, role: Role = "first", name: str = "estimate", band: str = ""
-) -> list[Layer]:
+) -> list[Band | Line]:
     """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
     return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
 
@@ -364,8 +359,11 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     turned = phi - np.asarray(meridian)
     amplitude = np.degrees(np.asarray(alpha))
     theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
-    path = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / _cycles(theta, psi))
-    panels = [Panel(title, layers) for title, layers in _stretches(path)]
+    # how often the path goes round: its length over the circumference of a circle of its size
+    length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))
+    cycles = max(float(length / (2.0 * np.pi * size)), 1.0) if size > 0.0 else 1.0
+    path = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / cycles)
+    panels = list(_intervals(path))
     return Chart(
         f"theta-psi{setting.suffix}",
         f"Pitch against yaw{setting.which}",
@@ -376,23 +374,13 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     )
 
 
-def _cycles(theta: FloatArray, psi: FloatArray) -> float:
-    """How often the path goes round, by its length over the circumference of a circle of its size; at least one."""
-    length = float(np.sum(np.hypot(np.diff(theta), np.diff(psi))))
-    size = float(np.sqrt(np.mean(theta**2 + psi**2)))
-    return max(length / (2.0 * np.pi * size), 1.0) if size > 0.0 else 1.0
-
-
-def _stretches(path: PlanePath) -> Iterator[tuple[str, list[Line]]]:
-    """Title and layers of equally long stretches of the path, each up to where the next begins."""
+def _intervals(path: PlanePath) -> Iterator[Panel]:
+    """Equally long intervals of the path, each up to where the next begins."""
     time, x, y = (np.asarray(values, dtype=float) for values in (path.time, path.x, path.y))
-    edges = np.linspace(time[0], time[-1], path.stretches + 1)
+    edges = np.linspace(time[0], time[-1], path.intervals + 1)
     digits = max(0, 1 - int(np.floor(np.log10((edges[1] - edges[0]) or 1.0))))
     for start, stop in pairwise(edges):
         inside = slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop)) + 1)
-        first = slice(inside.start, inside.start + 1)
         line = Line(x[inside], y[inside], "measured", "path")
-        yield (
-            f"{start:.{digits}f}–{stop:.{digits}f} s",
-            [line, Line(x[first], y[first], "second", "start", dots=True, large=True)],
-        )
+        first = Line(line.x[:1], line.y[:1], "second", "start", dots=True, large=True)
+        yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])

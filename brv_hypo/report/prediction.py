@@ -2,19 +2,7 @@
 
 from __future__ import annotations
 
-from brv_hypo.report.document import (
-    Band,
-    Bars,
-    Chart,
-    Document,
-    Layer,
-    Line,
-    Panel,
-    Picture,
-    Table,
-    Texts,
-    thinned,
-)
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, TIME, scale_of
 from brv_hypo.report.style import interval, number
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
@@ -85,12 +73,9 @@ def band_chart(result: Prediction) -> Chart:
     scale = scale_of(*band.measured, *band.predicted)
     for name, *histories in zip(BODY, band.measured, band.predicted, band.half_width, strict=True):
         measured, centre, half = (scale.drawn(thinned(values)) for values in histories)
-        layers: list[Layer] = [
-            Band(time, centre - half, centre + half, f"{percent} prediction interval", "first"),
-            Line(time, measured, "measured", "measured", dots=True),
-            Line(time, centre, "first", "predicted"),
-        ]
-        panels.append(Panel(f"{name}{scale.suffix}", layers))
+        interval_drawn = Band(time, centre - half, centre + half, f"{percent} prediction interval", "first")
+        dots = Line(time, measured, "measured", "measured", dots=True)
+        panels.append(Panel(f"{name}{scale.suffix}", [interval_drawn, dots, Line(time, centre, "first", "predicted")]))
     heading = f"Moments in the {percent} prediction interval ({100.0 * band.inside:.1f} % inside)"
     span = (result.flight.start_s, result.flight.stop_s)
     read = (

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
-from rich import box
-from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
-from rich.text import Text
 
 from brv_hypo.io.text import printable
 
@@ -28,19 +25,6 @@ class _PlainConsole(Console):
 def plain_console() -> Console:
     """Standard output for human readers: nothing in a text is markup, or more than text."""
     return _PlainConsole(highlight=False, markup=False)
-
-
-def plain_table(title: str | None = None, *, close: bool = False) -> Table:
-    """An empty table in the house style: a rule below the heading; `close` leaves one space between columns."""
-    return Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        padding=(0, 0 if close else 1, 0, 0),
-    )
 
 
 LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
@@ -104,11 +88,3 @@ def share(value: float | None) -> str:
 def interval(region: tuple[float, float] | None) -> str:
     """A region of time; a dash where it is the whole."""
     return NOT_A_NUMBER if region is None else f"{region[0]:.2f}–{region[1]:.2f}"
-
-
-def bullets(messages: Iterable[str], heading: str, style: str = "dim") -> RenderableType:
-    """The messages as a list under a heading; nothing where there are none."""
-    grid = Table.grid(padding=(0, 1))
-    for message in dict.fromkeys(messages):
-        grid.add_row(" -", message, style=style)
-    return Group(Text(heading, style), grid) if grid.row_count else Group()

@@ -19,15 +19,7 @@ from brv_hypo.ranking.result import (
     TermEstimate,
 )
 from brv_hypo.report.document import Shown, Table
-from brv_hypo.report.style import (
-    NOT_A_NUMBER,
-    f_ratio,
-    interval,
-    known_to,
-    number,
-    probability,
-    share,
-)
+from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from rich import box
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.panel import Panel
+from rich.table import Table as Grid
 from rich.text import Text
 
-from brv_hypo.report.document import Block, Document, Picture, Table, Texts
-from brv_hypo.report.style import bullets, plain_table
+from brv_hypo.report.document import Block, Document, Picture, Table, Texts, shown_of
 
 _BETWEEN = 2
 """Characters between columns."""
@@ -41,17 +42,20 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
 
 def blocks_view(blocks: Sequence[Block], verbose: bool) -> Group:
     """Tables and texts, each under its heading, without those that are empty."""
-    return Group(*(line for block in blocks for line in _lines(block, verbose)))
+    return Group(*(line for block in shown_of(blocks) for line in _lines(block, verbose)))
 
 
 def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
-    if block.empty or isinstance(block, Picture):
+    if isinstance(block, Picture):
         return
     if isinstance(block, Texts) and block.bullets:
         texts = list(dict.fromkeys(block.texts))
         more = 0 if verbose or block.most is None else max(len(texts) - block.most, 0)
-        texts = [*texts[: len(texts) - more], *([f"and {more} more: -v"] if more else [])]
-        yield bullets(texts, block.heading, "yellow" if block.warning else "dim")
+        style = "yellow" if block.warning else "dim"
+        grid = Grid.grid(padding=(0, 1))
+        for text in (*texts[: len(texts) - more], *([f"and {more} more: -v"] if more else [])):
+            grid.add_row(" -", text, style=style)
+        yield from (Text(block.heading, style), grid)
         return
     if block.heading or isinstance(block, Table):
         yield Text(f"\n{block.heading}" if block.heading else "", "bold")
@@ -86,7 +90,8 @@ class Fitted:
 
     def _part(self, names: Sequence[str], room: int) -> RenderableType:
         unfolded = sum(max(self.columns[name]) + _BETWEEN for name in names) - _BETWEEN
-        table = plain_table(close=unfolded > room)
+        between = 0 if unfolded > room else 1
+        table = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, between, 0, 0))
         for name in names:
             words = name in self.block.words
             table.add_column(

@@ -157,21 +157,17 @@ def _step(step: Step) -> list[Block]:
     ]
 
 
-def _refused_text(step: Step) -> str:
-    """What counted in the fit, and why it was not added."""
-    unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
-    worse = step.refused[: len(step.refused) - len(unnamed)]
-    reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
-    reasons += [f"no repetition names {name}" for name in unnamed]
-    return f" ({'; '.join(reasons)})" if reasons else ""
-
-
 def outcome_text(step: Step) -> str:
     """What was added, and the errors before and after; those of the specific force where an error of the record was."""
     before, after = step.error_before, step.error_after
     if step.added is None or after is None:
+        # what was significant in the fit, and why it was not added; the last of them where no repetition names it
+        unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
+        worse = step.refused[: len(step.refused) - len(unnamed)]
+        reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
+        why = "; ".join([*reasons, *(f"no repetition names {name}" for name in unnamed)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
-        return f"added nothing{_refused_text(step)}; {errors}"
+        return f"added nothing{f' ({why})' if why else ''}; {errors}"
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:

@@ -122,14 +122,12 @@ def plot(result: Any, chart: str = "") -> Figure:
     charts = {each.name: each for each in document_of(result).charts}
     name = chart or next((each for each in PRINCIPAL if each in charts), next(iter(charts), ""))
     if name not in charts:
-        from_json = not result.series if isinstance(result, Comparison) else getattr(result, "picture", result) is None
-        raise UsageError(
-            f"got chart {chart!r}, expected one that this {type(result).__name__} has: {', '.join(charts) or 'none'}."
-            + (
+        known = ", ".join(charts) or "none"
+        message = f"got chart {chart!r}, expected one that this {type(result).__name__} has: {known}."
+        if not result.series if isinstance(result, Comparison) else getattr(result, "picture", result) is None:
+            message += (
                 " The others show histories over time, which are no part of its JSON: call compare or trace again, or "
                 "keep the result by pickle, which holds them."
-                if from_json
-                else ""
             )
-        )
+        raise UsageError(message)
     return chart_figure(charts[name])
