@@ -64,8 +64,9 @@ class Result(Tabular, NullIsNaN):
         Raises UsageError where it is not one.
         """
         try:
-            is_text = isinstance(source, str) and source.lstrip().startswith("{")
-            return cls.model_validate_json(source if is_text else Path(source).read_text(encoding="utf-8"))
+            if isinstance(source, str) and source.lstrip().startswith("{"):
+                return cls.model_validate_json(source)
+            return cls.model_validate_json(Path(source).read_text(encoding="utf-8"))
         except ValueError as error:
             raise UsageError(f"this is not the JSON of a {cls.__name__}: {str(error).splitlines()[0]}.") from None
         except OSError as error:

@@ -155,7 +155,7 @@ def _text(kind: str) -> str:
 def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
     """The model of settings or of a result; UsageError where the kind is not among those known."""
     if kind not in known:
-        raise UsageError(f"there is no '{kind}' ({meant(kind, known, 'known are ' + ', '.join(known))})")
+        raise UsageError(f"'{kind}' has no settings here ({meant(kind, known, 'known are ' + ', '.join(known))})")
     from brv_hypo.importing.record_map import RecordMap
     from brv_hypo.motion import ReconstructionConfig
     from brv_hypo.ranking import CompareConfig, Comparison

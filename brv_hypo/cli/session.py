@@ -74,13 +74,14 @@ class Session:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
             check_target(file, overwrite=self.force)
-            folder = Path(os.path.realpath(file)).parent
-            if not folder.is_dir():
-                raise UsageError(f"{file} cannot be written: {folder} does not exist. Create it, or choose another.")
-            if not os.access(folder, os.W_OK):
-                raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
-        if (folder := self.figures) is None:
+            place = Path(os.path.realpath(file)).parent
+            if not place.is_dir():
+                raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")
+            if not os.access(place, os.W_OK):
+                raise UsageError(f"{file} cannot be written: no permission in {place}. Choose another place.")
+        if self.figures is None:
             return
+        folder = self.figures
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
         existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())

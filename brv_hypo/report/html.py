@@ -52,7 +52,7 @@ _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
 _HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "gap": 32}
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
-"""Height of a row of stretches of a path by how many stand in it: squares, and their titles."""
+"""Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {
     "linecolor": "--ink",
     "gridcolor": "--rule",

@@ -106,9 +106,9 @@ _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the re
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99
-"""Share of the record from which on a fault is one of the record as such, and no stretch of it is masked."""
+"""Share of the record from which on a fault is one of the record as such, and no part of it is masked."""
 _NARROWEST = 0.003
-"""Share of the record that a shaded stretch takes at least, to be seen."""
+"""Share of the record that a shaded interval takes at least, to be seen."""
 _SEGMENT = 512
 """Samples of a segment of a spectrum, at most."""
 
@@ -307,7 +307,7 @@ def spectrum_chart(
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Stretches to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
+    """Intervals to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
     the record as a whole, none.
     """
     found = []
