@@ -137,7 +137,7 @@ def trace(
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
-    from brv_hypo.residuals.model_file import model_text
+    from brv_hypo.residuals.saved import model_text
     from brv_hypo.settings import read_settings
 
     chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
@@ -169,8 +169,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.residuals.model_file import is_model, read_structure
-    from brv_hypo.residuals.saved import SavedModel
+    from brv_hypo.residuals.saved import SavedModel, is_model, read_structure
 
     if path.suffix in YAML_ENDINGS:
         return read_structure(path)
@@ -293,7 +292,6 @@ def study(
                 progress=lambda done, total, last: progress(
                     f"{done} of {total} flights, last {last.draw.key}", done / total
                 ),
-                note=session.warn,
             )
     except KeyboardInterrupt as interrupt:
         raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
