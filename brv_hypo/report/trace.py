@@ -140,7 +140,7 @@ def _step(step: Step) -> list[Block]:
     ]
     sentences = [outcome_text(step)]
     if step.look_alikes:
-        sentences.insert(0, f"as good a fit on this flight: {', '.join(step.look_alikes)}")
+        sentences.insert(0, f"fit this flight equally well: {', '.join(step.look_alikes)}")
     if step.taken_out:
         sentences.append(f"removed, as the model no longer needs it: {', '.join(step.taken_out)}")
     correlated = [
