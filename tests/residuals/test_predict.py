@@ -103,8 +103,9 @@ def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Predicti
     assert held.refitted == ()
     values = {(term.mechanism, term.name): term for term in traced.model.terms}
     for term in held.frozen:
-        own = values[term.mechanism, term.name]
-        assert (term.value, term.std_error) == pytest.approx((own.value, own.std_error))
+        assert (term.value, term.std_error) == pytest.approx(
+            (values[term.mechanism, term.name].value, values[term.mechanism, term.name].std_error)
+        )
     assert held.error.frozen > predicted.error.frozen
 
 
